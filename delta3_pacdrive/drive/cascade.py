@@ -1,0 +1,57 @@
+"""The cascade: position P, velocity PI, current PI with feed-forwards, filters, limits and anti-windup (8.1)."""
+
+from delta3_pacdrive.kernel import kernel
+
+
+@kernel
+def clamp(value, limit):
+    """Limit a value to +-limit."""
+    return min(max(value, -limit), limit)
+
+
+@kernel
+def position_loop(s, c):
+    """Interpolate the set point to this instant and form the speed reference.
+
+    The bus set point is approached linearly in steps of T_pos and reached at the last of them: together with the
+    cycle on the bus, CT + (CT - T_pos) after it was commanded.
+    """
+    passed = (s.step // c.steps_per_position + 1) / c.positions_per_cycle
+    s.reference = s.command_before + passed * (s.command - s.command_before)
+    actual = s.increments / c.increments_per_rad
+    speed = c.velocity_feedforward * (s.command - s.command_before) / c.cycle_time
+    s.speed_reference = clamp(speed + c.position_gain * (s.reference - actual), c.speed_max)
+
+
+@kernel
+def velocity_loop(speed, feedforward, s, c):
+    """Form the current reference from the actual speed; the integrator stands while the current is limited."""
+    s.speed_filtered += c.velocity_smoothing * (speed - s.speed_filtered)
+    error = s.speed_reference - s.speed_filtered
+    integral = s.velocity_integral + c.velocity_integral_step * error
+    wanted = c.velocity_gain * error + integral + feedforward
+    s.current_reference = clamp(wanted, c.current_max)
+    if wanted == s.current_reference or wanted * error < 0.0:
+        s.velocity_integral = integral
+
+
+@kernel
+def current_feedforward(s, c):
+    """Current for the acceleration in the second difference of the set points."""
+    second = s.command - 2.0 * s.command_before + s.command_before_that
+    return c.current_feedforward * second / (c.cycle_time * c.cycle_time)
+
+
+@kernel
+def current_loop(voltage_max, s, c):
+    """Form the voltage for the next period (one period of computing delay)."""
+    s.current_reference_filtered += c.current_reference_smoothing * (
+        s.current_reference - s.current_reference_filtered
+    )
+    s.current_filtered += c.current_smoothing * (s.current - s.current_filtered)
+    error = s.current_reference_filtered - s.current_filtered
+    integral = s.current_integral + c.current_integral_step * error
+    wanted = c.current_gain * error + integral
+    s.voltage = clamp(wanted, voltage_max)
+    if wanted == s.voltage or wanted * error < 0.0:
+        s.current_integral = integral

@@ -1,0 +1,142 @@
+"""One MC-4: everything it does between two exchanges with the plant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.bus.increments import to_increments
+from delta3_pacdrive.drive.cascade import current_feedforward, current_loop, position_loop, velocity_loop
+from delta3_pacdrive.drive.observer import advance_observer, reset_observer
+from delta3_pacdrive.drive.record import STATE, DriveFault, DriveState, drive_constants
+from delta3_pacdrive.drive.supervision import advance_state, follows, is_powered, take_telegram
+from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motor import motor, phase_currents, winding_current
+from delta3_pacdrive.parameters import Parameters
+
+
+@kernel
+def _begin_cycle(command, control, position, speed, coupling, state, constants):
+    """Synchronise to a bus cycle: telegram, encoder sample, state machine."""
+    s, c = state[0], constants[0]
+    reset_observer(position, speed, coupling, s)
+    s.step = 0
+    s.sampled_position = to_increments(position, c.increments_per_rad) / c.increments_per_rad
+    s.sampled_speed = speed
+    s.sampled_current = s.current
+    take_telegram(command, control, s)
+    advance_state(s, c)
+
+
+@kernel
+def _run_period(position, speed, coupling, currents, state, constants, motor_record):
+    """Close the loops through one exchange period; fill the currents at the end of each current-loop period."""
+    s, c, m = state[0], constants[0], motor_record[0]
+    reset_observer(position, speed, coupling, s)
+    powered = is_powered(s)
+    for n in range(currents.shape[0]):
+        if s.step % c.steps_per_velocity == 0:
+            before = s.increments
+            s.increments = to_increments(s.position, c.increments_per_rad)
+            if powered:
+                actual = (s.increments - before) / (c.increments_per_rad * c.velocity_period)
+                if n == 0 and c.steps_per_exchange != c.steps_per_velocity:
+                    # the difference would span the observer's reset
+                    actual = speed
+                feedforward = 0.0
+                if follows(s):
+                    feedforward = current_feedforward(s, c)
+                    if s.step % c.steps_per_position == 0:
+                        position_loop(s, c)
+                else:
+                    s.speed_reference = 0.0
+                velocity_loop(actual, feedforward, s, c)
+        if powered:
+            voltage = s.voltage
+            before_current = s.current
+            current_loop(m.voltage_max, s, c)
+            s.current = winding_current(before_current, voltage, s.speed, m)
+            advance_observer(0.5 * (before_current + s.current), s, c, m)
+        else:
+            s.current = 0.0
+            advance_observer(0.0, s, c, m)
+        currents[n] = s.current
+        s.step += 1
+
+
+@kernel
+def _phase_currents(state, motor_record):
+    return phase_currents(state[0].current, state[0].position, motor_record[0])
+
+
+@dataclass(frozen=True)
+class DriveAnswer:
+    """What a drive puts into its AT: sampled at the start of the bus cycle."""
+
+    position: float  # [rad], motor, on the increment grid
+    speed: float  # [rad/s], motor
+    torque: float  # [N m], motor: K_m I_eff
+    status: int  # S-0-0135
+
+
+class MC4:
+    """One drive; ``begin_cycle`` at each bus cycle, ``run_period`` at each exchange with the plant."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._constants = drive_constants(parameters)
+        self._motor = motor(parameters)
+        self._torque_constant = parameters.motor.torque_constant_n_m_a
+        self.state = np.zeros(1, STATE)
+        self.currents: Floats = np.zeros(int(self._constants['steps_per_exchange'][0]))
+
+    def begin_cycle(
+        self, command: float, control: int, position: float, speed: float, coupling: float
+    ) -> DriveAnswer:
+        """Synchronise to the MDT of a cycle.
+
+        Parameters
+        ----------
+        command, control
+            Of the MDT of this cycle; they take effect in the next one.
+        position, speed, coupling
+            True shaft at the start of the cycle: [rad], [rad/s], d [N m].
+
+        """
+        _begin_cycle(command, control, position, speed, coupling, self.state, self._constants)
+        s = self.state[0]
+        return DriveAnswer(
+            float(s['sampled_position']),
+            float(s['sampled_speed']),
+            self._torque_constant * float(s['sampled_current']),
+            int(s['status']),
+        )
+
+    def run_period(self, position: float, speed: float, coupling: float) -> Floats:
+        """Run the loops from the true shaft at its start; return I_eff [A] at the end of each T_cur."""
+        _run_period(position, speed, coupling, self.currents, self.state, self._constants, self._motor)
+        return self.currents
+
+    @property
+    def brake_released(self) -> bool:
+        """Brake output for the coming period."""
+        return bool(self.state['brake_release'][0])
+
+    @property
+    def drive_state(self) -> DriveState:
+        """What the drive does now."""
+        return DriveState(int(self.state['state'][0]))
+
+    @property
+    def fault(self) -> DriveFault:
+        """Latched cause of a fault."""
+        return DriveFault(int(self.state['fault'][0]))
+
+    def encoder_position(self, position: float) -> float:
+        """Shaft position [rad] as the encoder reads it."""
+        per_rad = float(self._constants['increments_per_rad'][0])
+        return float(to_increments(position, per_rad)) / per_rad
+
+    def phase_currents(self) -> tuple[float, float, float]:
+        """I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""
+        i1, i2, i3 = _phase_currents(self.state, self._motor)
+        return float(i1), float(i2), float(i3)

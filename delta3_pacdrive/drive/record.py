@@ -1,0 +1,177 @@
+"""State and constants of one drive as records that the compiled loops share."""
+
+import math
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.parameters import Parameters
+
+
+class DriveState(IntEnum):
+    """What the drive does."""
+
+    NOT_READY = 0  # no master: power off, brake applied
+    READY = 1  # power off, brake applied
+    ENABLING = 2  # current loop holds the shaft, brake being released
+    ENABLED = 3  # follows the command
+    STOPPING = 4  # controlled stop
+    HOLDING = 5  # brake being applied, current loop still on
+    FAULT = 6  # power off, brake applied, cause latched
+
+
+class DriveFault(IntEnum):
+    """Cause of a fault; 0 is none."""
+
+    NONE = 0
+    FOLLOWING_ERROR = 1
+    OVERSPEED = 2
+    OVERLOAD = 3
+    COMMAND_STEP = 4
+    COMMAND_NOT_FINITE = 5
+
+
+FAULT_TEXTS = {
+    DriveFault.NONE: 'no fault',
+    DriveFault.FOLLOWING_ERROR: 'following error over its limit',
+    DriveFault.OVERSPEED: 'motor overspeed',
+    DriveFault.OVERLOAD: 'current over nominal for too long (I2t)',
+    DriveFault.COMMAND_STEP: 'command step too large',
+    DriveFault.COMMAND_NOT_FINITE: 'command is not a finite number',
+}
+
+STATE = np.dtype(
+    [
+        # state machine
+        ('state', 'i8'),
+        ('fault', 'i8'),
+        ('timer', 'i8'),  # [cycles] in the present state
+        ('started', 'i8'),
+        ('control', 'i8'),  # valid in this cycle
+        ('next_control', 'i8'),  # of the MDT of this cycle
+        ('brake_release', 'i8'),  # brake output
+        # commands [rad]: the set point works one cycle after its MDT
+        ('next_command', 'f8'),
+        ('command', 'f8'),
+        ('command_before', 'f8'),
+        ('command_before_that', 'f8'),
+        # loops
+        ('step', 'i8'),  # current-loop period within the bus cycle
+        ('reference', 'f8'),  # interpolated set point [rad]
+        ('speed_reference', 'f8'),  # [rad/s]
+        ('speed_filtered', 'f8'),  # [rad/s]
+        ('velocity_integral', 'f8'),  # [A]
+        ('current_reference', 'f8'),  # [A]
+        ('current_reference_filtered', 'f8'),  # [A]
+        ('current_filtered', 'f8'),  # [A]
+        ('current_integral', 'f8'),  # [V]
+        ('voltage', 'f8'),  # [V], computed in the last period, applied in this one
+        ('current', 'f8'),  # I_eff [A]
+        ('overload', 'f8'),  # [s]
+        # shaft as the drive sees it between exchanges
+        ('position', 'f8'),  # [rad]
+        ('speed', 'f8'),  # [rad/s]
+        ('coupling', 'f8'),  # d [N m]
+        ('increments', 'f8'),  # encoder, at the last velocity-loop instant
+        # sampled at the start of the bus cycle for the AT
+        ('sampled_position', 'f8'),  # [rad], on the grid
+        ('sampled_speed', 'f8'),  # [rad/s]
+        ('sampled_current', 'f8'),  # [A]
+        ('status', 'i8'),  # S-0-0135
+    ],
+    align=True,
+)
+
+CONSTANTS = np.dtype(
+    [
+        ('increments_per_rad', 'f8'),
+        ('cycle_time', 'f8'),
+        ('velocity_period', 'f8'),
+        ('current_period', 'f8'),
+        ('steps_per_cycle', 'i8'),
+        ('steps_per_exchange', 'i8'),
+        ('steps_per_position', 'i8'),
+        ('steps_per_velocity', 'i8'),
+        ('positions_per_cycle', 'f8'),
+        ('position_gain', 'f8'),
+        ('velocity_gain', 'f8'),
+        ('velocity_integral_step', 'f8'),  # K_Ivel T_vel
+        ('current_gain', 'f8'),
+        ('current_integral_step', 'f8'),  # K_Icurr T_cur
+        ('velocity_feedforward', 'f8'),
+        ('current_feedforward', 'f8'),  # [A s^2/rad]
+        ('velocity_smoothing', 'f8'),
+        ('current_reference_smoothing', 'f8'),
+        ('current_smoothing', 'f8'),
+        ('speed_max', 'f8'),
+        ('speed_trip', 'f8'),
+        ('current_max', 'f8'),
+        ('current_nominal', 'f8'),
+        ('torque_constant', 'f8'),
+        ('observer_inertia', 'f8'),  # motor side
+        ('following_error_max', 'f8'),
+        ('command_step_max', 'f8'),
+        ('overload_time', 'f8'),
+        ('settle_cycles', 'i8'),
+        ('release_cycles', 'i8'),
+        ('apply_cycles', 'i8'),
+        ('stop_cycles_max', 'i8'),
+    ],
+    align=True,
+)
+
+
+def _smoothing(period_s: float, time_constant_s: float) -> float:
+    """Share of the new value in a first-order low-pass; 1 without a filter."""
+    return 1.0 if time_constant_s == 0.0 else 1.0 - math.exp(-period_s / time_constant_s)
+
+
+def drive_constants(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``CONSTANTS``."""
+    drive, motor, bus = parameters.drive, parameters.motor, parameters.bus
+
+    def cycles(seconds: float) -> int:
+        return math.ceil(seconds / bus.cycle_time_s)
+
+    values = {
+        'increments_per_rad': bus.increments_per_rev / math.tau,
+        'cycle_time': bus.cycle_time_s,
+        'velocity_period': drive.velocity_period_s,
+        'current_period': drive.current_period_s,
+        'steps_per_cycle': round(bus.cycle_time_s / drive.current_period_s),
+        'steps_per_exchange': round(bus.exchange_period_s / drive.current_period_s),
+        'steps_per_position': round(drive.position_period_s / drive.current_period_s),
+        'steps_per_velocity': round(drive.velocity_period_s / drive.current_period_s),
+        'positions_per_cycle': round(bus.cycle_time_s / drive.position_period_s),
+        'position_gain': drive.position_gain_rad_s_rad,
+        'velocity_gain': drive.velocity_gain_a_s_rad,
+        'velocity_integral_step': drive.velocity_integral_gain_a_rad * drive.velocity_period_s,
+        'current_gain': drive.current_gain_v_a,
+        'current_integral_step': drive.current_integral_gain_v_a_s * drive.current_period_s,
+        'velocity_feedforward': drive.velocity_feedforward,
+        'current_feedforward': (
+            drive.current_feedforward * drive.feedforward_inertia_kg_m2 / motor.torque_constant_n_m_a
+        ),
+        'velocity_smoothing': _smoothing(drive.velocity_period_s, drive.velocity_filter_s),
+        'current_reference_smoothing': _smoothing(drive.current_period_s, drive.current_reference_filter_s),
+        'current_smoothing': _smoothing(drive.current_period_s, drive.current_filter_s),
+        'speed_max': motor.max_speed_rad_s,
+        'speed_trip': motor.max_speed_rad_s * drive.overspeed_factor,
+        'current_max': motor.peak_current_a,
+        'current_nominal': motor.nominal_current_a,
+        'torque_constant': motor.torque_constant_n_m_a,
+        'observer_inertia': drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2,
+        'following_error_max': drive.following_error_max_rad,
+        'command_step_max': motor.max_speed_rad_s * drive.overspeed_factor * bus.cycle_time_s,
+        'overload_time': drive.overload_time_s,
+        'settle_cycles': cycles(drive.enable_settle_s),
+        'release_cycles': cycles(motor.brake_release_s) + 1,
+        'apply_cycles': cycles(motor.brake_apply_s) + 1,
+        'stop_cycles_max': cycles(drive.stop_time_max_s),
+    }
+    record = np.zeros(1, CONSTANTS)
+    for name, value in values.items():
+        record[name] = value
+    return record

@@ -1,0 +1,188 @@
+"""Dynamics of the Delta-3 robot by virtual work (thesis 4.8, 4.9), arm side.
+
+    tau = A(theta) thetaddot + C(theta, thetadot) thetadot + G(theta)                       (4.26)
+    A = I_b 1 + m_nt J^T J,   C = m_nt J^T Jdot,   G_i = m_nt g J_3i - m_br g r_Gb cos theta_i
+
+with the rotor and brake inertia in I_b = k_r^2 (I_m + I_brake) + l_A^2 (m_b/3 + m_c + r m_fb) and no friction. The
+coupling torque d (4.31) is what a motor feels beyond A_bar thetaddot and its friction.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.kinematics import (
+    Floats,
+    combine,
+    dot,
+    forearms,
+    geometry,
+    inverse_columns,
+    plate_position,
+    rows,
+)
+from delta3_pacdrive.parameters import Parameters
+
+INERTIA = np.dtype([('arm', 'f8'), ('plate', 'f8'), ('arm_moment', 'f8'), ('gravity', 'f8')])
+
+
+def inertia(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``INERTIA``: I_b [kg m^2], m_nt [kg], m_br r_Gb [kg m] and g [m/s^2] (4.8.1)."""
+    p, l_a = parameters.dynamics, parameters.kinematics.upper_arm_length_m
+    at_elbow = p.elbow_mass_kg + p.forearm_share_at_elbow * p.forearm_mass_kg
+    rotor = parameters.motor.rotor_inertia_kg_m2 + parameters.motor.brake_inertia_kg_m2
+    record = np.zeros(1, INERTIA)
+    record['arm'] = p.gear_ratio**2 * rotor + l_a**2 * (p.upper_arm_mass_kg / 3.0 + at_elbow)
+    record['plate'] = p.plate_total_mass_kg
+    record['arm_moment'] = l_a * (p.upper_arm_mass_kg / 2.0 + at_elbow)
+    record['gravity'] = p.gravity_m_s2
+    return record
+
+
+@kernel
+def motion_terms(theta, thetadot, g, m):
+    """Mass matrix A as (A11, A22, A33, A12, A13, A23) and bias C thetadot + G for one pose; nan where FK fails.
+
+    Jdot thetadot = S^-1 (Ddot thetadot - Sdot Xdot) (4.15 times thetadot) needs no matrix Jdot.
+    """
+    p = plate_position(theta, g)
+    s, b = forearms(theta, p, g)
+    n1, n2, n3, determinant = inverse_columns(s)
+    sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
+    q = (sb[0] / determinant, sb[1] / determinant, sb[2] / determinant)
+    xdot = combine(q[0] * thetadot[0], n1, q[1] * thetadot[1], n2, q[2] * thetadot[2], n3)
+    e1 = _acceleration_right_side(0, s[0], b[0], p, xdot, thetadot[0], g)
+    e2 = _acceleration_right_side(1, s[1], b[1], p, xdot, thetadot[1], g)
+    e3 = _acceleration_right_side(2, s[2], b[2], p, xdot, thetadot[2], g)
+    a = combine(e1 / determinant, n1, e2 / determinant, n2, e3 / determinant, n3)
+    force = (m.plate * a[0], m.plate * a[1], m.plate * (a[2] + m.gravity))
+    mass = (
+        m.arm + m.plate * q[0] * q[0] * dot(n1, n1),
+        m.arm + m.plate * q[1] * q[1] * dot(n2, n2),
+        m.arm + m.plate * q[2] * q[2] * dot(n3, n3),
+        m.plate * q[0] * q[1] * dot(n1, n2),
+        m.plate * q[0] * q[2] * dot(n1, n3),
+        m.plate * q[1] * q[2] * dot(n2, n3),
+    )
+    weight = m.gravity * m.arm_moment / g.l_a
+    # the cosine of an arm angle is -b_z / l_A
+    bias = (
+        q[0] * dot(n1, force) + weight * b[0][2],
+        q[1] * dot(n2, force) + weight * b[1][2],
+        q[2] * dot(n3, force) + weight * b[2][2],
+    )
+    return mass, bias
+
+
+@kernel
+def _acceleration_right_side(i, s, b, p, xdot, thetadot, g):
+    """Ddot_ii thetadot_i - sdot_i.Xdot of one arm (4.14)."""
+    sdot = combine(1.0, xdot, -thetadot, b, 0.0, xdot)
+    # C_i - R u_i, the upper arm as a vector; bdot_i = -(C_i - R u_i) thetadot_i
+    arm = (p[0] - s[0] - g.r * g.cos_alpha[i], p[1] - s[1] - g.r * g.sin_alpha[i], p[2] - s[2])
+    ddot = dot(sdot, b) - dot(s, arm) * thetadot
+    return ddot * thetadot - dot(sdot, xdot)
+
+
+@kernel
+def multiply(mass, v):
+    """Product of the symmetric mass matrix and a 3-tuple."""
+    return (
+        mass[0] * v[0] + mass[3] * v[1] + mass[4] * v[2],
+        mass[3] * v[0] + mass[1] * v[1] + mass[5] * v[2],
+        mass[4] * v[0] + mass[5] * v[1] + mass[2] * v[2],
+    )
+
+
+@kernel
+def solve(mass, f):
+    """Solve mass x = f for a symmetric 3x3 matrix by its adjugate."""
+    a, b, c, d, e, h = mass
+    k11, k12, k13 = b * c - h * h, e * h - d * c, d * h - e * b
+    k22, k23, k33 = a * c - e * e, d * e - a * h, a * b - d * d
+    determinant = a * k11 + d * k12 + e * k13
+    return (
+        (k11 * f[0] + k12 * f[1] + k13 * f[2]) / determinant,
+        (k12 * f[0] + k22 * f[1] + k23 * f[2]) / determinant,
+        (k13 * f[0] + k23 * f[1] + k33 * f[2]) / determinant,
+    )
+
+
+@kernel
+def _inverse(angles, rates, accelerations, out, geometry_record, inertia_record):
+    for n in range(angles.shape[0]):
+        theta = (angles[n, 0], angles[n, 1], angles[n, 2])
+        thetadot = (rates[n, 0], rates[n, 1], rates[n, 2])
+        mass, bias = motion_terms(theta, thetadot, geometry_record[0], inertia_record[0])
+        torque = multiply(mass, (accelerations[n, 0], accelerations[n, 1], accelerations[n, 2]))
+        for i in range(3):
+            out[n, i] = torque[i] + bias[i]
+
+
+@kernel
+def _forward(angles, rates, torques, out, geometry_record, inertia_record):
+    for n in range(angles.shape[0]):
+        theta = (angles[n, 0], angles[n, 1], angles[n, 2])
+        thetadot = (rates[n, 0], rates[n, 1], rates[n, 2])
+        mass, bias = motion_terms(theta, thetadot, geometry_record[0], inertia_record[0])
+        f = (torques[n, 0] - bias[0], torques[n, 1] - bias[1], torques[n, 2] - bias[2])
+        acceleration = solve(mass, f)
+        for i in range(3):
+            out[n, i] = acceleration[i]
+
+
+@kernel
+def _mass_matrix(angles, out, geometry_record, inertia_record):
+    for n in range(angles.shape[0]):
+        theta = (angles[n, 0], angles[n, 1], angles[n, 2])
+        mass, _ = motion_terms(theta, (0.0, 0.0, 0.0), geometry_record[0], inertia_record[0])
+        out[n, 0, 0], out[n, 1, 1], out[n, 2, 2] = mass[0], mass[1], mass[2]
+        out[n, 0, 1] = out[n, 1, 0] = mass[3]
+        out[n, 0, 2] = out[n, 2, 0] = mass[4]
+        out[n, 1, 2] = out[n, 2, 1] = mass[5]
+
+
+def _three_rows(first: ArrayLike, second: ArrayLike, third: ArrayLike, names: tuple[str, str, str]) -> Any:
+    arrays = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (first, second, third)))
+    shaped = [rows(array, name) for array, name in zip(arrays, names, strict=True)]
+    return [array for array, _ in shaped], shaped[0][1]
+
+
+def inverse(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
+    """Arm torques [N m] of a motion (4.26): motor inertia included, no friction; shapes (..., 3), nan where FK fails."""
+    (angles, rates, accelerations), shape = _three_rows(
+        theta, thetadot, thetaddot, ('theta', 'thetadot', 'thetaddot')
+    )
+    out = np.empty_like(angles)
+    _inverse(angles, rates, accelerations, out, geometry(parameters.kinematics), inertia(parameters))
+    return out.reshape(*shape, 3)
+
+
+def forward(theta: ArrayLike, thetadot: ArrayLike, tau: ArrayLike, parameters: Parameters) -> Floats:
+    """Arm accelerations [rad/s^2] under arm torques: thetaddot = A^-1 (tau - C thetadot - G); shapes (..., 3)."""
+    (angles, rates, torques), shape = _three_rows(theta, thetadot, tau, ('theta', 'thetadot', 'tau'))
+    out = np.empty_like(angles)
+    _forward(angles, rates, torques, out, geometry(parameters.kinematics), inertia(parameters))
+    return out.reshape(*shape, 3)
+
+
+def mass_matrix(theta: ArrayLike, parameters: Parameters) -> Floats:
+    """Mass matrix A(theta) [kg m^2], arm side, motor inertia included; shape (..., 3) -> (..., 3, 3)."""
+    angles, shape = rows(theta, 'theta')
+    out = np.empty((len(angles), 3, 3))
+    _mass_matrix(angles, out, geometry(parameters.kinematics), inertia(parameters))
+    return out.reshape(*shape, 3, 3)
+
+
+def gravity(theta: ArrayLike, parameters: Parameters) -> Floats:
+    """Arm torques G(theta) [N m] that hold the robot at rest; shapes (..., 3)."""
+    return inverse(theta, np.zeros(3), np.zeros(3), parameters)
+
+
+def coupling(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
+    """Coupling torque d [N m, motor side] = [(A - A_bar) thetaddot + C thetadot + G]/k_r (4.31); shapes (..., 3)."""
+    linear = parameters.drive.observer_arm_inertia_kg_m2 * np.asarray(thetaddot, dtype=np.float64)
+    torque = inverse(theta, thetadot, thetaddot, parameters) - linear
+    return np.asarray(torque / parameters.dynamics.gear_ratio)

@@ -1,0 +1,29 @@
+"""The package's exceptions: one family, each member also a built-in exception."""
+
+
+class Delta3Error(Exception):
+    """Base of everything this package raises on purpose; the message is one sentence for the user."""
+
+
+class ParameterError(Delta3Error, ValueError):
+    """A parameter file or value breaks a rule; the message names the key and the rule."""
+
+
+class UnreachableError(Delta3Error, ValueError):
+    """A pose that the arms cannot reach, or an angle triple that closes no chain."""
+
+
+class ProgramError(Delta3Error, ValueError):
+    """A motion program is malformed, or a move in it is refused."""
+
+
+class TelegramError(Delta3Error, ValueError):
+    """A message on a cyclic topic has the wrong shape, a number that is not finite, or a bad stamp."""
+
+
+class TraceError(Delta3Error, ValueError):
+    """A recording that cannot be read or lacks a signal."""
+
+
+class RunError(Delta3Error, RuntimeError):
+    """A run of the graph ended otherwise than planned; the message names who and why."""

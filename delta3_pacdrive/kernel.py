@@ -1,0 +1,63 @@
+"""Compilation of the hot scalar loops, cached on disk under a key of their own sources.
+
+Numba's disk cache notices a change of the file that holds a function, but not of the functions it calls. The cache
+folder is therefore named after a digest of every core source file: a changed formula can never meet an old binary.
+Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+_PACKAGE = Path(__file__).parent
+_ROS_AND_TOOLS = {'nodes', 'cli', '__pycache__'}
+
+_Function = TypeVar('_Function', bound=Callable[..., Any])
+
+
+def sources_digest() -> str:
+    """Return a short digest of all core source files (nodes and command line excluded)."""
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob('*.py')):
+        if not _ROS_AND_TOOLS.intersection(path.relative_to(_PACKAGE).parts):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_directory() -> Path:
+    """Return the writable folder of this version's compiled kernels.
+
+    It lies in ``$NUMBA_CACHE_DIR``, else in the user's cache folder, else in the folder for temporary files.
+    """
+    user_cache = os.environ.get('XDG_CACHE_HOME') or os.path.join(os.path.expanduser('~'), '.cache')
+    roots = [
+        os.environ.get('NUMBA_CACHE_DIR') or os.path.join(user_cache, 'delta3_pacdrive'),
+        os.path.join(tempfile.gettempdir(), f'delta3_pacdrive_{os.getuid()}'),
+    ]
+    for root in roots:
+        folder = Path(root) / sources_digest()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    raise OSError(f'no writable folder for compiled kernels: tried {roots[0]} and {roots[1]}')
+
+
+CACHE_DIRECTORY = cache_directory()
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile ``function`` with numba, strict IEEE arithmetic, binaries cached in ``CACHE_DIRECTORY``."""
+    configured = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(CACHE_DIRECTORY)
+    try:
+        return numba.njit(cache=True, error_model='numpy')(function)  # type: ignore[no-any-return]
+    finally:
+        numba.config.CACHE_DIR = configured

@@ -1,0 +1,347 @@
+"""Kinematics of the Delta-3 robot (thesis 4.2 to 4.6, with the corrections listed in ``docs`` of the README).
+
+Frame ``base``: origin in the centre of the base plate, z up. Arm i lies in the vertical plane at azimuth alpha_i; its
+angle theta_i is 0 when it points outward and positive downward. R = R_A - R_B (4.1: the plate shrinks to a point).
+
+    elbow        C_i = (R + l_A cos theta_i) u_i - l_A sin theta_i z
+    forearm      s_i = X - C_i,  |s_i| = l_B                                   (4.4, 4.5)
+    arm tangent  b_i = dC_i/dtheta_i = -l_A (sin theta_i u_i + cos theta_i z)  (4.9)
+
+The scalar kernels work on 3-tuples and serve the control loops; the functions in front of them take arrays of poses.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from delta3_pacdrive.errors import UnreachableError
+from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.parameters import Kinematics
+
+Floats = NDArray[np.float64]
+
+GEOMETRY = np.dtype(
+    [
+        ('l_a', 'f8'),
+        ('l_b', 'f8'),
+        ('r', 'f8'),
+        ('cos_alpha', 'f8', (3,)),
+        ('sin_alpha', 'f8', (3,)),
+    ]
+)
+
+
+def geometry(kinematics: Kinematics) -> NDArray[Any]:
+    """Return the constants of the kernels: one record of ``GEOMETRY``."""
+    record = np.zeros(1, GEOMETRY)
+    record['l_a'] = kinematics.upper_arm_length_m
+    record['l_b'] = kinematics.forearm_length_m
+    record['r'] = kinematics.radius_difference_m
+    record['cos_alpha'] = np.cos(kinematics.arm_azimuth_rad)
+    record['sin_alpha'] = np.sin(kinematics.arm_azimuth_rad)
+    return record
+
+
+@kernel
+def dot(a, b):
+    """Scalar product of two 3-tuples."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def cross(a, b):
+    """Vector product of two 3-tuples."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@kernel
+def combine(x, a, y, b, z, c):
+    """Return x a + y b + z c of scalars and 3-tuples."""
+    return (
+        x * a[0] + y * b[0] + z * c[0],
+        x * a[1] + y * b[1] + z * c[1],
+        x * a[2] + y * b[2] + z * c[2],
+    )
+
+
+@kernel
+def difference(a, b):
+    """Return a - b of two 3-tuples."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@kernel
+def arm_angle(p, i, g, elbow_in):
+    """Angle of arm ``i`` for the plate at ``p``; nan if out of reach (4.4).
+
+    E cos theta + F sin theta = K has the half-angle solutions tan(theta/2) = (F -+ w)/(E + K) = (K - E)/(F +- w),
+    w^2 = E^2 + F^2 - K^2; of the two forms the one without cancellation is taken. The upper sign is the elbow-out
+    branch, in which the robot works.
+    """
+    e = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r
+    y = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
+    f = -p[2]
+    k = (e * e + y * y + f * f + g.l_a * g.l_a - g.l_b * g.l_b) / (2.0 * g.l_a)
+    radicand = e * e + f * f - k * k
+    if not radicand >= 0.0:
+        return math.nan
+    w = math.sqrt(radicand)
+    if elbow_in:
+        w = -w
+    half = math.atan2(k - e, f + w) if f * w >= 0.0 else math.atan2(f - w, e + k)
+    if half > 0.5 * math.pi:
+        half -= math.pi
+    elif half <= -0.5 * math.pi:
+        half += math.pi
+    return 2.0 * half
+
+
+@kernel
+def arm_angles(p, g):
+    """Elbow-out angles of the three arms; nan where an arm cannot reach."""
+    return (arm_angle(p, 0, g, False), arm_angle(p, 1, g, False), arm_angle(p, 2, g, False))
+
+
+@kernel
+def elbow(i, cosine, sine, g):
+    """Elbow C_i for the cosine and sine of the arm angle."""
+    reach = g.r + g.l_a * cosine
+    return (reach * g.cos_alpha[i], reach * g.sin_alpha[i], -g.l_a * sine)
+
+
+@kernel
+def plate_from_elbows(c1, c2, c3, l_b, side):
+    """Intersection of three spheres of radius l_B (4.3), below (``side`` = -1) or above (+1) the elbow plane.
+
+    Nan where the spheres do not meet or the elbows lie on a line.
+    """
+    p = difference(c2, c1)
+    q = difference(c3, c1)
+    w = cross(p, q)
+    w2 = dot(w, w)
+    if w2 == 0.0:
+        return (math.nan, math.nan, math.nan)
+    o = combine(dot(q, q) / (2.0 * w2), cross(w, p), dot(p, p) / (2.0 * w2), cross(q, w), 0.0, w)
+    height2 = l_b * l_b - dot(o, o)
+    if not height2 >= 0.0:
+        return (math.nan, math.nan, math.nan)
+    along = side * math.sqrt(height2 / w2)
+    if w[2] < 0.0:
+        along = -along
+    return combine(1.0, c1, 1.0, o, along, w)
+
+
+@kernel
+def plate_position(theta, g):
+    """Position of the plate for three arm angles: the intersection below the elbow plane (4.3)."""
+    c1 = elbow(0, math.cos(theta[0]), math.sin(theta[0]), g)
+    c2 = elbow(1, math.cos(theta[1]), math.sin(theta[1]), g)
+    c3 = elbow(2, math.cos(theta[2]), math.sin(theta[2]), g)
+    return plate_from_elbows(c1, c2, c3, g.l_b, -1.0)
+
+
+@kernel
+def arm_tangent(i, cosine, sine, g):
+    """b_i, derivative of elbow i by its angle (4.9, corrected)."""
+    return (-g.l_a * sine * g.cos_alpha[i], -g.l_a * sine * g.sin_alpha[i], -g.l_a * cosine)
+
+
+@kernel
+def forearms(theta, p, g):
+    """Forearm vectors s_1..3 and arm tangents b_1..3."""
+    cosines = (math.cos(theta[0]), math.cos(theta[1]), math.cos(theta[2]))
+    sines = (math.sin(theta[0]), math.sin(theta[1]), math.sin(theta[2]))
+    s = (
+        difference(p, elbow(0, cosines[0], sines[0], g)),
+        difference(p, elbow(1, cosines[1], sines[1], g)),
+        difference(p, elbow(2, cosines[2], sines[2], g)),
+    )
+    b = (
+        arm_tangent(0, cosines[0], sines[0], g),
+        arm_tangent(1, cosines[1], sines[1], g),
+        arm_tangent(2, cosines[2], sines[2], g),
+    )
+    return s, b
+
+
+@kernel
+def inverse_columns(s):
+    """Columns of S^-1 times det S, and det S, of the matrix with the rows s_i."""
+    n1 = cross(s[1], s[2])
+    n2 = cross(s[2], s[0])
+    n3 = cross(s[0], s[1])
+    return n1, n2, n3, dot(s[0], n1)
+
+
+@kernel
+def jacobian_columns(s, b):
+    """Columns of J = S^-1 D (4.13)."""
+    n1, n2, n3, determinant = inverse_columns(s)
+    zero = (0.0, 0.0, 0.0)
+    j1 = combine(dot(s[0], b[0]) / determinant, n1, 0.0, zero, 0.0, zero)
+    j2 = combine(dot(s[1], b[1]) / determinant, n2, 0.0, zero, 0.0, zero)
+    j3 = combine(dot(s[2], b[2]) / determinant, n3, 0.0, zero, 0.0, zero)
+    return j1, j2, j3
+
+
+@kernel
+def _tuple3(a):
+    return (a[0], a[1], a[2])
+
+
+@kernel
+def _inverse_all(points, out, geometry_record):
+    for n in range(points.shape[0]):
+        p = _tuple3(points[n])
+        for i in range(3):
+            for branch in range(2):
+                out[n, i, branch] = arm_angle(p, i, geometry_record[0], branch == 1)
+
+
+@kernel
+def _inverse(points, out, geometry_record):
+    for n in range(points.shape[0]):
+        angles = arm_angles(_tuple3(points[n]), geometry_record[0])
+        for i in range(3):
+            out[n, i] = angles[i]
+
+
+@kernel
+def _forward(angles, side, out, geometry_record):
+    g = geometry_record[0]
+    for n in range(angles.shape[0]):
+        theta = _tuple3(angles[n])
+        c1 = elbow(0, math.cos(theta[0]), math.sin(theta[0]), g)
+        c2 = elbow(1, math.cos(theta[1]), math.sin(theta[1]), g)
+        c3 = elbow(2, math.cos(theta[2]), math.sin(theta[2]), g)
+        point = plate_from_elbows(c1, c2, c3, g.l_b, side)
+        for axis in range(3):
+            out[n, axis] = point[axis]
+
+
+@kernel
+def _jacobian(angles, points, out, geometry_record):
+    for n in range(angles.shape[0]):
+        s, b = forearms(_tuple3(angles[n]), _tuple3(points[n]), geometry_record[0])
+        columns = jacobian_columns(s, b)
+        for i in range(3):
+            for axis in range(3):
+                out[n, axis, i] = columns[i][axis]
+
+
+@kernel
+def _singularity(angles, points, out, geometry_record):
+    g = geometry_record[0]
+    for n in range(angles.shape[0]):
+        s, b = forearms(_tuple3(angles[n]), _tuple3(points[n]), g)
+        for i in range(3):
+            out[n, i] = dot(s[i], b[i]) / (g.l_a * g.l_b)
+        out[n, 3] = abs(inverse_columns(s)[3]) / (g.l_b * g.l_b * g.l_b)
+
+
+def rows(values: ArrayLike, name: str) -> tuple[Floats, tuple[int, ...]]:
+    """Return ``values`` of shape (..., 3) as contiguous rows (n, 3), and the leading shape."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f'{name} must have shape (..., 3), not {array.shape}')
+    return np.ascontiguousarray(array.reshape(-1, 3)), array.shape[:-1]
+
+
+def inverse(p: ArrayLike, kinematics: Kinematics) -> Floats:
+    """Arm angles [rad] of the elbow-out branch for TCP positions [m] (4.4); shapes (..., 3).
+
+    Raises
+    ------
+    UnreachableError
+        Names the first position, and its first arm, for which there is no solution.
+
+    """
+    points, shape = rows(p, 'p')
+    theta = np.empty_like(points)
+    _inverse(points, theta, geometry(kinematics))
+    if np.isnan(theta).any():
+        n, i = np.argwhere(np.isnan(theta))[0]
+        x, y, z = points[n]
+        place = f'position {n} ' if len(points) > 1 else ''
+        raise UnreachableError(f'{place}({x:g}, {y:g}, {z:g}) m is out of reach of arm {i + 1}')
+    return theta.reshape(*shape, 3)
+
+
+def inverse_all(p: ArrayLike, kinematics: Kinematics) -> Floats:
+    """All eight solutions (Fig. 4.6) for TCP positions of shape (..., 3): shape (..., 8, 3), nan where out of reach.
+
+    Bit i of the solution's number is set where arm i + 1 has its elbow inward; solution 0 is that of ``inverse``.
+    """
+    points, shape = rows(p, 'p')
+    branches = np.empty((len(points), 3, 2))
+    _inverse_all(points, branches, geometry(kinematics))
+    number = np.arange(8)
+    theta = np.stack([branches[:, i, (number >> i) & 1] for i in range(3)], axis=-1)
+    return theta.reshape(*shape, 8, 3)
+
+
+def forward(theta: ArrayLike, kinematics: Kinematics, *, above: bool = False) -> Floats:
+    """TCP positions [m] for arm angles [rad] (4.3): below the elbow plane, or ``above`` it; shapes (..., 3).
+
+    Raises
+    ------
+    UnreachableError
+        The forearms of an angle triple do not meet.
+
+    """
+    angles, shape = rows(theta, 'theta')
+    points = np.empty_like(angles)
+    _forward(angles, 1.0 if above else -1.0, points, geometry(kinematics))
+    if np.isnan(points).any():
+        n = np.argwhere(np.isnan(points))[0][0]
+        degrees = ', '.join(f'{angle:.3f}' for angle in np.degrees(angles[n]))
+        raise UnreachableError(f'the forearms do not meet at arm angles ({degrees}) deg')
+    return points.reshape(*shape, 3)
+
+
+def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> Floats:
+    """Jacobian J = S^-1 D with Xdot = J thetadot (4.12, 4.13); shapes (..., 3), (..., 3) -> (..., 3, 3)."""
+    (angles, shape), (points, _) = rows(theta, 'theta'), rows(p, 'p')
+    out = np.empty((len(angles), 3, 3))
+    _jacobian(angles, points, out, geometry(kinematics))
+    return out.reshape(*shape, 3, 3)
+
+
+def jacobian_dot(
+    theta: ArrayLike, thetadot: ArrayLike, p: ArrayLike, pdot: ArrayLike, kinematics: Kinematics
+) -> Floats:
+    """Time derivative Jdot = S^-1 (Ddot - Sdot J) (4.15, corrected); shapes (..., 3) -> (..., 3, 3).
+
+    sdot_i = Xdot - b_i thetadot_i and Ddot_ii = sdot_i.b_i + s_i.bdot_i, with bdot_i = -(C_i - R u_i) thetadot_i.
+    """
+    theta, thetadot, p, pdot = (np.asarray(a, dtype=np.float64) for a in (theta, thetadot, p, pdot))
+    g = geometry(kinematics)[0]
+    u = np.stack([g['cos_alpha'], g['sin_alpha'], np.zeros(3)], axis=-1)
+    z = np.array([0.0, 0.0, 1.0])
+    cosine, sine = np.cos(theta)[..., None], np.sin(theta)[..., None]
+    arm = g['l_a'] * (cosine * u - sine * z)
+    s = p[..., None, :] - (g['r'] * u + arm)
+    b = -g['l_a'] * (sine * u + cosine * z)
+    s_dot = pdot[..., None, :] - b * thetadot[..., None]
+    b_dot = -arm * thetadot[..., None]
+    d_dot = (s_dot * b).sum(axis=-1) + (s * b_dot).sum(axis=-1)
+    bracket = d_dot[..., None] * np.eye(3) - s_dot @ jacobian(theta, p, kinematics)
+    return np.asarray(np.linalg.solve(s, bracket))
+
+
+def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> tuple[Floats, Floats]:
+    """Normalised distances from the singularities: s_i.b_i/(l_A l_B) (..., 3) and |det S|/l_B^3 (...)."""
+    (angles, shape), (points, _) = rows(theta, 'theta'), rows(p, 'p')
+    out = np.empty((len(angles), 4))
+    _singularity(angles, points, out, geometry(kinematics))
+    return out[:, :3].reshape(*shape, 3), out[:, 3].reshape(shape)
+
+
+def forearm_swing(p: ArrayLike, kinematics: Kinematics) -> Floats:
+    """Sideways swing asin(|y_i|/l_B) [rad] of the three forearms for TCP positions (..., 3)."""
+    points, shape = rows(p, 'p')
+    g = geometry(kinematics)[0]
+    y = points[:, 1:2] * g['cos_alpha'] - points[:, 0:1] * g['sin_alpha']
+    return np.asarray(np.arcsin(np.minimum(np.abs(y) / g['l_b'], 1.0)).reshape(*shape, 3))

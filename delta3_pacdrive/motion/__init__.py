@@ -1,0 +1,1 @@
+"""What UnitRobot knows: virtual master, paths, moves, programs and their checks (thesis 5, 6)."""

@@ -1,0 +1,71 @@
+"""The brushless AC servo motor (thesis 7.2, 8.2): winding, back-EMF, torque and friction, currents rms per phase.
+
+With R and L phase to phase and K_m per ampere rms, one phase obeys
+
+    v = (R/2) I + (L/2) dI/dt + (K_m/3) w,   |v| <= V_dc / sqrt(6),   torque = K_m I - F_s tanh(w/w_s) - F_v w
+
+where the current vector lies on the q axis (i_d = 0): I_eff = i_q / sqrt(2), signed (8.2).
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.parameters import Parameters
+
+MOTOR = np.dtype(
+    [
+        ('torque_constant', 'f8'),
+        ('phase_resistance', 'f8'),
+        ('current_decay', 'f8'),
+        ('back_emf_constant', 'f8'),
+        ('voltage_max', 'f8'),
+        ('viscous_friction', 'f8'),
+        ('static_friction', 'f8'),
+        ('friction_smoothing', 'f8'),
+        ('pole_pairs', 'f8'),
+    ]
+)
+
+
+def motor(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``MOTOR``; ``current_decay`` is that of one current-loop period."""
+    p, drive = parameters.motor, parameters.drive
+    record = np.zeros(1, MOTOR)
+    # a commutation error turns the current vector away from the q axis
+    record['torque_constant'] = p.torque_constant_n_m_a * math.cos(drive.commutation_offset_rad)
+    record['phase_resistance'] = p.winding_resistance_ohm / 2.0
+    time_constant = p.winding_inductance_h / p.winding_resistance_ohm
+    record['current_decay'] = math.exp(-drive.current_period_s / time_constant)
+    record['back_emf_constant'] = p.torque_constant_n_m_a / 3.0
+    record['voltage_max'] = drive.dc_link_voltage_v / math.sqrt(6.0)
+    record['viscous_friction'] = p.viscous_friction_n_m_s_rad
+    record['static_friction'] = p.static_friction_n_m
+    record['friction_smoothing'] = p.friction_smoothing_rad_s
+    record['pole_pairs'] = p.pole_pairs
+    return record
+
+
+@kernel
+def winding_current(current, voltage, speed, m):
+    """Current after one period under constant voltage and speed: the exact solution of the winding equation."""
+    final = (voltage - m.back_emf_constant * speed) / m.phase_resistance
+    return final + (current - final) * m.current_decay
+
+
+@kernel
+def friction_torque(speed, m):
+    """Friction torque at the shaft; opposes the speed."""
+    return m.static_friction * math.tanh(speed / m.friction_smoothing) + m.viscous_friction * speed
+
+
+@kernel
+def phase_currents(current, shaft_position, m):
+    """Instantaneous I1s, I2s, I3s [A] of the effective current at a shaft position (Fig. 8.3)."""
+    peak = math.sqrt(2.0) * current
+    angle = m.pole_pairs * shaft_position
+    third = 2.0 * math.pi / 3.0
+    return (-peak * math.sin(angle), -peak * math.sin(angle - third), -peak * math.sin(angle + third))

@@ -1,0 +1,356 @@
+"""Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups and the one strict reader of parameter files."""
+
+import dataclasses
+import functools
+import hashlib
+import math
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive import yaml_file
+from delta3_pacdrive.errors import ParameterError
+
+DEFAULT_FILE = 'delta3.yaml'
+CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
+EXCHANGE_PERIODS_S = (125.0e-6, 250.0e-6, 500.0e-6)
+
+
+def _quantity(description: str, low: float = -math.inf, high: float = math.inf) -> Any:
+    """Declare a field with the text and the closed range that every reader of it enforces."""
+    return field(metadata={'description': description, 'low': low, 'high': high})
+
+
+def _positive(description: str, high: float = math.inf) -> Any:
+    return _quantity(description, math.nextafter(0.0, 1.0), high)
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """P1: geometry of the arms and the limits of the workspace."""
+
+    upper_arm_length_m: float = _positive('l_A, upper arm', 2.0)
+    forearm_length_m: float = _positive('l_B, forearm', 4.0)
+    base_radius_m: float = _positive('R_A, circle of the motor axes', 2.0)
+    plate_radius_m: float = _positive('R_B, circle of the forearm joints on the plate', 2.0)
+    arm_azimuth_deg: tuple[float, float, float] = _quantity('alpha_i, direction of each arm', -360.0, 360.0)
+    arm_angle_min_deg: float = _quantity('smallest arm angle under control', -90.0, 0.0)
+    arm_angle_max_deg: float = _quantity('largest arm angle under control', 0.0, 150.0)
+    forearm_swing_max_deg: float = _positive('largest sideways swing of a forearm', 90.0)
+    workspace_diameter_m: float = _positive('diameter of the workspace cylinder', 8.0)
+    workspace_top_m: float = _quantity('z of the top of the workspace', -8.0, 0.0)
+    workspace_bottom_m: float = _quantity('z of the bottom of the workspace', -8.0, 0.0)
+    serial_singularity_min: float = _quantity('smallest s.b/(l_A l_B) a move may reach', 0.0, 1.0)
+    parallel_singularity_min: float = _quantity('smallest |det S|/l_B^3 a move may reach', 0.0, 1.0)
+
+    @property
+    def radius_difference_m(self) -> float:
+        """R = R_A - R_B (4.2)."""
+        return self.base_radius_m - self.plate_radius_m
+
+    @property
+    def arm_azimuth_rad(self) -> tuple[float, ...]:
+        """The three azimuths alpha_i [rad]."""
+        return tuple(math.radians(angle) for angle in self.arm_azimuth_deg)
+
+    @property
+    def arm_angle_min_rad(self) -> float:
+        """Smallest arm angle under control [rad]."""
+        return math.radians(self.arm_angle_min_deg)
+
+    @property
+    def arm_angle_max_rad(self) -> float:
+        """Largest arm angle under control [rad]."""
+        return math.radians(self.arm_angle_max_deg)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """P2: the MC-4's cascade, feed-forwards, filters and supervision."""
+
+    position_period_s: float = _positive('T_pos, period of position loop and fine interpolation', 1e-3)
+    velocity_period_s: float = _positive('T_vel, period of the velocity loop', 1e-3)
+    current_period_s: float = _positive('T_cur, period of the current loop', 1e-3)
+    position_gain_rad_s_rad: float = _quantity('K_Ppos', 0.0, 1666.0)
+    velocity_gain_a_s_rad: float = _quantity('K_Pvel', 0.0, 100.0)
+    velocity_integral_gain_a_rad: float = _quantity('K_Ivel', 0.0, 1e5)
+    current_gain_v_a: float = _quantity('K_Pcurr, per phase', 0.0, 1e3)
+    current_integral_gain_v_a_s: float = _quantity('K_Icurr, per phase', 0.0, 1e7)
+    velocity_feedforward: float = _quantity('FF_vel', 0.0, 2.0)
+    current_feedforward: float = _quantity('FF_curr', 0.0, 2.0)
+    feedforward_inertia_kg_m2: float = _quantity('inertia of the current feed-forward, motor side', 0.0, 1.0)
+    observer_arm_inertia_kg_m2: float = _positive('A_bar of the shaft observer, arm side', 1e3)
+    velocity_filter_s: float = _quantity('F_vel, low-pass of the actual velocity', 0.0, 0.1)
+    current_reference_filter_s: float = _quantity('F_currRef, low-pass of the current reference', 0.0, 0.1)
+    current_filter_s: float = _quantity('F_curr, low-pass of the actual current', 0.0, 0.1)
+    commutation_offset_rad: float = _quantity('CO, electrical', -math.pi, math.pi)
+    dc_link_voltage_v: float = _positive('V_dc', 1e3)
+    following_error_max_rad: float = _positive('following error that trips the drive, motor side', 1e3)
+    overspeed_factor: float = _quantity('speed that trips the drive over the motor\'s maximum', 1.0, 2.0)
+    overload_time_s: float = _positive('integral of (I/i_nom)^2 - 1 that trips the drive', 1e3)
+    enable_settle_s: float = _quantity('time the current loop holds before the brake is released', 0.0, 1.0)
+    stop_time_max_s: float = _positive('longest controlled stop before the brake is applied', 10.0)
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """P3: masses, gear and end stops."""
+
+    upper_arm_mass_kg: float = _quantity('m_b', 0.0, 1e3)
+    elbow_mass_kg: float = _quantity('m_c', 0.0, 1e3)
+    forearm_mass_kg: float = _quantity('m_fb, both rods of one arm', 0.0, 1e3)
+    plate_mass_kg: float = _positive('m_n', 1e3)
+    payload_mass_kg: float = _quantity('m_payload', 0.0, 1e3)
+    forearm_share_at_elbow: float = _quantity('r, share of the forearm mass at the elbow (4.8)', 0.0, 1.0)
+    gravity_m_s2: float = _quantity('g', 0.0, 30.0)
+    gear_in: float = _positive('GR_in', 1e4)
+    gear_out: float = _positive('GR_out', 1e4)
+    end_stop_min_deg: float = _quantity('arm angle of the upper end stop', -90.0, 0.0)
+    end_stop_max_deg: float = _quantity('arm angle of the lower end stop', 0.0, 170.0)
+    end_stop_stiffness_n_m_rad: float = _quantity('stiffness of the end stops', 0.0, 1e6)
+    end_stop_damping_n_m_s_rad: float = _quantity('damping of the end stops', 0.0, 1e4)
+
+    @property
+    def gear_ratio(self) -> float:
+        """k_r = GR_in / GR_out (4.17)."""
+        return self.gear_in / self.gear_out
+
+    @property
+    def plate_total_mass_kg(self) -> float:
+        """m_nt: plate, payload and the forearms' share at the plate (4.8.1)."""
+        return (
+            self.plate_mass_kg
+            + self.payload_mass_kg
+            + 3.0 * (1.0 - self.forearm_share_at_elbow) * self.forearm_mass_kg
+        )
+
+
+@dataclass(frozen=True)
+class Motor:
+    """P4: motor, winding, friction and holding brake; currents A rms, R and L phase to phase."""
+
+    peak_current_a: float = _positive('i_peak', 1e3)
+    nominal_current_a: float = _positive('i_nom', 1e3)
+    max_speed_rpm: float = _positive('RPM_max', 1e5)
+    torque_constant_n_m_a: float = _positive('K_m', 1e2)
+    rotor_inertia_kg_m2: float = _positive('I_m', 1.0)
+    brake_inertia_kg_m2: float = _quantity('I_brake', 0.0, 1.0)
+    winding_resistance_ohm: float = _positive('R, phase to phase', 1e3)
+    winding_inductance_h: float = _positive('L, phase to phase', 10.0)
+    pole_pairs: int = _quantity('z_p', 1, 100)
+    viscous_friction_n_m_s_rad: float = _quantity('F_v', 0.0, 1.0)
+    static_friction_n_m: float = _quantity('F_s', 0.0, 1e2)
+    friction_smoothing_rad_s: float = _quantity('w_s of F_s tanh(w/w_s)', 0.05, 1e2)
+    brake_torque_n_m: float = _quantity('torque of the holding brake', 0.0, 1e3)
+    brake_release_s: float = _quantity('time from command to released brake', 0.0, 1.0)
+    brake_apply_s: float = _quantity('time from command to applied brake', 0.0, 1.0)
+
+    @property
+    def max_speed_rad_s(self) -> float:
+        """Largest shaft speed [rad/s]."""
+        return self.max_speed_rpm * math.tau / 60.0
+
+
+@dataclass(frozen=True)
+class Bus:
+    """SERCOS timing (2.2.3, 8.1)."""
+
+    cycle_time_s: float = _quantity('CT: 0.001, 0.002 or 0.004', 1e-3, 4e-3)
+    exchange_period_s: float = _quantity('T_x between drives and plant: CT, 500e-6, 250e-6 or 125e-6', 125e-6, 4e-3)
+    increments_per_rev: int = _quantity('increments per motor revolution', 1024, 2**24)
+    outstanding_cycles_max: int = _quantity('cycles started before their answers are back', 1, 16)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Defaults of moves and the fixed cycles of a run."""
+
+    home_m: tuple[float, float, float] = _quantity('TCP where the plant starts', -8.0, 8.0)
+    speed_max_m_s: float = _positive('default TCP speed of a move', 20.0)
+    acceleration_max_m_s2: float = _positive('default TCP acceleration of a move', 1e3)
+    jerk_max_m_s3: float = _positive('default TCP jerk of a move')
+    following_error_delay_cycles: float = _quantity('dead time the following error is freed of (7.3)', 0.0, 16.0)
+    enable_cycle: int = _quantity('bus cycle at which the drives are enabled, -1 on request', -1, 10**9)
+    start_cycle: int = _quantity('bus cycle at which a loaded program starts, -1 on request', -1, 10**9)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All groups of one robot."""
+
+    kinematics: Kinematics
+    drive: Drive
+    dynamics: Dynamics
+    motor: Motor
+    bus: Bus
+    motion: Motion
+
+    def __post_init__(self) -> None:
+        """Check the rules that join several values."""
+        _check_timing(self)
+        _check_geometry(self.kinematics, self.dynamics)
+
+    @functools.cached_property
+    def checksum(self) -> str:
+        """Digest of every value: two participants agree exactly if theirs are equal."""
+        text = repr(sorted(flatten(self).items()))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def replace(self, **values: Any) -> 'Parameters':
+        """Return a copy with values replaced by dotted name, dots written as ``__``."""
+        flat = flatten(self)
+        for key, value in values.items():
+            name = key.replace('__', '.')
+            if name not in flat:
+                raise ParameterError(f'unknown parameter {name}')
+            flat[name] = value
+        return from_flat(flat)
+
+
+_GROUPS: dict[str, Any] = {f.name: f.type for f in dataclasses.fields(Parameters)}
+
+
+def groups() -> dict[str, Any]:
+    """Return the group classes by name, in the order of the file."""
+    return dict(_GROUPS)
+
+
+def _is_multiple(value: float, unit: float) -> bool:
+    ratio = value / unit
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9
+
+
+def _check_timing(parameters: Parameters) -> None:
+    bus, drive = parameters.bus, parameters.drive
+    if bus.cycle_time_s not in CYCLE_TIMES_S:
+        raise ParameterError(f'bus.cycle_time_s is {bus.cycle_time_s}, but must be 0.001, 0.002 or 0.004')
+    if bus.exchange_period_s not in (*EXCHANGE_PERIODS_S, bus.cycle_time_s):
+        raise ParameterError(
+            f'bus.exchange_period_s is {bus.exchange_period_s}, but must be 125e-6, 250e-6, 500e-6 or cycle_time_s'
+        )
+    nested = [
+        ('drive.velocity_period_s', drive.velocity_period_s, 'drive.current_period_s', drive.current_period_s),
+        ('drive.position_period_s', drive.position_period_s, 'drive.velocity_period_s', drive.velocity_period_s),
+        ('bus.cycle_time_s', bus.cycle_time_s, 'drive.position_period_s', drive.position_period_s),
+        ('bus.exchange_period_s', bus.exchange_period_s, 'drive.velocity_period_s', drive.velocity_period_s),
+    ]
+    for name, value, unit_name, unit in nested:
+        if not _is_multiple(value, unit):
+            raise ParameterError(f'{name} is {value}, but must be a whole multiple of {unit_name} ({unit})')
+
+
+def _check_geometry(kinematics: Kinematics, dynamics: Dynamics) -> None:
+    if kinematics.plate_radius_m > kinematics.base_radius_m:
+        raise ParameterError(
+            f'kinematics.plate_radius_m is {kinematics.plate_radius_m}, '
+            f'but must not exceed base_radius_m ({kinematics.base_radius_m})'
+        )
+    if kinematics.workspace_bottom_m >= kinematics.workspace_top_m:
+        raise ParameterError(
+            f'kinematics.workspace_bottom_m is {kinematics.workspace_bottom_m}, '
+            f'but must lie below workspace_top_m ({kinematics.workspace_top_m})'
+        )
+    if dynamics.end_stop_min_deg > kinematics.arm_angle_min_deg:
+        raise ParameterError('dynamics.end_stop_min_deg must not lie above kinematics.arm_angle_min_deg')
+    if dynamics.end_stop_max_deg < kinematics.arm_angle_max_deg:
+        raise ParameterError('dynamics.end_stop_max_deg must not lie below kinematics.arm_angle_max_deg')
+
+
+def flatten(parameters: Parameters) -> dict[str, Any]:
+    """Return every value by its dotted name, for example ``motor.peak_current_a``."""
+    return {
+        f'{group}.{f.name}': getattr(getattr(parameters, group), f.name)
+        for group, cls in _GROUPS.items()
+        for f in dataclasses.fields(cls)
+    }
+
+
+def from_flat(values: dict[str, Any], where: str = 'parameters') -> Parameters:
+    """Build parameters from dotted names; every name must be there, and no other.
+
+    Raises
+    ------
+    ParameterError
+        A name is unknown or missing, or a value has the wrong type or breaks a rule; names the key and the rule.
+
+    """
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        group, dot, key = name.partition('.')
+        if not dot:
+            raise ParameterError(f'{where}: unknown parameter {name}')
+        tree.setdefault(group, {})[key] = value
+    return _from_tree(tree, where)
+
+
+def load(path: str | Path | None = None) -> Parameters:
+    """Read a parameter file (the packaged default without a path).
+
+    Raises
+    ------
+    ParameterError
+        The file is not there, is no ROS parameter file, or holds an unknown, missing, mistyped or forbidden value.
+
+    """
+    path = Path(path) if path is not None else config_directory() / DEFAULT_FILE
+    document = yaml_file.read(path, 'parameter file', ParameterError)
+    try:
+        (node,) = document.values()
+        tree = node['ros__parameters']
+        tree.items()
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise ParameterError(f'{path} is not a ROS parameter file: expected "/**: ros__parameters: ..."') from None
+    return _from_tree(tree, str(path))
+
+
+def config_directory() -> Path:
+    """Return the folder of packaged configuration files, installed or in the source tree."""
+    installed = Path(str(resources.files('delta3_pacdrive'))) / 'config'
+    return installed if installed.is_dir() else Path(__file__).parent.parent / 'config'
+
+
+def _from_tree(tree: dict[str, Any], where: str) -> Parameters:
+    for group in tree:
+        if group not in _GROUPS:
+            raise ParameterError(f'{where}: unknown parameter group {group}')
+    built = {}
+    for group, cls in _GROUPS.items():
+        if not isinstance(tree.get(group), dict):
+            raise ParameterError(f'{where}: missing parameter group {group}')
+        given = dict(tree[group])
+        values = {}
+        for f in dataclasses.fields(cls):
+            name = f'{group}.{f.name}'
+            if f.name not in given:
+                raise ParameterError(f'{where}: missing parameter {name}')
+            values[f.name] = _checked(f, given.pop(f.name), name, where)
+        for key in given:
+            raise ParameterError(f'{where}: unknown parameter {group}.{key}')
+        built[group] = cls(**values)
+    try:
+        return Parameters(**built)
+    except ParameterError as error:
+        raise ParameterError(f'{where}: {error}') from None
+
+
+def _checked(f: Any, value: Any, name: str, where: str) -> Any:
+    if f.type in (int, float):
+        return _checked_number(f, value, name, where)
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise ParameterError(f'{where}: {name} must be a list of 3 numbers, not {value!r}')
+    return tuple(float(_checked_number(f, item, name, where)) for item in value)
+
+
+def _checked_number(f: Any, value: Any, name: str, where: str) -> float | int:
+    wanted = int if f.type is int else (int, float)
+    if isinstance(value, bool) or not isinstance(value, wanted):
+        kind = 'whole number' if f.type is int else 'number'
+        raise ParameterError(f'{where}: {name} must be a {kind}, not {value!r}')
+    low, high = f.metadata['low'], f.metadata['high']
+    if not low <= value <= high:
+        rule = f'at least {low:g}' if high == math.inf else f'between {low:g} and {high:g}'
+        if 0.0 < low < 1e-300:
+            rule = 'positive' if high == math.inf else f'positive and at most {high:g}'
+        raise ParameterError(f'{where}: {name} is {value!r}, but must be {rule}')
+    return int(value) if f.type is int else float(value)

@@ -1,0 +1,64 @@
+"""Holding brakes of the motors: delays, sticking and slipping."""
+
+from delta3_pacdrive.dynamics import multiply, solve
+from delta3_pacdrive.kernel import kernel
+
+
+@kernel
+def advance_brake(i, s, c):
+    """Let brake ``i`` follow its command after the release or apply delay; one integration step."""
+    released = s.brake_released[i]
+    if s.brake_command[i] == released:
+        s.brake_delay[i] = 0
+        return
+    s.brake_delay[i] += 1
+    if s.brake_delay[i] >= (c.brake_release_steps if released == 0 else c.brake_apply_steps):
+        s.brake_delay[i] = 0
+        s.brake_released[i] = s.brake_command[i]
+        s.brake_locked[i] = 0
+
+
+@kernel
+def braked_acceleration(mass, force, speed, s, c):
+    """Arm accelerations with brakes applied: sticking shafts stand, slipping ones feel the full brake torque.
+
+    A sticking brake gives way where the torque that holds its shaft exceeds the brake's.
+    """
+    f = [force[0], force[1], force[2]]
+    for i in range(3):
+        if s.brake_released[i] == 0 and s.brake_locked[i] == 0:
+            if speed[i] > 0.0:
+                f[i] -= c.brake_torque
+            elif speed[i] < 0.0:
+                f[i] += c.brake_torque
+    acceleration = _with_locked_axes(mass, f, s)
+    needed = multiply(mass, acceleration)
+    slipping = False
+    for i in range(3):
+        if s.brake_locked[i] != 0:
+            reaction = needed[i] - f[i]
+            if abs(reaction) > c.brake_torque:
+                s.brake_locked[i] = 0
+                f[i] += c.brake_torque if reaction > 0.0 else -c.brake_torque
+                slipping = True
+    if slipping:
+        acceleration = _with_locked_axes(mass, f, s)
+    return acceleration
+
+
+@kernel
+def _with_locked_axes(mass, f, s):
+    """Solve mass x = f with x_i = 0 on locked axes."""
+    free = [1.0, 1.0, 1.0]
+    for i in range(3):
+        if s.brake_locked[i] != 0:
+            free[i] = 0.0
+    reduced = (
+        mass[0] if free[0] else 1.0,
+        mass[1] if free[1] else 1.0,
+        mass[2] if free[2] else 1.0,
+        mass[3] * free[0] * free[1],
+        mass[4] * free[0] * free[2],
+        mass[5] * free[1] * free[2],
+    )
+    return solve(reduced, (f[0] * free[0], f[1] * free[1], f[2] * free[2]))

@@ -1,0 +1,196 @@
+"""Three motors, gears and the coupled arms, integrated through the current samples of an exchange period.
+
+One explicit midpoint step per current sample: positions and speeds are predicted to the middle of the step, the exact
+dynamics (4.26) are solved there once, and the state advances with that acceleration; second order in the step. The
+torque of a step is that of the mean of the currents at its ends.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.dynamics import inertia, motion_terms, multiply, solve
+from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.kinematics import Floats, geometry
+from delta3_pacdrive.motor import friction_torque, motor
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.brake import advance_brake, braked_acceleration
+
+STATE = np.dtype(
+    [
+        ('theta', 'f8', (3,)),  # [rad], arm
+        ('thetadot', 'f8', (3,)),  # [rad/s], arm
+        ('thetaddot', 'f8', (3,)),  # [rad/s^2], arm, of the last step
+        ('current', 'f8', (3,)),  # [A rms], at the end of the last step
+        ('coupling', 'f8', (3,)),  # d [N m], motor (4.31)
+        ('brake_command', 'i8', (3,)),  # 1 = release
+        ('brake_released', 'i8', (3,)),
+        ('brake_delay', 'i8', (3,)),  # steps since the command changed
+        ('brake_locked', 'i8', (3,)),  # the shaft sticks
+    ],
+    align=True,
+)
+
+CONSTANTS = np.dtype(
+    [
+        ('gear_ratio', 'f8'),
+        ('step', 'f8'),
+        ('linear_inertia', 'f8'),  # A_bar of the coupling torque
+        ('brake_torque', 'f8'),  # arm side
+        ('brake_release_steps', 'i8'),
+        ('brake_apply_steps', 'i8'),
+        ('stop_min', 'f8'),
+        ('stop_max', 'f8'),
+        ('stop_stiffness', 'f8'),
+        ('stop_damping', 'f8'),
+    ],
+    align=True,
+)
+
+
+def _constants(parameters: Parameters) -> NDArray[Any]:
+    p, motor_, drive = parameters.dynamics, parameters.motor, parameters.drive
+    record = np.zeros(1, CONSTANTS)
+    record['gear_ratio'] = p.gear_ratio
+    record['step'] = drive.current_period_s
+    record['linear_inertia'] = drive.observer_arm_inertia_kg_m2
+    record['brake_torque'] = motor_.brake_torque_n_m * p.gear_ratio
+    record['brake_release_steps'] = max(1, round(motor_.brake_release_s / drive.current_period_s))
+    record['brake_apply_steps'] = max(1, round(motor_.brake_apply_s / drive.current_period_s))
+    record['stop_min'] = math.radians(p.end_stop_min_deg)
+    record['stop_max'] = math.radians(p.end_stop_max_deg)
+    record['stop_stiffness'] = p.end_stop_stiffness_n_m_rad
+    record['stop_damping'] = p.end_stop_damping_n_m_s_rad
+    return record
+
+
+@kernel
+def drive_torque(current, theta, thetadot, c, m):
+    """Torque [N m, arm side] of one motor through its gear, less friction, plus that of an end stop."""
+    speed = c.gear_ratio * thetadot
+    torque = c.gear_ratio * (m.torque_constant * current - friction_torque(speed, m))
+    depth = 0.0
+    if theta < c.stop_min:
+        depth = theta - c.stop_min
+    elif theta > c.stop_max:
+        depth = theta - c.stop_max
+    if depth != 0.0:
+        contact = c.stop_stiffness * depth + c.stop_damping * thetadot
+        # a stop pushes, it never pulls
+        if contact * depth > 0.0:
+            torque -= contact
+    return torque
+
+
+@kernel
+def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
+    """Arm accelerations [rad/s^2] of a state, and what the motors feel beyond the linear part (d, 4.31)."""
+    mass, bias = motion_terms(theta, thetadot, g, n)
+    force = (
+        drive_torque(current[0], theta[0], thetadot[0], c, m) - bias[0],
+        drive_torque(current[1], theta[1], thetadot[1], c, m) - bias[1],
+        drive_torque(current[2], theta[2], thetadot[2], c, m) - bias[2],
+    )
+    if s.brake_released[0] + s.brake_released[1] + s.brake_released[2] == 3:
+        acceleration = solve(mass, force)
+    else:
+        acceleration = braked_acceleration(mass, force, thetadot, s, c)
+    product = multiply(mass, acceleration)
+    coupling = (
+        (product[0] + bias[0] - c.linear_inertia * acceleration[0]) / c.gear_ratio,
+        (product[1] + bias[1] - c.linear_inertia * acceleration[1]) / c.gear_ratio,
+        (product[2] + bias[2] - c.linear_inertia * acceleration[2]) / c.gear_ratio,
+    )
+    return acceleration, coupling
+
+
+@kernel
+def _tuple3(a):
+    return (a[0], a[1], a[2])
+
+
+@kernel
+def _advance(currents, state, constants, geometry_record, inertia_record, motor_record):
+    """Integrate through ``currents`` (steps, 3), the values at the end of each step, then publish d there."""
+    s, c = state[0], constants[0]
+    g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
+    h = c.step
+    theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
+    before = _tuple3(s.current)
+    for k in range(currents.shape[0]):
+        for i in range(3):
+            advance_brake(i, s, c)
+        now = (currents[k, 0], currents[k, 1], currents[k, 2])
+        mean = (0.5 * (before[0] + now[0]), 0.5 * (before[1] + now[1]), 0.5 * (before[2] + now[2]))
+        before = now
+        middle = (
+            theta[0] + 0.5 * h * (thetadot[0] + 0.25 * h * last[0]),
+            theta[1] + 0.5 * h * (thetadot[1] + 0.25 * h * last[1]),
+            theta[2] + 0.5 * h * (thetadot[2] + 0.25 * h * last[2]),
+        )
+        speed = (
+            thetadot[0] + 0.5 * h * last[0],
+            thetadot[1] + 0.5 * h * last[1],
+            thetadot[2] + 0.5 * h * last[2],
+        )
+        last, _ = acceleration_and_coupling(middle, speed, mean, s, c, g, n, m)
+        after = [thetadot[0] + h * last[0], thetadot[1] + h * last[1], thetadot[2] + h * last[2]]
+        for i in range(3):
+            if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or after[i] * thetadot[i] <= 0.0):
+                s.brake_locked[i] = 1
+                after[i] = 0.0
+        theta = (
+            theta[0] + 0.5 * h * (thetadot[0] + after[0]),
+            theta[1] + 0.5 * h * (thetadot[1] + after[1]),
+            theta[2] + 0.5 * h * (thetadot[2] + after[2]),
+        )
+        thetadot = (after[0], after[1], after[2])
+    _, coupling = acceleration_and_coupling(theta, thetadot, before, s, c, g, n, m)
+    for i in range(3):
+        s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
+        s.current[i], s.coupling[i] = before[i], coupling[i]
+
+
+class Plant:
+    """Motors, brakes, gears and arms; starts at rest at the home position with the brakes applied."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._constants = _constants(parameters)
+        self._geometry = geometry(parameters.kinematics)
+        self._inertia = inertia(parameters)
+        self._motor = motor(parameters)
+        self.state = np.zeros(1, STATE)
+        self.state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
+        self.state['brake_locked'] = 1
+        self._gear_ratio = parameters.dynamics.gear_ratio
+        self._advance_through(np.empty((0, 3)))
+
+    def _advance_through(self, currents: Floats) -> None:
+        _advance(currents, self.state, self._constants, self._geometry, self._inertia, self._motor)
+
+    def advance(self, currents: Floats, brakes_released: Sequence[bool]) -> None:
+        """Integrate one exchange period.
+
+        Parameters
+        ----------
+        currents
+            Shape (steps, 3): I_eff [A rms] of each motor at the end of each current-loop period.
+        brakes_released
+            Brake outputs of the three drives, valid from the start of the period.
+
+        """
+        self.state['brake_command'][0] = brakes_released
+        self._advance_through(currents)
+
+    def shafts(self) -> tuple[list[float], list[float], list[float]]:
+        """Shaft positions [rad], speeds [rad/s] and coupling torques d [N m], motor side."""
+        record = self.state[0]
+        return (
+            (record['theta'] * self._gear_ratio).tolist(),
+            (record['thetadot'] * self._gear_ratio).tolist(),
+            record['coupling'].tolist(),
+        )

@@ -1,0 +1,120 @@
+"""All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
+
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.bus.words import in_torque
+from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.mechanism import Plant
+from delta3_pacdrive.trace import SIGNALS, Trace
+from delta3_pacdrive.transformation import FOLLOWING_ERROR, TCP_ACTUAL, TCP_COMMAND, TCP_ERROR, Transformation
+
+AXES = ('axis1', 'axis2', 'axis3')
+
+
+def placed(parameters: Parameters, program: Program) -> Parameters:
+    """Return the parameters of a robot that stands where the program starts."""
+    if program.start_m is None:
+        return parameters
+    return parameters.replace(motion__home_m=program.start_m)
+
+
+class Robot:
+    """Plant and drives, one exchange after the other."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        bus = parameters.bus
+        self.plant = Plant(parameters)
+        self.drives = [MC4(parameters) for _ in AXES]
+        self._exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
+        self._currents: Floats = np.zeros((len(self.drives[0].currents), 3))
+
+    def encoder_positions(self) -> list[float]:
+        """Motor shaft positions [rad] as the encoders read them."""
+        positions, _, _ = self.plant.shafts()
+        return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
+
+    def cycle(self, commands: Floats, control: int, answers: Floats) -> list[int]:
+        """Run one bus cycle; fill ``answers`` (3 rows: position, speed, torque) and return the status words."""
+        shafts = self.plant.shafts()
+        status = []
+        for i, drive in enumerate(self.drives):
+            answer = drive.begin_cycle(float(commands[i]), control, shafts[0][i], shafts[1][i], shafts[2][i])
+            answers[0, i], answers[1, i], answers[2, i] = answer.position, answer.speed, answer.torque
+            status.append(answer.status)
+        for exchange in range(self._exchanges):
+            if exchange:
+                shafts = self.plant.shafts()
+            for i, drive in enumerate(self.drives):
+                self._currents[:, i] = drive.run_period(shafts[0][i], shafts[1][i], shafts[2][i])
+            self.plant.advance(self._currents, [drive.brake_released for drive in self.drives])
+        return status
+
+
+def run(program: Program, parameters: Parameters) -> Trace:
+    """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
+
+    Raises
+    ------
+    ProgramError
+        The program is refused.
+    RunError
+        The drives are not enabled when the program should start, or one trips.
+
+    """
+    parameters = placed(parameters, program)
+    robot = Robot(parameters)
+    task = Transformation(parameters)
+    tcp = task.locate(robot.encoder_positions())
+    task.load(Plan.of(programs.plan(program, tcp, parameters)))
+    motion = parameters.motion
+    if motion.enable_cycle < 0 or motion.start_cycle < 0:
+        raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
+    task.enable_cycle = motion.enable_cycle
+    task.start(motion.start_cycle)
+    cycles = task.last_cycle + 1
+    columns = {name: np.empty((cycles, 3)) for name in SIGNALS}
+    answers = np.empty((3, 3))
+    for k in range(cycles):
+        shafts = robot.plant.shafts()
+        commands = task.command(k)
+        columns['motor_command'][k] = commands
+        columns['shaft_position'][k], columns['shaft_speed'][k], columns['coupling_torque'][k] = shafts
+        status = robot.cycle(commands, task.control(k), answers)
+        if k >= motion.start_cycle:
+            _require_torque(robot, status, k)
+        columns['motor_position'][k], columns['motor_speed'][k], columns['current'][k] = answers
+        result = task.receive(k, answers[0], answers[2])
+        columns['following_error'][k] = result[FOLLOWING_ERROR]
+        columns['tcp_command'][k] = result[TCP_COMMAND]
+        columns['tcp_actual'][k] = result[TCP_ACTUAL]
+        columns['tcp_error'][k] = result[TCP_ERROR]
+    columns['current'] /= parameters.motor.torque_constant_n_m_a
+    return Trace(np.arange(cycles) * parameters.bus.cycle_time_s, columns, _meta(program, parameters, task))
+
+
+def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:
+    for axis, word, drive in zip(AXES, status, robot.drives, strict=True):
+        if not in_torque(word):
+            raise RunError(f'{axis} is not enabled in bus cycle {cycle}: {drive.drive_state.name}, {drive.fault.name}')
+
+
+def _meta(program: Program, parameters: Parameters, task: Transformation) -> dict[str, Any]:
+    figures = task.figures()
+    return {
+        'program': program.name,
+        'checksum': parameters.checksum,
+        'gear_ratio': parameters.dynamics.gear_ratio,
+        'cycle_time_s': parameters.bus.cycle_time_s,
+        'exchange_period_s': parameters.bus.exchange_period_s,
+        'start_cycle': parameters.motion.start_cycle,
+        'end_cycle': task.end_cycle,
+        'figures': vars(figures),
+    }

@@ -1,0 +1,77 @@
+"""Traces: every signal of a run, cycle by cycle, from the simulation or from a recording."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.kinematics import Floats
+
+# name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
+SIGNALS = {
+    'motor_command': ('rad', 'motor shaft command of the MDT'),
+    'motor_position': ('rad', 'motor shaft position of the AT'),
+    'motor_speed': ('rad/s', 'motor shaft speed of the AT'),
+    'current': ('A', 'I_eff of the AT'),
+    'following_error': ('rad', 'arm following error, dead time removed (7.3)'),
+    'tcp_command': ('m', 'TCP of the command'),
+    'tcp_actual': ('m', 'TCP by forward kinematics of the actual angles'),
+    'tcp_error': ('m', 'TCP error, set-point delay removed'),
+    'shaft_position': ('rad', 'true motor shaft position'),
+    'shaft_speed': ('rad/s', 'true motor shaft speed'),
+    'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
+}
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Signals of a run.
+
+    Attributes
+    ----------
+    time_s
+        Bus time of each cycle, shape (cycles,).
+    signals
+        Arrays (cycles, 3) by the names in ``SIGNALS``.
+    meta
+        Where it comes from: program, parameter checksum, gear ratio, timing, results.
+
+    """
+
+    time_s: Floats
+    signals: dict[str, Floats]
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Floats:
+        """Return a signal; raises TraceError if the run does not hold it."""
+        try:
+            return self.signals[name]
+        except KeyError:
+            raise TraceError(f'the recording has no signal {name}, only {", ".join(self.signals)}') from None
+
+    def save(self, path: str | Path) -> None:
+        """Write to a ``.npz`` file."""
+        path = Path(path)
+        try:
+            with path.open('wb') as file:
+                np.savez_compressed(
+                    file, time_s=self.time_s, meta=np.array(json.dumps(self.meta)), allow_pickle=False, **self.signals
+                )
+        except OSError as error:
+            raise TraceError(f'cannot write trace {path}: {error.strerror}') from error
+
+    @staticmethod
+    def load(path: str | Path) -> 'Trace':
+        """Read a ``.npz`` file; raises TraceError."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                columns = {name: file[name] for name in file.files}
+            meta = json.loads(str(columns.pop('meta')))
+            return Trace(columns.pop('time_s'), columns, meta)
+        except OSError as error:
+            raise TraceError(f'cannot read trace {path}: {error.strerror or error}') from error
+        except (KeyError, ValueError) as error:
+            raise TraceError(f'{path} is not a trace file: {error}') from error

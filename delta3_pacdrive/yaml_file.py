@@ -1,0 +1,43 @@
+"""The one reader of YAML files: bounded in size, no aliases (no YAML bombs), one sentence for every failure."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from delta3_pacdrive.errors import Delta3Error
+
+SIZE_MAX_BYTES = 4 * 1024 * 1024
+
+
+class _Loader(yaml.CSafeLoader if hasattr(yaml, 'CSafeLoader') else yaml.SafeLoader):  # type: ignore[misc]
+    """Safe loader that refuses anchors, aliases and duplicate keys."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError('aliases are not allowed')
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise yaml.YAMLError(f'the key {key!r} stands twice at line {node.start_mark.line + 1}')
+        return super().construct_mapping(node, deep)
+
+
+def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
+    """Return the document in ``path``; ``what`` ("program file") names it in the message of the ``error`` raised."""
+    path = Path(path)
+    try:
+        with path.open('rb') as file:
+            content = file.read(SIZE_MAX_BYTES + 1)
+    except OSError as failure:
+        raise error(f'cannot read {what} {path}: {failure.strerror}') from failure
+    if len(content) > SIZE_MAX_BYTES:
+        raise error(f'{what} {path} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
+    try:
+        return yaml.load(content.decode('utf-8'), Loader=_Loader)  # noqa: S506 (a safe loader)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError, TypeError) as failure:
+        reason = ' '.join(str(failure).split()) or type(failure).__name__
+        raise error(f'{what} {path} is not valid YAML: {reason}') from failure

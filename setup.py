@@ -1,0 +1,114 @@
+"""Build recipe for pip and for colcon.
+
+Both lay the package out as ROS 2 wants it below the prefix (a virtual environment, or colcon's install folder): the
+marker in the ament index, package.xml and config/ in share/, the executables in lib/delta3_pacdrive/.
+"""
+
+import atexit
+import shutil
+import sys
+import tempfile
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'delta3_pacdrive'
+COMMAND_LINE = {'delta3': f'{PACKAGE}.cli.main:main'}
+EXECUTABLES = {
+    'unit_robot': f'{PACKAGE}.nodes.unit_robot:main',
+    'transformation_task': f'{PACKAGE}.nodes.transformation_task:main',
+    'mc4_drive': f'{PACKAGE}.nodes.mc4_drive:main',
+    'plant': f'{PACKAGE}.nodes.plant:main',
+    'bringup': f'{PACKAGE}.cli.run:bringup',
+    'record': f'{PACKAGE}.cli.record:main',
+}
+ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazzy-rmw-fastrtps-cpp>=8.4.3']
+TEST = [
+    'hypothesis>=6.170',
+    'mujoco>=4.0',
+    'mypy>=2.4',
+    'pytest>=9.2',
+    'pytest-timeout>=2.4',
+    'ruff>=0.17.5',
+    'types-PyYAML>=6.0.12',
+]
+# A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers (first shell,
+# then Python) go to lib/delta3_pacdrive/ and start the interpreter of the environment that they are installed in.
+LAUNCHER = """\
+#!/bin/sh
+''':'
+bin=$(dirname -- "$(readlink -f -- "$0")")/../../bin
+for python in "$bin/python3" "$bin/python"; do
+    [ -x "$python" ] && exec "$python" "$0" "$@"
+done
+exec python3 "$0" "$@"
+'''
+import sys
+
+from {module} import {function}
+
+sys.exit({function}())
+"""
+
+
+def launchers(folder: Path) -> list[str]:
+    """Write one launcher per executable into ``folder``; return their paths."""
+    paths = []
+    for name, target in (COMMAND_LINE | EXECUTABLES).items():
+        module, _, function = target.partition(':')
+        path = folder / name
+        path.write_text(LAUNCHER.format(module=module, function=function), encoding='utf-8')
+        path.chmod(0o755)
+        paths.append(str(path))
+    return paths
+
+
+data_files = [
+    ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+    (f'share/{PACKAGE}', ['package.xml']),
+    (f'share/{PACKAGE}/config', glob('config/*.yaml') + glob('config/*.xml')),
+    (f'share/{PACKAGE}/config/programs', glob('config/programs/*.yaml')),
+]
+scripts = COMMAND_LINE | EXECUTABLES
+options = {}
+if 'bdist_wheel' in sys.argv or 'dist_info' in sys.argv or sys.argv[1:] == ['egg_info']:
+    # The steps of pip. They work outside the source tree: a file deleted there must not survive in build/lib.
+    scratch = Path(tempfile.mkdtemp(prefix=f'{PACKAGE}-'))
+    atexit.register(shutil.rmtree, scratch, ignore_errors=True)
+    options = {'build': {'build_base': str(scratch / 'build')}, 'egg_info': {'egg_base': str(scratch)}}
+    data_files.append((f'lib/{PACKAGE}', launchers(scratch)))
+    scripts = COMMAND_LINE
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='A Delta-3 robot on a PacDrive motion controller, emulated in software, for ROS 2',
+    maintainer='delta3_pacdrive maintainers',
+    maintainer_email='maintainers@example.org',
+    license='Apache-2.0',
+    license_files=['LICENSE'],
+    python_requires='>=3.11',
+    packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
+    package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'
+    package_data={f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml']},
+    data_files=data_files,
+    zip_safe=False,
+    install_requires=[
+        'matplotlib>=3.11',
+        'numba>=0.68',
+        'numpy>=2.4',
+        'psutil>=7.2',
+        'PyYAML>=6.0',
+        'rich>=15.0',
+        'rosbags>=0.11.9',
+        'ruckig>=0.19.4',
+    ],
+    extras_require={
+        'ros': ROS,
+        'test': TEST,
+        'all': ROS + TEST,
+    },
+    entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
+    options=options,
+)
