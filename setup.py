@@ -1,7 +1,8 @@
 """Build recipe for pip and for colcon.
 
-Both lay the package out as ROS 2 wants it below the prefix (a virtual environment, or colcon's install folder): the
-marker in the ament index, package.xml and config/ in share/, the executables in lib/delta3_pacdrive/.
+Both lay the package out as ROS 2 wants it below the prefix (a virtual environment, or colcon's install
+folder): the marker in the ament index, package.xml and config/ in share/, the executables in
+lib/delta3_pacdrive/.
 """
 
 import atexit
@@ -33,8 +34,8 @@ TEST = [
     'ruff>=0.17.5',
     'types-PyYAML>=6.0.12',
 ]
-# A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers (first shell,
-# then Python) go to lib/delta3_pacdrive/ and start the interpreter of the environment that they are installed in.
+# A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
+# (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.
 LAUNCHER = """\
 #!/bin/sh
 ''':'
@@ -87,7 +88,6 @@ setup(
     maintainer='delta3_pacdrive maintainers',
     maintainer_email='maintainers@example.org',
     license='Apache-2.0',
-    license_files=['LICENSE'],
     python_requires='>=3.11',
     packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
     package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'

@@ -187,6 +187,11 @@ class Transformation:
         return end
 
     @property
+    def loaded(self) -> bool:
+        """Whether a program was loaded."""
+        return self._plan is not None
+
+    @property
     def end_cycle(self) -> int:
         """First cycle in which the TCP stands at the end of the program."""
         return int(self.state['end_cycle'][0])

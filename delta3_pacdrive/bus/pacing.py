@@ -1,0 +1,85 @@
+"""When bus cycles start on a clock, and the figures that tell how well that works. Time comes in as an argument."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+class Histogram:
+    """Counts of durations in bins of 10 us up to 200 ms; constant memory however long it runs."""
+
+    BIN_S = 10e-6
+    BINS = 20_000
+
+    def __init__(self) -> None:
+        self._counts = [0] * self.BINS
+        self.max_s = 0.0
+
+    def add(self, seconds: float) -> None:
+        """Count one duration; negative ones count as zero."""
+        self._counts[max(0, min(int(seconds / self.BIN_S), self.BINS - 1))] += 1
+        if seconds > self.max_s:
+            self.max_s = seconds
+
+    def percentile(self, share: float) -> float:
+        """Upper edge [s] of the bin that holds the given share (0..1) of all durations; 0 without any."""
+        counts = np.cumsum(self._counts)
+        if counts[-1] == 0:
+            return 0.0
+        index = int(np.searchsorted(counts, share * counts[-1]))
+        return min((index + 1) * self.BIN_S, self.max_s)
+
+    def summary_ms(self) -> dict[str, float]:
+        """p50, p99, p99.9 and max in milliseconds."""
+        shares = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
+        figures = {name: round(self.percentile(share) * 1e3, 3) for name, share in shares.items()}
+        return figures | {'max': round(self.max_s * 1e3, 3)}
+
+
+@dataclass
+class Pacing:
+    """Decides when the next cycle may start.
+
+    A cycle that is due but held back because ``outstanding_max`` cycles wait for answers is an overrun. Cycles that are
+    late are caught up; a schedule that lags by more than ``outstanding_max`` cycles slips for good.
+
+    Attributes
+    ----------
+    period_s
+        Wall-clock time per cycle [s]; 0 = as fast as possible.
+    outstanding_max
+        Most cycles that may wait for answers.
+
+    """
+
+    period_s: float
+    outstanding_max: int
+    overruns: int = 0
+    slip_s: float = 0.0
+    _origin_s: float | None = None
+    _held: bool = False
+
+    def may_start(self, cycle: int, outstanding: int, now_s: float) -> bool:
+        """Whether ``cycle`` starts now."""
+        if self._origin_s is None:
+            self._origin_s = now_s - cycle * self.period_s
+        due = self._origin_s + cycle * self.period_s
+        if self.period_s and now_s < due:
+            return False
+        if outstanding >= self.outstanding_max:
+            if self.period_s and not self._held:
+                self._held = True
+                self.overruns += 1
+            return False
+        self._held = False
+        lag = now_s - due - self.outstanding_max * self.period_s
+        if self.period_s and lag > 0.0:
+            self._origin_s += lag
+            self.slip_s += lag
+        return True
+
+    def lateness_s(self, cycle: int, now_s: float) -> float:
+        """How long after its due time a cycle starts [s]; 0 without a clock."""
+        if not self.period_s or self._origin_s is None:
+            return 0.0
+        return now_s - self._origin_s - cycle * self.period_s

@@ -1,0 +1,157 @@
+"""Node of one MC-4 servo drive.
+
+In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN`` (encoder, status),
+``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request).
+"""
+
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.drive.record import FAULT_TEXTS, DriveFault
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.participant import Participant
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, REPORT
+from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
+
+HOUSEKEEPING_S = 0.25
+
+
+class MC4DriveNode(Node):
+    """One axis."""
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('mc4_drive', **node_options)
+        number = declare(self, 'axis', 1, descriptor('number of the axis', 1, 3, int))
+        parameters = declare_robot(self)
+        bus = parameters.bus
+        self._index = number - 1
+        self._axis = axis = DRIVES[self._index]
+        self._drive = MC4(parameters)
+        self._cycles = Clock(bus.cycle_time_s)
+        self._exchanges = Clock(bus.exchange_period_s)
+        self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
+        self._exchange = 0
+        self._commands: dict[int, tuple[float, int]] = {}
+        self._shafts: dict[int, tuple[float, float, float]] = {}
+        self._resting_position: float | None = None
+        self._reported_fault = DriveFault.NONE
+        self._refused = 0
+        self._waiting = ''
+
+        self._mdt = telegram.mdt_codec()
+        self._at = telegram.at_codec(axis)
+        self._current = telegram.current_codec(axis, len(self._drive.currents))
+        self._shaft = telegram.shafts_codec()
+        self._publish_at = self.create_publisher(JointState, f'sercos/at/{axis}', CYCLIC_PUBLISHER).publish
+        self._publish_current = self.create_publisher(
+            JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER
+        ).publish
+        self._phases = self.create_publisher(JointState, f'{axis}/phase_current', REPORT)
+        self._phases_wanted = False
+        self.create_subscription(JointState, 'sercos/mdt', self._on_mdt, CYCLIC_SUBSCRIPTION, raw=True)
+        self.create_subscription(
+            JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
+        )
+        self._participant = Participant(self, axis, parameters)
+        self.create_timer(HOUSEKEEPING_S, self._housekeeping)
+
+    def _refuse(self, error: TelegramError) -> None:
+        self._refused += 1
+        self.get_logger().warning(f'{self._axis}: {error}', throttle_duration_sec=1.0)
+
+    def _on_mdt(self, data: bytes) -> None:
+        try:
+            sec, nanosec, frame, values = self._mdt.decode(data)
+            cycle = self._cycles.count(sec, nanosec)
+            _, control = telegram.parse_mdt_frame(frame, self._index)
+        except TelegramError as error:
+            self._refuse(error)
+            return
+        if cycle >= 0:
+            self._commands[cycle] = (values[self._index], control)
+            self._advance()
+        elif self._resting_position is not None:
+            position = self._drive.encoder_position(self._resting_position)
+            self._publish_at(self._at.encode((ACYCLIC_SEC, 0), b'4000', (position, 0.0, 0.0)))
+
+    def _on_shafts(self, data: bytes) -> None:
+        try:
+            sec, nanosec, _, values = self._shaft.decode(data)
+            exchange = self._exchanges.count(sec, nanosec)
+        except TelegramError as error:
+            self._refuse(error)
+            return
+        i = self._index
+        if exchange >= 0:
+            self._shafts[exchange] = (values[i], values[3 + i], values[6 + i])
+            self._advance()
+        else:
+            self._resting_position = values[i]
+            silence = (0.0,) * len(self._drive.currents)
+            self._publish_current(self._current.encode((ACYCLIC_SEC, 0), telegram.BRAKE_HELD, silence))
+
+    def _advance(self) -> None:
+        """Run every exchange whose telegrams are there, in the order of their stamps."""
+        drive = self._drive
+        while True:
+            exchange = self._exchange
+            shaft = self._shafts.get(exchange)
+            if shaft is None:
+                return
+            cycle, within = divmod(exchange, self._exchanges_per_cycle)
+            if within == 0:
+                telegram_ = self._commands.pop(cycle, None)
+                if telegram_ is None:
+                    return
+                answer = drive.begin_cycle(*telegram_, *shaft)
+                self._publish_at(
+                    self._at.encode(
+                        self._cycles.stamp(cycle),
+                        b'%04x' % answer.status,
+                        (answer.position, answer.speed, answer.torque),
+                    )
+                )
+                if self._phases_wanted:
+                    self._publish_phase_currents(cycle)
+            del self._shafts[exchange]
+            currents = drive.run_period(*shaft)
+            brake = telegram.BRAKE_FREE if drive.brake_released else telegram.BRAKE_HELD
+            self._publish_current(
+                self._current.encode(self._exchanges.stamp(exchange), brake, currents.tolist())
+            )
+            self._exchange = exchange + 1
+
+    def _publish_phase_currents(self, cycle: int) -> None:
+        message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self._drive.phase_currents())
+        message.header.stamp.sec, message.header.stamp.nanosec = self._cycles.stamp(cycle)
+        self._phases.publish(message)
+
+    def _housekeeping(self) -> None:
+        self._phases_wanted = self._phases.get_subscription_count() > 0
+        fault = self._drive.fault
+        if fault != self._reported_fault:
+            self._reported_fault = fault
+            self.get_logger().error(f'{self._axis}: {FAULT_TEXTS[fault]}')
+        waiting = ''
+        if self._resting_position is None and self._exchange == 0:
+            waiting = 'waiting for plant'
+        elif self.count_publishers('sercos/mdt') == 0:
+            waiting = 'waiting for transformation_task'
+        if waiting != self._waiting:
+            self._waiting = waiting
+            self.get_logger().info(f'{self._axis}: {waiting or "all partners are there"}')
+
+
+def main() -> int:
+    """Run one drive process."""
+    return runtime.run([MC4DriveNode])
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

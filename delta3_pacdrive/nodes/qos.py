@@ -1,0 +1,24 @@
+"""Quality of service of every topic, each with its reason."""
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+# Any client may ask for reliable delivery of a cyclic topic; the depth is what a recorder may lag behind.
+CYCLIC_PUBLISHER = QoSProfile(depth=256)
+
+# On one machine the flow control of the bus (at most 16 outstanding cycles) keeps queues from overflowing, so that
+# acknowledgements, a third of the bus's processor time, buy nothing. A telegram lost all the same is seen by its stamp,
+# as on a real SERCOS bus, where cyclic telegrams are never repeated either.
+CYCLIC_SUBSCRIPTION = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# States and facts that latecomers need.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+# Every move of a program, all at once; kept for a task that joins later.
+PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+# Slow topics for people and tools.
+REPORT = QoSProfile(depth=10)
+
+# A recorder must lose nothing, even if the disk stalls for a second.
+RECORDER = QoSProfile(depth=2000)

@@ -1,0 +1,53 @@
+"""The core's parameters as ROS parameters: same names, same rules, with descriptors."""
+
+import dataclasses
+import math
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.errors import ParameterError
+
+_OF_RCLPY = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+def descriptor(description: str, low: float, high: float, kind: type) -> ParameterDescriptor:
+    """Describe a parameter that is fixed at start-up; a closed range where ROS can express it."""
+    result = ParameterDescriptor(description=description, read_only=True)
+    bounded = math.isfinite(low) and math.isfinite(high)
+    if bounded and kind is float:
+        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    elif bounded and kind is int:
+        result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return result
+
+
+def declare(node: Node, name: str, default: Any, description: ParameterDescriptor) -> Any:
+    """Declare a parameter and return its value; raises ParameterError for a wrong type or value."""
+    try:
+        return node.declare_parameter(name, default, description).value
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        raise ParameterError(f'{node.get_fully_qualified_name()}: {error}') from None
+
+
+def declare_robot(node: Node) -> core.Parameters:
+    """Declare every parameter of the robot and return them checked; also refuses overrides that nobody declared.
+
+    Call it after the node's own parameters are declared.
+    """
+    values = core.flatten(core.load())
+    for group, cls in core.groups().items():
+        for f in dataclasses.fields(cls):
+            name = f'{group}.{f.name}'
+            default = values[name]
+            kind = f.type if f.type in (int, float) else list
+            info = descriptor(f.metadata['description'], f.metadata['low'], f.metadata['high'], kind)
+            value = declare(node, name, list(default) if isinstance(default, tuple) else default, info)
+            values[name] = value if kind is not list else list(value)
+    for name in getattr(node, '_parameter_overrides', {}):
+        if not node.has_parameter(name) and not name.startswith(_OF_RCLPY):
+            raise ParameterError(f'{node.get_fully_qualified_name()}: unknown parameter {name}')
+    return core.from_flat(values, node.get_fully_qualified_name())

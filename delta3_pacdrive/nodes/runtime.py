@@ -1,0 +1,76 @@
+"""Start, spin and stop of a process of nodes."""
+
+import gc
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from delta3_pacdrive.errors import Delta3Error
+
+SPIN_S = 0.1  # how long a signal may wait for the main thread
+
+
+class Process:
+    """Spins nodes on one executor until SIGINT, SIGTERM or ``stop``."""
+
+    def __init__(self, context: rclpy.Context | None = None) -> None:
+        self._stop = Future()
+        self._executor = EventsExecutor(context=context)
+        self._nodes: list[Node] = []
+
+    def stop(self, *_: Any) -> None:
+        """End ``spin``; also the signal handler."""
+        if not self._stop.done():
+            self._stop.set_result(None)
+
+    def add(self, node: Node) -> None:
+        """Take a node in."""
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def spin(self) -> None:
+        """Run callbacks until ``stop``."""
+        # one call runs many callbacks: spin_once would return after each, which costs as much again
+        while not self._stop.done():
+            self._executor.spin_until_future_complete(self._stop, timeout_sec=SPIN_S)
+
+    def close(self) -> None:
+        """Destroy the nodes; the last words of a node still reach the graph."""
+        for node in self._nodes:
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self._executor.shutdown()
+
+
+def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = None) -> int:
+    """Be the main function of a process: build the nodes, spin, clean up; return the exit status."""
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    process: Process | None = None
+    try:
+        process = Process()
+        for stopping in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(stopping, process.stop)
+        for factory in factories:
+            process.add(factory())
+        # long-lived objects need not be walked again by the collector in the middle of a cycle
+        gc.collect()
+        gc.freeze()
+        process.spin()
+    except Delta3Error as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if process is not None:
+            process.close()
+        rclpy.try_shutdown()
+    return 0

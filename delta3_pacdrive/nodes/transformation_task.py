@@ -1,0 +1,483 @@
+"""Node of the controller's cyclic part: SERCOS master and transformation task.
+
+In: ``motion/plan`` (moves of a program), ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``,
+``sercos/phase``, ``following_error``, ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz),
+``motion/master`` (distance and speed along the path, on request), ``motion/located`` (where the robot stands, when it
+can take a program), ``motion/progress`` (10 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``, ``start``.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, UInt8
+from std_srvs.srv import SetBool, Trigger
+
+from delta3_pacdrive.bus.pacing import Histogram, Pacing
+from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, Identity, disagreements, missing
+from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, Status, in_torque
+from delta3_pacdrive.errors import ProgramError, TelegramError, UnreachableError
+from delta3_pacdrive.motion.plan import Move, Plan
+from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.participant import Roll
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, PLAN, REPORT
+from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.transformation import (
+    FOLLOWING_ERROR,
+    NEVER,
+    TCP_ACTUAL,
+    TCP_COMMAND,
+    TCP_ERROR,
+    THETA,
+    Transformation,
+)
+
+STARTUP_S = 0.02
+PROGRESS_S = 0.1
+DIAGNOSTICS_EVERY = 10  # progress reports
+JOINT_STATES_S = 0.01
+SILENCE_S = 1.0
+STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
+
+
+class _Output:
+    """A topic that costs next to nothing while nobody listens."""
+
+    def __init__(self, publisher: Publisher, codec: Any) -> None:
+        self._publisher = publisher
+        self._encode = codec.encode
+        self._publish = publisher.publish
+        self.wanted = False
+
+    def refresh(self) -> None:
+        self.wanted = self._publisher.get_subscription_count() > 0
+
+    def send(self, stamp: tuple[int, int], values: Any) -> None:
+        if self.wanted:
+            self._publish(self._encode(stamp, telegram.BASE_FRAME, values))
+
+
+class TransformationTaskNode(Node):
+    """One robot's master."""
+
+    def __init__(self, **node_options: Any) -> None:
+        self._polled: set[Subscription] = set()
+        super().__init__('transformation_task', **node_options)
+        factor = declare(
+            self,
+            'real_time_factor',
+            1.0,
+            descriptor('bus time over wall time; 0 = as fast as possible', 0.0, 1e3, float),
+        )
+        self._wait_for_program = declare(
+            self,
+            'wait_for_program',
+            False,
+            descriptor('stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool),
+        )
+        self._robot = parameters = declare_robot(self)
+        bus, motion = parameters.bus, parameters.motion
+        self._task = Transformation(parameters)
+        self._task.enable_cycle = motion.enable_cycle if motion.enable_cycle >= 0 else NEVER
+        self._identity = Identity.of(parameters)
+        self._cycles = Clock(bus.cycle_time_s)
+        self._factor = factor
+        self._pacing = Pacing(bus.cycle_time_s / factor if factor else 0.0, bus.outstanding_cycles_max)
+        self._phase = Phase.CP0
+        self._waiting = ''
+        self._fault = ''
+        self._plan_parts: list[Move | None] = []
+        self._program_ends: int | None = None
+        self._finished = False
+
+        self._cycle = 0  # next to start
+        self._answered = 0  # next to be complete
+        self._sent_ns = [0] * (4 * bus.outstanding_cycles_max)
+        self._inbox: list[dict[int, tuple[Any, bytes]]] = [{}, {}, {}]
+        self._positions, self._torques = np.zeros(3), np.zeros(3)
+        self._speeds = [0.0] * 3
+        self._status = [0] * 3
+        self._resting: dict[int, float] = {}
+        self._refused = 0
+        self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
+        self._last_answer_s = 0.0
+        self._wall_start_s = 0.0
+
+        self._create_outputs()
+        self._create_inputs(poll=factor > 0.0)
+        self.create_service(SetBool, 'enable', self._on_enable)
+        self.create_service(Trigger, 'start', self._on_start)
+        self._set_phase(Phase.CP0)
+        self._startup = self.create_timer(STARTUP_S, self._start_up)
+        self.create_timer(PROGRESS_S, self._report)
+        self._reports = 0
+        self._cyclic_timers: list[Any] = []
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions for the executor: all but those that the cycle polls itself."""
+        return iter([item for item in super().subscriptions if item not in self._polled])
+
+    def _create_outputs(self) -> None:
+        def cyclic(message_type: Any, topic: str, codec: Any) -> _Output:
+            return _Output(self.create_publisher(message_type, topic, CYCLIC_PUBLISHER), codec)
+
+        frame_length = len(telegram.BASE_FRAME)
+        self._mdt = telegram.mdt_codec()
+        self._mdt_publisher = self.create_publisher(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+        self._following_error = cyclic(JointState, 'following_error', telegram.following_error_codec())
+        self._tcp_command = cyclic(
+            PointStamped, 'tcp/command', telegram.StampedTripleCodec(PointStamped, frame_length)
+        )
+        self._tcp_actual = cyclic(
+            PointStamped, 'tcp/actual', telegram.StampedTripleCodec(PointStamped, frame_length)
+        )
+        self._tcp_error = cyclic(
+            Vector3Stamped, 'tcp/error', telegram.StampedTripleCodec(Vector3Stamped, frame_length)
+        )
+        self._joint_states = cyclic(JointState, 'joint_states', telegram.joint_states_codec())
+        self._master = cyclic(
+            Vector3Stamped, 'motion/master', telegram.StampedTripleCodec(Vector3Stamped, frame_length)
+        )
+        self._outputs = [
+            self._following_error,
+            self._tcp_command,
+            self._tcp_actual,
+            self._tcp_error,
+            self._joint_states,
+            self._master,
+        ]
+        self._phase_publisher = self.create_publisher(UInt8, 'sercos/phase', LATCHED)
+        self._located = self.create_publisher(PointStamped, 'motion/located', LATCHED)
+        self._progress = self.create_publisher(DiagnosticStatus, 'motion/progress', REPORT)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', REPORT)
+
+    def _create_inputs(self, poll: bool) -> None:
+        self._roll = Roll(self)
+        self.create_subscription(Float64MultiArray, 'motion/plan', self._on_plan, PLAN)
+        self._pollers: list[tuple[Subscription, Callable[[bytes, int], None]]] = []
+        for index, axis in enumerate(DRIVES):
+            receive = self._on_at(index, telegram.at_codec(axis))
+            subscription = self.create_subscription(
+                JointState, f'sercos/at/{axis}', receive, CYCLIC_SUBSCRIPTION, raw=True
+            )
+            if poll:
+                # The clock drives this task, so that an answer need not wake it: it is read at the next tick.
+                self._polled.add(subscription)
+                self._pollers.append((subscription, receive))
+
+    # start-up ---------------------------------------------------------------------------------------------------------
+
+    def _set_phase(self, phase: Phase) -> None:
+        self._phase = phase
+        self._phase_publisher.publish(UInt8(data=int(phase)))
+        if phase != Phase.CP0:
+            self.get_logger().info(f'bus phase {phase.name}')
+
+    def _wait_for(self, reason: str) -> None:
+        if reason != self._waiting:
+            self._waiting = reason
+            if reason:
+                self.get_logger().info(reason)
+
+    def _start_up(self) -> None:
+        """Advance the phases of the bus; a greeting MDT goes out until every partner has answered."""
+        self._poll()
+        if self._phase == Phase.CP0:
+            absent = missing(self._roll.identities)
+            self._wait_for(f'waiting for {", ".join(absent)}' if absent else '')
+            if not absent:
+                self._set_phase(Phase.CP1)
+        elif self._phase == Phase.CP1:
+            self._greet()
+            unlinked = [axis for axis in DRIVES if axis not in self._roll.links.get('plant', ())]
+            silent = [axis for index, axis in enumerate(DRIVES) if index not in self._resting]
+            if unlinked:
+                self._wait_for(f'waiting for the plant to hear {", ".join(unlinked)}')
+            elif silent:
+                self._wait_for(f'waiting for an answer of {", ".join(silent)}')
+            else:
+                self._wait_for('')
+                self._set_phase(Phase.CP2)
+        elif self._phase == Phase.CP2:
+            sentences = disagreements(self._identity, {name: self._roll.identities[name] for name in PARTICIPANTS})
+            if sentences:
+                self._fail('; '.join(sentences))
+            else:
+                self._prepare()
+        elif self._phase == Phase.CP3 and (not self._wait_for_program or self._program_ends is not None):
+            self._begin_cyclic_operation()
+
+    def _greet(self) -> None:
+        frame = telegram.mdt_frame(self._phase, CONTROL_OFF)
+        self._mdt_publisher.publish(self._mdt.encode((ACYCLIC_SEC, 0), frame, (0.0, 0.0, 0.0)))
+
+    def _prepare(self) -> None:
+        try:
+            tcp = self._task.locate([self._resting[index] for index in range(3)])
+        except UnreachableError as error:
+            self._fail(str(error))
+            return
+        self._set_phase(Phase.CP3)
+        self._publish_located(tcp, (0, 0))
+
+    def _publish_located(self, tcp: Any, stamp: tuple[int, int]) -> None:
+        message = PointStamped()
+        message.header.frame_id = telegram.BASE_FRAME.decode()
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.point.x, message.point.y, message.point.z = (float(value) for value in tcp)
+        self._located.publish(message)
+
+    def _begin_cyclic_operation(self) -> None:
+        self._startup.cancel()
+        for output in self._outputs:
+            output.refresh()
+        self._set_phase(Phase.CP4)
+        self._wall_start_s = self._last_answer_s = time.monotonic()
+        period = self._pacing.period_s or STARTUP_S
+        self._cyclic_timers.append(self.create_timer(period, self._tick))
+        self._cyclic_timers.append(self.create_timer(JOINT_STATES_S, self._publish_joint_states))
+
+    # cyclic operation -------------------------------------------------------------------------------------------------
+
+    def _poll(self) -> None:
+        for subscription, receive in self._pollers:
+            take = subscription.handle.take_message
+            while (taken := take(JointState, True)) is not None:
+                receive(taken[0], taken[1]['received_timestamp'])
+
+    def _tick(self) -> None:
+        self._poll()
+        self._start_cycles()
+
+    def _start_cycles(self) -> None:
+        while not self._fault and self._pacing.may_start(
+            self._cycle, self._cycle - self._answered, now := time.monotonic()
+        ):
+            cycle = self._cycle
+            outstanding = cycle - self._answered
+            self._lateness.add(self._pacing.lateness_s(cycle, now))
+            self._outstanding[outstanding] += 1
+            commands = self._task.command(cycle)
+            frame = _frame_of(self._task.control(cycle))
+            data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
+            self._sent_ns[cycle % len(self._sent_ns)] = time.time_ns()
+            self._mdt_publisher.publish(data)
+            if self._master.wanted:
+                move, distance, speed = self._task.progress()
+                self._master.send(self._cycles.stamp(cycle), (distance, speed, float(move)))
+            self._cycle = cycle + 1
+
+    def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[[bytes, int], None]:
+        inbox = self._inbox[index]
+
+        def receive(data: bytes, received_ns: int = 0) -> None:
+            try:
+                sec, nanosec, frame, values = codec.decode(data)
+                cycle = self._cycles.count(sec, nanosec)
+                if cycle >= self._cycle:
+                    raise TelegramError(f'AT of cycle {cycle} before its MDT')
+            except TelegramError as error:
+                self._refused += 1
+                self.get_logger().warning(f'{DRIVES[index]}: {error}', throttle_duration_sec=1.0)
+                return
+            if cycle < 0:
+                self._resting[index] = values[0]
+            elif cycle >= self._answered:
+                inbox[cycle] = (values, frame)
+                self._complete(received_ns)
+
+        return receive
+
+    def _complete(self, received_ns: int) -> None:
+        """Evaluate the cycles of which all three answers are there."""
+        first, second, third = self._inbox
+        while (cycle := self._answered) in first and cycle in second and cycle in third:
+            for index, inbox in enumerate(self._inbox):
+                values, frame = inbox.pop(cycle)
+                self._positions[index], self._speeds[index], self._torques[index] = values
+                self._status[index] = telegram.parse_status(frame)
+            self._round_trip.add(
+                ((received_ns or time.time_ns()) - self._sent_ns[cycle % len(self._sent_ns)]) * 1e-9
+            )
+            self._last_answer_s = time.monotonic()
+            self._answered = cycle + 1
+            answer = self._task.receive(cycle, self._positions, self._torques)
+            stamp = self._cycles.stamp(cycle)
+            for output, columns in (
+                (self._following_error, FOLLOWING_ERROR),
+                (self._tcp_command, TCP_COMMAND),
+                (self._tcp_actual, TCP_ACTUAL),
+                (self._tcp_error, TCP_ERROR),
+            ):
+                if output.wanted:
+                    output.send(stamp, answer[columns].tolist())
+            if self._program_ends is not None:
+                self._supervise(cycle)
+        if not self._pacing.period_s and self._phase == Phase.CP4:
+            self._start_cycles()
+
+    def _supervise(self, cycle: int) -> None:
+        started = cycle >= self._task.state['start_cycle'][0]
+        for axis, status in zip(DRIVES, self._status, strict=True):
+            if status & Status.ERROR:
+                self._fail(f'{axis} reports a fault in bus cycle {cycle}')
+            elif started and not in_torque(status):
+                self._fail(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
+        if cycle == self._program_ends:
+            self._program_ends = None
+            self._finished = True
+            self._report()
+            self._publish_located(self._task.state['tcp'][0], self._cycles.stamp(cycle))
+
+    def _publish_joint_states(self) -> None:
+        if self._joint_states.wanted and self._answered:
+            theta = self._task.answer[THETA].tolist()
+            ratio = self._robot.dynamics.gear_ratio
+            speeds = [speed / ratio for speed in self._speeds]
+            stamp = self._cycles.stamp(self._answered - 1)
+            self._joint_states.send(stamp, (*theta, *speeds, *self._torques.tolist()))
+
+    # programs and requests --------------------------------------------------------------------------------------------
+
+    def _on_plan(self, message: Float64MultiArray) -> None:
+        try:
+            if self._phase < Phase.CP3 or self._program_ends is not None:
+                raise ProgramError('a program runs or is loaded already')
+            move, number, count = Move.from_array(np.asarray(message.data))
+            if number == 0:
+                self._plan_parts = []
+            if number != len(self._plan_parts):
+                raise ProgramError(f'plan message {number} of {count} came where {len(self._plan_parts)} was due')
+            self._plan_parts.append(move)
+            if len(self._plan_parts) == count:
+                self._load_program()
+        except ProgramError as error:
+            self.get_logger().error(f'plan refused: {error}')
+
+    def _load_program(self) -> None:
+        moves = [move for move in self._plan_parts if move is not None]
+        self._plan_parts = []
+        start = moves[0].segments[0, 1::4]
+        away = float(np.linalg.norm(start - self._task.state['tcp'][0]))
+        if away > STANDING_M:
+            raise ProgramError(f'it starts {away * 1e3:.3f} mm away from where the robot stands')
+        self._task.load(Plan.of(moves))
+        self._finished = False
+        if self._robot.motion.start_cycle >= 0:
+            self._schedule(self._robot.motion.start_cycle)
+        self.get_logger().info(f'program of {len(moves)} moves loaded')
+
+    def _schedule(self, cycle: int) -> int:
+        """Start the loaded program at a cycle, at the earliest when all outstanding cycles are over."""
+        earliest = self._cycle + self._robot.bus.outstanding_cycles_max + 1 if self._cycle else 0
+        start = max(cycle, earliest)
+        self._task.start(start)
+        self._program_ends = self._task.last_cycle
+        return start
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._task.enable_cycle = self._cycle if request.data else NEVER
+        response.success = True
+        response.message = f'effective in bus cycle {self._cycle + 1}'
+        return response
+
+    def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._task.loaded or self._program_ends is not None:
+            response.message = 'no program waits for its start'
+        else:
+            response.success = True
+            response.message = f'the program starts in bus cycle {self._schedule(0)}'
+        return response
+
+    # reports ----------------------------------------------------------------------------------------------------------
+
+    def _fail(self, reason: str) -> None:
+        if not self._fault:
+            self._fault = reason
+            self.get_logger().error(reason)
+            self._program_ends = None
+            self._report()
+
+    def _check_silence(self) -> None:
+        if self._phase != Phase.CP4 or self._fault or self._cycle == self._answered:
+            return
+        silence = time.monotonic() - self._last_answer_s
+        if silence > SILENCE_S:
+            silent = [axis for axis, inbox in zip(DRIVES, self._inbox, strict=True) if self._answered not in inbox]
+            hint = ' (is the plant running?)' if len(silent) == len(DRIVES) else ''
+            self._fail(f'no AT of {", ".join(silent)} for {silence:.1f} s in bus cycle {self._answered}{hint}')
+
+    def report(self) -> dict[str, Any]:
+        """Return the present state of bus and program, as published in ``motion/progress``."""
+        move, distance, _ = self._task.progress()
+        bus_time = self._answered * self._robot.bus.cycle_time_s
+        wall = self._last_answer_s - self._wall_start_s
+        figures = asdict(self._task.figures())
+        return {
+            'phase': self._phase.name,
+            'waiting': self._waiting,
+            'fault': self._fault,
+            'finished': self._finished,
+            'cycles': self._answered,
+            'bus_time_s': bus_time,
+            'wall_time_s': wall,
+            'end_cycle': self._program_ends or 0,
+            'move': move,
+            'master_m': distance,
+            'following_error_rad': float(np.abs(self._task.answer[FOLLOWING_ERROR]).max()),
+            'overruns': self._pacing.overruns,
+            'slip_s': self._pacing.slip_s,
+            'refused_telegrams': self._refused,
+            'lateness_ms': self._lateness.summary_ms(),
+            'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],
+            'mdt_to_last_at_ms': self._round_trip.summary_ms(),
+            'figures': figures,
+        }
+
+    def _report(self) -> None:
+        self._check_silence()
+        for output in self._outputs:
+            output.refresh()
+        self._reports += 1
+        diagnostics = self._reports % DIAGNOSTICS_EVERY == 0 and self._diagnostics.get_subscription_count()
+        if not diagnostics and not self._progress.get_subscription_count():
+            return
+        level = DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK
+        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name())
+        status.message = self._fault or self._waiting or self._phase.name
+        status.values = [KeyValue(key=key, value=json.dumps(value)) for key, value in self.report().items()]
+        self._progress.publish(status)
+        if diagnostics:
+            array = DiagnosticArray(status=[status])
+            array.header.stamp = self.get_clock().now().to_msg()
+            self._diagnostics.publish(array)
+
+
+_FRAMES: dict[int, bytes] = {}
+
+
+def _frame_of(control: int) -> bytes:
+    """Frame of a cyclic MDT; made once per control word."""
+    if control not in _FRAMES:
+        _FRAMES[control] = telegram.mdt_frame(Phase.CP4, control)
+    return _FRAMES[control]
+
+
+def main() -> int:
+    """Run the transformation task process."""
+    return runtime.run([TransformationTaskNode])
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
