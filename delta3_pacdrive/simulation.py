@@ -9,8 +9,9 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.checks import check_move
 from delta3_pacdrive.motion.plan import Plan
-from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program import Dwell, Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.mechanism import Plant
 from delta3_pacdrive.trace import SIGNALS, Trace
@@ -98,6 +99,22 @@ def run(program: Program, parameters: Parameters) -> Trace:
         columns['tcp_error'][k] = result[TCP_ERROR]
     columns['current'] /= parameters.motor.torque_constant_n_m_a
     return Trace(np.arange(cycles) * parameters.bus.cycle_time_s, columns, _meta(program, parameters, task))
+
+
+def rehearse(parameters: Parameters) -> None:
+    """Run every kernel once, so that none is compiled or loaded in the middle of a cycle."""
+    program = Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),))
+    quick = parameters.replace(motion__enable_cycle=-1)
+    robot, task = Robot(quick), Transformation(quick)
+    tcp = task.locate(robot.encoder_positions())
+    moves = programs.plan(program, tcp, quick)
+    check_move(moves[0], quick)
+    task.load(Plan.of(moves))
+    task.start(0)
+    answers = np.empty((3, 3))
+    robot.cycle(task.command(0), task.control(0), answers)
+    task.receive(0, answers[0], answers[2])
+    robot.drives[0].phase_currents()
 
 
 def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:

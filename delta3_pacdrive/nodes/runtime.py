@@ -42,6 +42,10 @@ class Process:
         while not self._stop.done():
             self._executor.spin_until_future_complete(self._stop, timeout_sec=SPIN_S)
 
+    def spin_for(self, seconds: float) -> None:
+        """Run callbacks for a while."""
+        self._executor.spin_until_future_complete(self._stop, timeout_sec=seconds)
+
     def close(self) -> None:
         """Destroy the nodes; the last words of a node still reach the graph."""
         for node in self._nodes:

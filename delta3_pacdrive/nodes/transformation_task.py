@@ -109,6 +109,8 @@ class TransformationTaskNode(Node):
         self._status = [0] * 3
         self._resting: dict[int, float] = {}
         self._refused = 0
+        self._lost = 0
+        self._expected = [0] * 3
         self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
         self._last_answer_s = 0.0
         self._wall_start_s = 0.0
@@ -293,7 +295,9 @@ class TransformationTaskNode(Node):
                 return
             if cycle < 0:
                 self._resting[index] = values[0]
-            elif cycle >= self._answered:
+            elif cycle >= self._expected[index]:
+                self._lost += cycle - self._expected[index]
+                self._expected[index] = cycle + 1
                 inbox[cycle] = (values, frame)
                 self._complete(received_ns)
 
@@ -429,6 +433,7 @@ class TransformationTaskNode(Node):
             'waiting': self._waiting,
             'fault': self._fault,
             'finished': self._finished,
+            'in_torque': any(in_torque(status) for status in self._status),
             'cycles': self._answered,
             'bus_time_s': bus_time,
             'wall_time_s': wall,
@@ -438,6 +443,7 @@ class TransformationTaskNode(Node):
             'following_error_rad': float(np.abs(self._task.answer[FOLLOWING_ERROR]).max()),
             'overruns': self._pacing.overruns,
             'slip_s': self._pacing.slip_s,
+            'lost_telegrams': self._lost,
             'refused_telegrams': self._refused,
             'lateness_ms': self._lateness.summary_ms(),
             'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],

@@ -1,0 +1,45 @@
+"""Entry point of ``delta3``: finds the sub-command and imports only what it needs."""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+COMMANDS = {
+    'run': 'start a robot, run a program, stop everything',
+    'simulate': 'run a program without ROS, as fast as possible',
+    'record': 'record a running robot into a rosbag2 folder',
+    'plot': 'draw the figures of a bag or a trace',
+    'bench': 'measure (graph, simulate)',
+}
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line without the options of the sub-commands."""
+    parser = argparse.ArgumentParser(
+        prog='delta3', description='A Delta-3 robot on a PacDrive controller, emulated on ROS 2.', add_help=False
+    )
+    parser.add_argument('-h', '--help', action='store_true', help='show this text')
+    parser.add_argument('command', nargs='?', metavar='command', help='one of the commands below')
+    lines = [f'  {name:<10} {text}' for name, text in COMMANDS.items()]
+    parser.epilog = 'commands:\n' + '\n'.join(lines) + '\n\ndelta3 COMMAND --help tells the options of a command.'
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    parser = build_parser()
+    if not arguments or arguments[0] in ('-h', '--help'):
+        parser.print_help()
+        return 0 if arguments else 2
+    command, *rest = arguments
+    if command not in COMMANDS:
+        print(f'delta3: error: unknown command {command!r}, expected one of {", ".join(COMMANDS)}', file=sys.stderr)
+        return 2
+    return int(importlib.import_module(f'delta3_pacdrive.cli.{command}').main(rest))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""What the commands share: options, errors as one sentence, results as a table or as JSON."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from delta3_pacdrive.errors import Delta3Error
+
+
+def fail(error: Delta3Error, as_json: bool = False) -> int:
+    """Print an error as one sentence (and as JSON on standard output, if asked for); return the exit status."""
+    sentence = ' '.join(str(error).split())
+    print(f'error: {sentence}', file=sys.stderr)
+    if as_json:
+        print(json.dumps({'ok': False, 'error': sentence}))
+    return 1
+
+
+def guarded(action: Callable[[], int], as_json: bool = False) -> int:
+    """Run a command; every error of this package becomes one sentence and exit status 1."""
+    try:
+        return action()
+    except Delta3Error as error:
+        return fail(error, as_json)
+
+
+def parser_for(command: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser with the look that all commands share."""
+    return argparse.ArgumentParser(
+        prog=f'delta3 {command}', description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+
+
+def add_robot_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that name a program and a robot."""
+    parser.add_argument(
+        'program', nargs='?', default='experiment1', help='program file, or the name of a packaged program'
+    )
+    parser.add_argument('--parameters', metavar='FILE', help='parameter file instead of the packaged one')
+    parser.add_argument(
+        '--exchange-period',
+        metavar='S',
+        type=float,
+        help='exchange period between drives and plant [s]; 125e-6 is the exact reference',
+    )
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+
+
+def print_figures(result: dict[str, Any]) -> None:
+    """Print the figures of a run for people."""
+    axes = ' / '.join(['{:.2f}'] * 3)
+    x, y, z = (value * 1e3 for value in result['final_tcp_m'])
+    rows = [
+        ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
+        ('wall time', f'{result["wall_time_s"]:.3f} s ({result["bus_time_s"] / result["wall_time_s"]:.2f} x real time)'),
+        ('TCP error', f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms'),
+        ('final TCP', f'({x:.3f}, {y:.3f}, {z:.3f}) mm'),
+        ('current peak', f'{axes.format(*result["current_peak_a"])} A'),
+        ('current rms', f'{axes.format(*result["current_rms_a"])} A'),
+    ]
+    if 'overruns' in result:
+        rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost telegrams'))
+    for name, text in rows:
+        print(f'{name:>14}  {text}')
+
+
+def arguments_or_none(arguments: Sequence[str] | None) -> Sequence[str] | None:
+    """Return the arguments for argparse; None means those of the process."""
+    return None if arguments is None else list(arguments)

@@ -1,0 +1,41 @@
+"""``delta3 record``: record a running robot until interrupted."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from delta3_pacdrive.cli.output import guarded, parser_for
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    parser = parser_for('record', 'Record every topic of a running robot into a new rosbag2 folder, until Ctrl-C.')
+    parser.add_argument('bag', help='folder to make')
+    parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
+    parser.add_argument('--parameters', metavar='FILE', help='parameter file of the robot, for the metadata')
+    options = parser.parse_args(arguments)
+    return guarded(lambda: _record(options))
+
+
+def _record(options: argparse.Namespace) -> int:
+    from rclpy.parameter import Parameter
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.errors import RunError
+    from delta3_pacdrive.nodes import discovery, runtime
+    from delta3_pacdrive.nodes.recorder import RecorderNode
+
+    folder = Path(options.bag).absolute()
+    if folder.exists():
+        raise RunError(f'cannot record into {folder}: it exists already')
+    flat = core.flatten(core.load(options.parameters)) | {'bag': str(folder)}
+    overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
+    discovery.keep_to_this_machine()
+    namespace = '/' + options.namespace.strip('/')
+    return runtime.run([partial(RecorderNode, namespace=namespace, parameter_overrides=overrides)], [])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

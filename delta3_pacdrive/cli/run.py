@@ -1,0 +1,96 @@
+"""``delta3 run``: bring a robot up, run a program with a progress display, print a summary, stop everything."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.cli.output import add_robot_options, guarded, parser_for, print_figures
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = parser_for('run', 'Start every node of a robot, run a program, print a summary, stop everything.')
+    add_robot_options(parser)
+    parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
+    parser.add_argument(
+        '--real-time-factor', type=float, default=1.0, metavar='F', help='bus time over wall time; 0: no clock'
+    )
+    parser.add_argument('--single-process', action='store_true', help='all nodes in one process')
+    parser.add_argument('--bag', metavar='DIR', help='record every cyclic topic into a new rosbag2 folder')
+    result = parser.parse_args(arguments)
+    if not 0.0 <= result.real_time_factor <= 1000.0:
+        parser.error(f'--real-time-factor is {result.real_time_factor}, but must be between 0 and 1000')
+    return result
+
+
+class _Display:
+    """One line that tells how the run goes; silent where nobody looks."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._live = not quiet and sys.stderr.isatty()
+
+    def show(self, progress: dict[str, Any]) -> None:
+        """Draw the line anew."""
+        if not self._live:
+            return
+        wall = progress['wall_time_s'] or 1e-9
+        print(
+            f'\r  bus {progress["bus_time_s"]:8.3f} s   move {progress["move"] + 1:3d}'
+            f'   master {progress["master_m"] * 1e3:7.1f} mm'
+            f'   following error {progress["following_error_rad"] * 57.29578:6.4f} deg'
+            f'   {progress["bus_time_s"] / wall:5.2f} x real time   {progress["overruns"]} overruns ',
+            end='',
+            file=sys.stderr,
+            flush=True,
+        )
+
+    def close(self) -> None:
+        """End the line."""
+        if self._live:
+            print(file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    options = _parse(arguments)
+    return guarded(lambda: _run(options), options.json)
+
+
+def _run(options: argparse.Namespace) -> int:
+    # ROS and numba are imported after the options are known to be good
+    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.nodes.bringup import Bringup, Options
+
+    bringup = Bringup(
+        Options(
+            program=programs.find(options.program).absolute(),
+            parameters=Path(options.parameters) if options.parameters else None,
+            namespace='/' + options.namespace.strip('/'),
+            real_time_factor=options.real_time_factor,
+            bag=Path(options.bag).absolute() if options.bag else None,
+            single_process=options.single_process,
+            exchange_period_s=options.exchange_period,
+        )
+    )
+    display = _Display(quiet=options.json)
+    try:
+        result = bringup.run(display.show)
+    finally:
+        display.close()
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print(f'{result["program"]}: done, ready after {result["ready_s"]:.2f} s')
+        print_figures(result)
+    return 0
+
+
+def bringup() -> int:
+    """Be ``ros2 run delta3_pacdrive bringup``."""
+    return main(sys.argv[1:])
+
+
+if __name__ == '__main__':
+    sys.exit(bringup())

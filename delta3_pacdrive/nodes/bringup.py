@@ -1,0 +1,274 @@
+"""Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
+
+import fcntl
+import json
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
+from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.nodes import discovery, runtime
+from delta3_pacdrive.nodes.child import Child, end_all, spawn
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.nodes.plant import PlantNode
+from delta3_pacdrive.nodes.qos import LATCHED, REPORT
+from delta3_pacdrive.nodes.recorder import RecorderNode
+from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+READY_TIMEOUT_S = 30.0
+LOOK_S = 0.05
+STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
+END_PATIENCE_S = 1.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a bring-up is asked for."""
+
+    program: Path
+    parameters: Path | None = None
+    namespace: str = '/'
+    real_time_factor: float = 1.0
+    bag: Path | None = None
+    single_process: bool = False
+    exchange_period_s: float | None = None
+
+
+class _Monitor(Node):
+    """Follows the progress of the run from the parent process."""
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__('bringup', namespace=namespace)
+        self.progress: dict[str, Any] = {}
+        self.planner = ''
+        self.recorder = ''
+        self.create_subscription(DiagnosticStatus, 'motion/progress', self._on_progress, REPORT)
+        self.create_subscription(String, 'unit_robot/state', self._on_planner, LATCHED)
+        self.create_subscription(String, 'recorder/state', self._on_recorder, LATCHED)
+        self.enable = self.create_client(SetBool, 'enable')
+        self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
+
+    def _on_progress(self, message: DiagnosticStatus) -> None:
+        self.progress = {item.key: json.loads(item.value) for item in message.values}
+
+    def _on_planner(self, message: String) -> None:
+        self.planner = message.data
+
+    def _on_recorder(self, message: String) -> None:
+        self.recorder = message.data
+
+
+class Bringup:
+    """One run of one robot; ``run`` does it all."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self._robot, self._program = _check(options)
+        self._children: list[Child] = []
+        self._interrupted = False
+        self._monitor: _Monitor
+        self._process: runtime.Process
+        self._started_s = time.monotonic()
+        self.ready_s = 0.0
+
+    def run(self, show: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+        """Start, run, stop; ``show`` is called with the progress about ten times a second.
+
+        Raises
+        ------
+        RunError
+            A process died, the bus did not start, a drive tripped, or the run was interrupted.
+
+        """
+        simulation.rehearse(self._robot)
+        discovery.keep_to_this_machine()
+        with _only_one(self._options.namespace), tempfile.TemporaryDirectory(prefix='delta3_') as logs:
+            try:
+                self._start_processes(Path(logs))
+                self._watch(show)
+                return self._result()
+            finally:
+                self._stop()
+
+    def _start_processes(self, logs: Path) -> None:
+        options, program = self._options, self._options.program
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._interrupt)
+        task = {'real_time_factor': options.real_time_factor, 'wait_for_program': True}
+        nodes: dict[str, Callable[[], Node]] = {
+            'plant': self._factory(PlantNode, {}),
+            **{
+                f'mc4_drive_{axis}': self._factory(MC4DriveNode, {'axis': axis}, f'mc4_drive_{axis}')
+                for axis in (1, 2, 3)
+            },
+            'transformation_task': self._factory(TransformationTaskNode, task),
+        }
+        planner = self._factory(UnitRobotNode, {'program': str(program)})
+        if options.bag:
+            bag = {'bag': str(options.bag), 'program': self._program.name}
+            self._spawn('recorder', [self._factory(RecorderNode, bag)], logs)
+        if options.single_process:
+            self._spawn('robot', [*nodes.values()], logs)
+        else:
+            for name, factory in nodes.items():
+                self._spawn(name, [factory], logs)
+        # The planner's process waits for a line on its pipe: nothing may move before the recorder listens.
+        read_end, self._go = os.pipe()
+        self._spawn('unit_robot', [planner], logs, wait_for=read_end)
+        os.close(read_end)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._process = runtime.Process()
+        self._monitor = _Monitor(options.namespace)
+        self._process.add(self._monitor)
+
+    def _factory(self, node: type[Node], values: dict[str, Any], name: str = '') -> Callable[[], Node]:
+        flat = core.flatten(self._robot) | values
+        overrides = [
+            Parameter(key, value=list(value) if isinstance(value, tuple) else value) for key, value in flat.items()
+        ]
+        arguments = ['--ros-args', '-r', f'__node:={name}'] if name else []
+        return partial(node, namespace=self._options.namespace, parameter_overrides=overrides, cli_args=arguments)
+
+    def _spawn(
+        self, name: str, factories: list[Callable[[], Node]], logs: Path, wait_for: int | None = None
+    ) -> None:
+        go = getattr(self, '_go', None)
+
+        def main() -> int:
+            if go is not None:
+                os.close(go)
+            if wait_for is not None and not os.read(wait_for, 1):
+                return 0
+            return runtime.run(factories, [])
+
+        self._children.append(spawn(name, main, logs / f'{name}.log'))
+
+    def _interrupt(self, *_: Any) -> None:
+        self._interrupted = True
+
+    def _watch(self, show: Callable[[dict[str, Any]], None]) -> None:
+        """Look after the run until the program has ended."""
+        monitor = self._monitor
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        released = False
+        while not (progress := self._look()).get('finished'):
+            if not released and (not self._options.bag or monitor.recorder) and progress.get('phase') == 'CP3':
+                os.write(self._go, b'g')
+                released = True
+            if progress.get('phase') == 'CP4':
+                self.ready_s = self.ready_s or time.monotonic() - self._started_s
+                show(progress)
+            elif time.monotonic() > deadline:
+                waiting = progress.get('waiting') or monitor.planner or 'the transformation task to appear'
+                raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
+        show(progress)
+
+    def _look(self) -> dict[str, Any]:
+        """Spin a little, then raise if something went wrong; return the newest progress."""
+        monitor = self._monitor
+        self._process.spin_for(LOOK_S)
+        if self._interrupted:
+            raise RunError('interrupted')
+        for child in self._children:
+            if child.poll() is not None:
+                raise RunError(f'{child.ending()} in bus cycle {monitor.progress.get("cycles", 0)}')
+        if monitor.progress.get('fault'):
+            raise RunError(monitor.progress['fault'])
+        if monitor.planner.startswith('error: '):
+            raise RunError(monitor.planner.removeprefix('error: '))
+        return monitor.progress
+
+    def _stop(self) -> None:
+        """Stop the robot, then the processes; leave nothing behind."""
+        if hasattr(self, '_monitor'):
+            self._brake()
+        if hasattr(self, '_go'):
+            os.close(self._go)
+        self.killed = end_all(self._children, END_PATIENCE_S)
+        if hasattr(self, '_process'):
+            self._process.close()
+        rclpy.try_shutdown()
+
+    def _brake(self) -> None:
+        """Disable the drives: a controlled stop, then the brakes."""
+        monitor = self._monitor
+        dead = [child for child in self._children if child.poll() is not None and child.name != 'recorder']
+        if dead or monitor.progress.get('phase') != 'CP4' or not monitor.enable.service_is_ready():
+            return
+        monitor.enable.call_async(SetBool.Request(data=False))
+        deadline = time.monotonic() + STOP_TIMEOUT_S
+        while monitor.progress.get('in_torque') and time.monotonic() < deadline:
+            self._process.spin_for(LOOK_S)
+
+    def _result(self) -> dict[str, Any]:
+        progress = self._monitor.progress
+        figures = progress['figures']
+        return {
+            'ok': True,
+            'program': self._program.name,
+            'ready_s': round(self.ready_s, 3),
+            **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns', 'slip_s')},
+            **{key: progress[key] for key in ('lost_telegrams', 'refused_telegrams')},
+            **figures,
+            **{key: progress[key] for key in ('lateness_ms', 'mdt_to_last_at_ms', 'outstanding')},
+        }
+
+    def processes(self) -> list[Child]:
+        """Child processes, for whoever measures them."""
+        return list(self._children)
+
+
+def _check(options: Options) -> tuple[core.Parameters, programs.Program]:
+    """Read and check everything before the first process starts."""
+    robot = core.load(options.parameters)
+    if options.exchange_period_s is not None:
+        robot = robot.replace(bus__exchange_period_s=options.exchange_period_s)
+    if robot.motion.enable_cycle < 0 or robot.motion.start_cycle < 0:
+        raise ParameterError('a bring-up needs motion.enable_cycle and motion.start_cycle of at least 0')
+    try:
+        validate_namespace(options.namespace)
+    except Exception as error:
+        raise RunError(f'namespace {options.namespace!r} is not valid: {str(error).splitlines()[0]}') from None
+    if options.bag is not None and options.bag.exists():
+        raise RunError(f'cannot record into {options.bag}: it exists already')
+    program = programs.load(options.program, robot.motion)
+    robot = simulation.placed(robot, program)
+    programs.plan(program, robot.motion.home_m, robot)
+    return robot, program
+
+
+@contextmanager
+def _only_one(namespace: str) -> Iterator[None]:
+    """Refuse a second bring-up of the same namespace and domain on this machine."""
+    domain = os.environ.get('ROS_DOMAIN_ID', '0')
+    name = f'delta3_pacdrive_{os.getuid()}_domain{domain}_{namespace.strip("/").replace("/", ".")}.lock'
+    path = Path(tempfile.gettempdir()) / name
+    with path.open('w') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunError(f'a robot is already up in namespace {namespace} of domain {domain}') from None
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)

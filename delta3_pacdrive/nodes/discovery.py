@@ -1,0 +1,17 @@
+"""Discovery on one machine: the environment that every process of a robot starts with."""
+
+import os
+
+from delta3_pacdrive.parameters import config_directory
+
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+
+
+def keep_to_this_machine() -> None:
+    """Choose the loopback profile, unless the environment already says how processes find each other."""
+    if RANGE in os.environ or PROFILE in os.environ or 'FASTDDS_DEFAULT_PROFILES_FILE' in os.environ:
+        return
+    os.environ[PROFILE] = str(config_directory() / 'localhost.xml')
+    # with any other range the middleware would add its own transports to the profile's
+    os.environ[RANGE] = 'SYSTEM_DEFAULT'

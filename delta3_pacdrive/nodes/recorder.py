@@ -1,0 +1,174 @@
+"""Recorder: the raw serialised messages of a robot's topics into a rosbag2 folder (MCAP)."""
+
+import json
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.errors import WriterError
+from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String, UInt8
+
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes.qos import LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER
+from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
+
+CUSTOM_DATA_KEY = 'delta3_pacdrive'
+_STAMP = struct.Struct('<iI')
+_INFINITE = QosTime(9223372036, 854775807)
+
+CYCLIC: dict[str, type] = {
+    'sercos/mdt': JointState,
+    **{f'sercos/at/{axis}': JointState for axis in DRIVES},
+    **{f'{axis}/motor_current': JointState for axis in DRIVES},
+    'plant/motor_shafts': JointState,
+    'following_error': JointState,
+    'tcp/command': PointStamped,
+    'tcp/actual': PointStamped,
+    'tcp/error': Vector3Stamped,
+}
+OTHER: dict[str, tuple[type, QoSProfile]] = {
+    'joint_states': (JointState, RECORDER),
+    'motion/plan': (Float64MultiArray, PLAN),
+    'motion/located': (PointStamped, LATCHED),
+    'motion/progress': (DiagnosticStatus, RECORDER),
+    'sercos/phase': (UInt8, LATCHED),
+    'sercos/participants': (DiagnosticStatus, LATCHED_FROM_MANY),
+    'unit_robot/state': (String, LATCHED),
+}
+
+
+class _Completeness:
+    """Counts the messages of a cyclic topic, and those that its stamps say are missing."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._last_ns = -period_ns
+        self.messages = 0
+        self.lost = 0
+
+    def count(self, data: bytes) -> None:
+        sec, nanosec = _STAMP.unpack_from(data, 4)
+        if sec < 0:
+            return
+        now_ns = sec * 1_000_000_000 + nanosec
+        self.messages += 1
+        self.lost += (now_ns - self._last_ns) // self._period_ns - 1
+        self._last_ns = now_ns
+
+
+class RecorderNode(Node):
+    """Writes a bag until it is destroyed."""
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('recorder', **node_options)
+        folder = declare(self, 'bag', '', descriptor('folder of the new bag', 0, 0, str))
+        program = declare(self, 'program', '', descriptor('name of the program, for the metadata', 0, 0, str))
+        parameters = declare_robot(self)
+        if not folder:
+            raise RunError('the recorder needs a folder: parameter bag')
+        self._writer = open_writer(Path(folder))
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._meta = {
+            'program': program,
+            'checksum': parameters.checksum,
+            'gear_ratio': parameters.dynamics.gear_ratio,
+            'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
+            'cycle_time_s': parameters.bus.cycle_time_s,
+            'exchange_period_s': parameters.bus.exchange_period_s,
+            'start_cycle': parameters.motion.start_cycle,
+        }
+        self._completeness: dict[str, _Completeness] = {}
+        cycle_ns = round(parameters.bus.cycle_time_s * 1e9)
+        exchange_ns = round(parameters.bus.exchange_period_s * 1e9)
+        for topic, message_type in CYCLIC.items():
+            of_exchange = topic.endswith(('motor_current', 'motor_shafts'))
+            self._completeness[topic] = _Completeness(exchange_ns if of_exchange else cycle_ns)
+            self._subscribe(topic, message_type, RECORDER, self._completeness[topic].count)
+        for topic, (message_type, qos) in OTHER.items():
+            self._subscribe(topic, message_type, qos, None)
+        self._state = self.create_publisher(String, 'recorder/state', LATCHED)
+        self._ready = False
+        self.create_timer(0.05, self._announce)
+
+    def _subscribe(
+        self, topic: str, message_type: type, qos: QoSProfile, count: Callable[[bytes], None] | None
+    ) -> None:
+        resolved = self.resolve_topic_name(topic)
+        name = f'{message_type.__module__.split(".")[0]}/msg/{message_type.__name__}'
+        connection = self._writer.add_connection(
+            resolved, name, typestore=self._typestore, offered_qos_profiles=[_bag_qos(qos)]
+        )
+        write, writer_open = self._writer.write, time.time_ns
+
+        def receive(data: bytes) -> None:
+            write(connection, writer_open(), data)
+            if count is not None:
+                count(data)
+
+        self.create_subscription(message_type, topic, receive, qos, raw=True)
+
+    def _announce(self) -> None:
+        """Say once that every cyclic topic has its publisher."""
+        if not self._ready and all(self.count_publishers(topic) for topic in CYCLIC):
+            self._ready = True
+            self._state.publish(String(data='recording'))
+            self.get_logger().info(f'recording {len(CYCLIC) + len(OTHER)} topics into {self._writer.path}')
+
+    def completeness(self) -> dict[str, tuple[int, int]]:
+        """Messages and missing messages by cyclic topic."""
+        return {topic: (item.messages, item.lost) for topic, item in self._completeness.items()}
+
+    def destroy_node(self) -> None:
+        """Close the bag; what is written is complete and readable."""
+        counts = self.completeness()
+        lost = {topic: gone for topic, (_, gone) in counts.items() if gone}
+        self._writer.set_custom_data(CUSTOM_DATA_KEY, json.dumps(self._meta | {'lost': lost}))
+        self._writer.close()
+        total = sum(messages for messages, _ in counts.values())
+        self.get_logger().info(f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}')
+        super().destroy_node()
+
+
+def open_writer(folder: Path) -> Writer:
+    """Open a new bag; raises RunError if the folder exists or cannot be made."""
+    try:
+        writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        writer.open()
+    except WriterError as error:
+        raise RunError(f'cannot record into {folder}: {str(error).rstrip(".")}') from error
+    except OSError as error:
+        raise RunError(f'cannot record into {folder}: {error.strerror}') from error
+    return writer
+
+
+def _bag_qos(qos: QoSProfile) -> Qos:
+    latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=qos.depth,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=_INFINITE,
+        lifespan=_INFINITE,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_INFINITE,
+        avoid_ros_namespace_conventions=False,
+    )
