@@ -39,7 +39,8 @@ TEST = [
 LAUNCHER = """\
 #!/bin/sh
 ''':'
-bin=$(dirname -- "$(readlink -f -- "$0")")/../../bin
+file=$(readlink -f -- "$0")
+bin=${{file%/lib/*}}/bin
 for python in "$bin/python3" "$bin/python"; do
     [ -x "$python" ] && exec "$python" "$0" "$@"
 done

@@ -35,11 +35,12 @@ class Robot:
         self.plant = Plant(parameters)
         self.drives = [MC4(parameters) for _ in AXES]
         self._exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
+        self._brakes = [False] * 3
         self._currents: Floats = np.zeros((len(self.drives[0].currents), 3))
 
     def encoder_positions(self) -> list[float]:
         """Motor shaft positions [rad] as the encoders read them."""
-        positions, _, _ = self.plant.shafts()
+        positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
 
     def cycle(self, commands: Floats, control: int, answers: Floats) -> list[int]:
@@ -47,15 +48,17 @@ class Robot:
         shafts = self.plant.shafts()
         status = []
         for i, drive in enumerate(self.drives):
-            answer = drive.begin_cycle(float(commands[i]), control, shafts[0][i], shafts[1][i], shafts[2][i])
-            answers[0, i], answers[1, i], answers[2, i] = answer.position, answer.speed, answer.torque
-            status.append(answer.status)
+            status.append(
+                drive.begin_cycle(float(commands[i]), control, shafts[i], shafts[3 + i], shafts[6 + i])
+            )
+            answers[:, i] = drive.answer
         for exchange in range(self._exchanges):
             if exchange:
                 shafts = self.plant.shafts()
             for i, drive in enumerate(self.drives):
-                self._currents[:, i] = drive.run_period(shafts[0][i], shafts[1][i], shafts[2][i])
-            self.plant.advance(self._currents, [drive.brake_released for drive in self.drives])
+                self._brakes[i] = drive.run_period(shafts[i], shafts[3 + i], shafts[6 + i])
+                self._currents[:, i] = drive.currents
+            self.plant.advance(self._currents, self._brakes)
         return status
 
 
@@ -87,7 +90,8 @@ def run(program: Program, parameters: Parameters) -> Trace:
         shafts = robot.plant.shafts()
         commands = task.command(k)
         columns['motor_command'][k] = commands
-        columns['shaft_position'][k], columns['shaft_speed'][k], columns['coupling_torque'][k] = shafts
+        columns['shaft_position'][k], columns['shaft_speed'][k] = shafts[:3], shafts[3:6]
+        columns['coupling_torque'][k] = shafts[6:]
         status = robot.cycle(commands, task.control(k), answers)
         if k >= motion.start_cycle:
             _require_torque(robot, status, k)

@@ -25,7 +25,7 @@ CORE_MODULES = [
 CONFIGURATION = [path.relative_to(SOURCE) for path in sorted((SOURCE / 'config').rglob('*.*'))]
 ROSDEP_KEYS = {'PyYAML': 'python3-yaml'}  # the other keys are python3- and the distribution's name
 WITHOUT_ROSDEP_KEY = {'rosbags', 'ruckig'}  # named in a comment of package.xml
-DISTRIBUTIONS = {'yaml': 'PyYAML'}  # the other distributions bear the name that is imported
+DISTRIBUTIONS = {'yaml': 'PyYAML', 'mpl_toolkits': 'matplotlib'}  # the others bear the name that is imported
 
 
 @pytest.fixture(scope='module')

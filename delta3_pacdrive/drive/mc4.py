@@ -1,7 +1,5 @@
 """One MC-4: everything it does between two exchanges with the plant."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from delta3_pacdrive.bus.increments import to_increments
@@ -16,21 +14,26 @@ from delta3_pacdrive.parameters import Parameters
 
 
 @kernel
-def _begin_cycle(command, control, position, speed, coupling, state, constants):
+def _begin_cycle(command, control, position, speed, coupling, answer, state, constants):
     """Synchronise to a bus cycle: telegram, encoder sample, state machine."""
     s, c = state[0], constants[0]
     reset_observer(position, speed, coupling, s)
     s.step = 0
-    s.sampled_position = to_increments(position, c.increments_per_rad) / c.increments_per_rad
-    s.sampled_speed = speed
-    s.sampled_current = s.current
+    answer[0] = to_increments(position, c.increments_per_rad) / c.increments_per_rad
+    answer[1] = speed
+    answer[2] = c.torque_constant * s.current
+    s.sampled_position = answer[0]
     take_telegram(command, control, s)
     advance_state(s, c)
+    return s.status
 
 
 @kernel
 def _run_period(position, speed, coupling, currents, state, constants, motor_record):
-    """Close the loops through one exchange period; fill the currents at the end of each current-loop period."""
+    """Close the loops through one exchange period; return the brake output.
+
+    ``currents`` takes I_eff at the end of each current-loop period.
+    """
     s, c, m = state[0], constants[0], motor_record[0]
     reset_observer(position, speed, coupling, s)
     powered = is_powered(s)
@@ -62,6 +65,7 @@ def _run_period(position, speed, coupling, currents, state, constants, motor_rec
             advance_observer(0.0, s, c, m)
         currents[n] = s.current
         s.step += 1
+    return s.brake_release
 
 
 @kernel
@@ -69,30 +73,28 @@ def _phase_currents(state, motor_record):
     return phase_currents(state[0].current, state[0].position, motor_record[0])
 
 
-@dataclass(frozen=True)
-class DriveAnswer:
-    """What a drive puts into its AT: sampled at the start of the bus cycle."""
-
-    position: float  # [rad], motor, on the increment grid
-    speed: float  # [rad/s], motor
-    torque: float  # [N m], motor: K_m I_eff
-    status: int  # S-0-0135
-
-
 class MC4:
-    """One drive; ``begin_cycle`` at each bus cycle, ``run_period`` at each exchange with the plant."""
+    """One drive; ``begin_cycle`` at each bus cycle, ``run_period`` at each exchange with the plant.
+
+    Attributes
+    ----------
+    answer
+        What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on the
+        increment grid, speed [rad/s], torque K_m I_eff [N m].
+    currents
+        I_eff [A] at the end of each current-loop period of the last ``run_period``.
+
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self._constants = drive_constants(parameters)
         self._motor = motor(parameters)
-        self._torque_constant = parameters.motor.torque_constant_n_m_a
         self.state = np.zeros(1, STATE)
+        self.answer: Floats = np.zeros(3)
         self.currents: Floats = np.zeros(int(self._constants['steps_per_exchange'][0]))
 
-    def begin_cycle(
-        self, command: float, control: int, position: float, speed: float, coupling: float
-    ) -> DriveAnswer:
-        """Synchronise to the MDT of a cycle.
+    def begin_cycle(self, command: float, control: int, position: float, speed: float, coupling: float) -> int:
+        """Synchronise to the MDT of a cycle, fill ``answer`` and return the status word S-0-0135.
 
         Parameters
         ----------
@@ -102,24 +104,15 @@ class MC4:
             True shaft at the start of the cycle: [rad], [rad/s], d [N m].
 
         """
-        _begin_cycle(command, control, position, speed, coupling, self.state, self._constants)
-        s = self.state[0]
-        return DriveAnswer(
-            float(s['sampled_position']),
-            float(s['sampled_speed']),
-            self._torque_constant * float(s['sampled_current']),
-            int(s['status']),
+        return int(
+            _begin_cycle(command, control, position, speed, coupling, self.answer, self.state, self._constants)
         )
 
-    def run_period(self, position: float, speed: float, coupling: float) -> Floats:
-        """Run the loops from the true shaft at its start; return I_eff [A] at the end of each T_cur."""
-        _run_period(position, speed, coupling, self.currents, self.state, self._constants, self._motor)
-        return self.currents
-
-    @property
-    def brake_released(self) -> bool:
-        """Brake output for the coming period."""
-        return bool(self.state['brake_release'][0])
+    def run_period(self, position: float, speed: float, coupling: float) -> bool:
+        """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
+        return bool(
+            _run_period(position, speed, coupling, self.currents, self.state, self._constants, self._motor)
+        )
 
     @property
     def drive_state(self) -> DriveState:

@@ -77,8 +77,6 @@ STATE = np.dtype(
         ('increments', 'f8'),  # encoder, at the last velocity-loop instant
         # sampled at the start of the bus cycle for the AT
         ('sampled_position', 'f8'),  # [rad], on the grid
-        ('sampled_speed', 'f8'),  # [rad/s]
-        ('sampled_current', 'f8'),  # [A]
         ('status', 'i8'),  # S-0-0135
     ],
     align=True,

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -62,14 +61,14 @@ class _Monitor(Node):
         self.progress: dict[str, Any] = {}
         self.planner = ''
         self.recorder = ''
-        self.create_subscription(DiagnosticStatus, 'motion/progress', self._on_progress, REPORT)
+        self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
         self.create_subscription(String, 'unit_robot/state', self._on_planner, LATCHED)
         self.create_subscription(String, 'recorder/state', self._on_recorder, LATCHED)
         self.enable = self.create_client(SetBool, 'enable')
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
-    def _on_progress(self, message: DiagnosticStatus) -> None:
-        self.progress = {item.key: json.loads(item.value) for item in message.values}
+    def _on_progress(self, message: String) -> None:
+        self.progress = json.loads(message.data)
 
     def _on_planner(self, message: String) -> None:
         self.planner = message.data
@@ -227,8 +226,8 @@ class Bringup:
             'ok': True,
             'program': self._program.name,
             'ready_s': round(self.ready_s, 3),
-            **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns', 'slip_s')},
-            **{key: progress[key] for key in ('lost_telegrams', 'refused_telegrams')},
+            **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns')},
+            **{key: progress[key] for key in ('lost_telegrams', 'refused_telegrams', 'slip_s')},
             **figures,
             **{key: progress[key] for key in ('lateness_ms', 'mdt_to_last_at_ms', 'outstanding')},
         }

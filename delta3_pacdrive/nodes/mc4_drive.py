@@ -15,6 +15,7 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.record import FAULT_TEXTS, DriveFault
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -48,12 +49,13 @@ class MC4DriveNode(Node):
         self._at = telegram.at_codec(axis)
         self._current = telegram.current_codec(axis, len(self._drive.currents))
         self._shaft = telegram.shafts_codec()
-        self._publish_at = self.create_publisher(JointState, f'sercos/at/{axis}', CYCLIC_PUBLISHER).publish
-        self._publish_current = self.create_publisher(
-            JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER
-        ).publish
-        self._phases = self.create_publisher(JointState, f'{axis}/phase_current', REPORT)
-        self._phases_wanted = False
+        self._publish_at = telegram.raw_publish(
+            self.create_publisher(JointState, f'sercos/at/{axis}', CYCLIC_PUBLISHER)
+        )
+        self._publish_current = telegram.raw_publish(
+            self.create_publisher(JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER)
+        )
+        self._phases = Output(self, JointState, f'{axis}/phase_current', REPORT)
         self.create_subscription(JointState, 'sercos/mdt', self._on_mdt, CYCLIC_SUBSCRIPTION, raw=True)
         self.create_subscription(
             JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
@@ -109,21 +111,16 @@ class MC4DriveNode(Node):
                 telegram_ = self._commands.pop(cycle, None)
                 if telegram_ is None:
                     return
-                answer = drive.begin_cycle(*telegram_, *shaft)
+                status = drive.begin_cycle(*telegram_, *shaft)
                 self._publish_at(
-                    self._at.encode(
-                        self._cycles.stamp(cycle),
-                        b'%04x' % answer.status,
-                        (answer.position, answer.speed, answer.torque),
-                    )
+                    self._at.encode(self._cycles.stamp(cycle), b'%04x' % status, drive.answer.tolist())
                 )
-                if self._phases_wanted:
+                if self._phases.wanted:
                     self._publish_phase_currents(cycle)
             del self._shafts[exchange]
-            currents = drive.run_period(*shaft)
-            brake = telegram.BRAKE_FREE if drive.brake_released else telegram.BRAKE_HELD
+            brake = telegram.BRAKE_FREE if drive.run_period(*shaft) else telegram.BRAKE_HELD
             self._publish_current(
-                self._current.encode(self._exchanges.stamp(exchange), brake, currents.tolist())
+                self._current.encode(self._exchanges.stamp(exchange), brake, drive.currents.tolist())
             )
             self._exchange = exchange + 1
 
@@ -133,13 +130,14 @@ class MC4DriveNode(Node):
         self._phases.publish(message)
 
     def _housekeeping(self) -> None:
-        self._phases_wanted = self._phases.get_subscription_count() > 0
         fault = self._drive.fault
         if fault != self._reported_fault:
             self._reported_fault = fault
             self.get_logger().error(f'{self._axis}: {FAULT_TEXTS[fault]}')
+        if self._exchange:
+            return
         waiting = ''
-        if self._resting_position is None and self._exchange == 0:
+        if self._resting_position is None:
             waiting = 'waiting for plant'
         elif self.count_publishers('sercos/mdt') == 0:
             waiting = 'waiting for transformation_task'

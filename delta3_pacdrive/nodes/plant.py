@@ -47,7 +47,9 @@ class PlantNode(Node):
 
         self._codecs = [telegram.current_codec(axis, samples) for axis in DRIVES]
         self._shafts = telegram.shafts_codec()
-        self._publish = self.create_publisher(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER).publish
+        self._publish = telegram.raw_publish(
+            self.create_publisher(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
+        )
         for index, axis in enumerate(DRIVES):
             self.create_subscription(
                 JointState, f'{axis}/motor_current', self._on_current(index), CYCLIC_SUBSCRIPTION, raw=True
@@ -83,8 +85,7 @@ class PlantNode(Node):
             self._publish_shafts(self._exchanges.stamp(0))
 
     def _publish_shafts(self, stamp: tuple[int, int]) -> None:
-        positions, speeds, couplings = self._plant.shafts()
-        self._publish(self._shafts.encode(stamp, telegram.BASE_FRAME, positions + speeds + couplings))
+        self._publish(self._shafts.encode(stamp, telegram.BASE_FRAME, self._plant.shafts()))
 
     def _advance(self) -> None:
         """Integrate every period whose currents are there from all three drives."""

@@ -48,7 +48,7 @@ OTHER: dict[str, tuple[type, QoSProfile]] = {
     'joint_states': (JointState, RECORDER),
     'motion/plan': (Float64MultiArray, PLAN),
     'motion/located': (PointStamped, LATCHED),
-    'motion/progress': (DiagnosticStatus, RECORDER),
+    'motion/progress': (String, RECORDER),
     'sercos/phase': (UInt8, LATCHED),
     'sercos/participants': (DiagnosticStatus, LATCHED_FROM_MANY),
     'unit_robot/state': (String, LATCHED),

@@ -3,7 +3,7 @@
 In: ``motion/plan`` (moves of a program), ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``,
 ``sercos/phase``, ``following_error``, ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz),
 ``motion/master`` (distance and speed along the path, on request), ``motion/located`` (where the robot stands, when it
-can take a program), ``motion/progress`` (10 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``, ``start``.
+can take a program), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``, ``start``.
 """
 
 import json
@@ -16,10 +16,9 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, UInt8
+from std_msgs.msg import Float64MultiArray, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
@@ -29,6 +28,7 @@ from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, Status, in_torque
 from delta3_pacdrive.errors import ProgramError, TelegramError, UnreachableError
 from delta3_pacdrive.motion.plan import Move, Plan
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.output import Output, TelegramOutput
 from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, PLAN, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -43,28 +43,11 @@ from delta3_pacdrive.transformation import (
 )
 
 STARTUP_S = 0.02
-PROGRESS_S = 0.1
-DIAGNOSTICS_EVERY = 10  # progress reports
-JOINT_STATES_S = 0.01
+PROGRESS_S = 0.2
+DIAGNOSTICS_EVERY = 5  # progress reports
+JOINT_STATES_S = 0.01  # of bus time
 SILENCE_S = 1.0
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
-
-
-class _Output:
-    """A topic that costs next to nothing while nobody listens."""
-
-    def __init__(self, publisher: Publisher, codec: Any) -> None:
-        self._publisher = publisher
-        self._encode = codec.encode
-        self._publish = publisher.publish
-        self.wanted = False
-
-    def refresh(self) -> None:
-        self.wanted = self._publisher.get_subscription_count() > 0
-
-    def send(self, stamp: tuple[int, int], values: Any) -> None:
-        if self.wanted:
-            self._publish(self._encode(stamp, telegram.BASE_FRAME, values))
 
 
 class TransformationTaskNode(Node):
@@ -97,12 +80,15 @@ class TransformationTaskNode(Node):
         self._waiting = ''
         self._fault = ''
         self._plan_parts: list[Move | None] = []
+        self._program_starts = NEVER
         self._program_ends: int | None = None
+        self._supervised: list[int] = []
         self._finished = False
 
         self._cycle = 0  # next to start
         self._answered = 0  # next to be complete
         self._sent_ns = [0] * (4 * bus.outstanding_cycles_max)
+        self._joint_states_every = max(1, round(JOINT_STATES_S / bus.cycle_time_s))
         self._inbox: list[dict[int, tuple[Any, bytes]]] = [{}, {}, {}]
         self._positions, self._torques = np.zeros(3), np.zeros(3)
         self._speeds = [0.0] * 3
@@ -123,7 +109,6 @@ class TransformationTaskNode(Node):
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(PROGRESS_S, self._report)
         self._reports = 0
-        self._cyclic_timers: list[Any] = []
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
@@ -131,38 +116,29 @@ class TransformationTaskNode(Node):
         return iter([item for item in super().subscriptions if item not in self._polled])
 
     def _create_outputs(self) -> None:
-        def cyclic(message_type: Any, topic: str, codec: Any) -> _Output:
-            return _Output(self.create_publisher(message_type, topic, CYCLIC_PUBLISHER), codec)
+        def point(message_type: Any, topic: str) -> TelegramOutput:
+            codec = telegram.StampedTripleCodec(message_type, len(telegram.BASE_FRAME))
+            return TelegramOutput(self, message_type, topic, codec)
 
-        frame_length = len(telegram.BASE_FRAME)
         self._mdt = telegram.mdt_codec()
-        self._mdt_publisher = self.create_publisher(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
-        self._following_error = cyclic(JointState, 'following_error', telegram.following_error_codec())
-        self._tcp_command = cyclic(
-            PointStamped, 'tcp/command', telegram.StampedTripleCodec(PointStamped, frame_length)
+        self._publish_mdt = telegram.raw_publish(
+            self.create_publisher(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
         )
-        self._tcp_actual = cyclic(
-            PointStamped, 'tcp/actual', telegram.StampedTripleCodec(PointStamped, frame_length)
-        )
-        self._tcp_error = cyclic(
-            Vector3Stamped, 'tcp/error', telegram.StampedTripleCodec(Vector3Stamped, frame_length)
-        )
-        self._joint_states = cyclic(JointState, 'joint_states', telegram.joint_states_codec())
-        self._master = cyclic(
-            Vector3Stamped, 'motion/master', telegram.StampedTripleCodec(Vector3Stamped, frame_length)
-        )
-        self._outputs = [
-            self._following_error,
-            self._tcp_command,
-            self._tcp_actual,
-            self._tcp_error,
-            self._joint_states,
-            self._master,
+        self._answers = [
+            (
+                TelegramOutput(self, JointState, 'following_error', telegram.following_error_codec()),
+                FOLLOWING_ERROR,
+            ),
+            (point(PointStamped, 'tcp/command'), TCP_COMMAND),
+            (point(PointStamped, 'tcp/actual'), TCP_ACTUAL),
+            (point(Vector3Stamped, 'tcp/error'), TCP_ERROR),
         ]
+        self._joint_states = TelegramOutput(self, JointState, 'joint_states', telegram.joint_states_codec())
+        self._master = point(Vector3Stamped, 'motion/master')
         self._phase_publisher = self.create_publisher(UInt8, 'sercos/phase', LATCHED)
         self._located = self.create_publisher(PointStamped, 'motion/located', LATCHED)
-        self._progress = self.create_publisher(DiagnosticStatus, 'motion/progress', REPORT)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', REPORT)
+        self._progress = Output(self, String, 'motion/progress', REPORT)
+        self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
 
     def _create_inputs(self, poll: bool) -> None:
         self._roll = Roll(self)
@@ -222,7 +198,7 @@ class TransformationTaskNode(Node):
 
     def _greet(self) -> None:
         frame = telegram.mdt_frame(self._phase, CONTROL_OFF)
-        self._mdt_publisher.publish(self._mdt.encode((ACYCLIC_SEC, 0), frame, (0.0, 0.0, 0.0)))
+        self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
 
     def _prepare(self) -> None:
         try:
@@ -242,20 +218,21 @@ class TransformationTaskNode(Node):
 
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
-        for output in self._outputs:
-            output.refresh()
         self._set_phase(Phase.CP4)
         self._wall_start_s = self._last_answer_s = time.monotonic()
         period = self._pacing.period_s or STARTUP_S
-        self._cyclic_timers.append(self.create_timer(period, self._tick))
-        self._cyclic_timers.append(self.create_timer(JOINT_STATES_S, self._publish_joint_states))
+        self._ticker = self.create_timer(period, self._tick)
 
     # cyclic operation -------------------------------------------------------------------------------------------------
 
     def _poll(self) -> None:
-        for subscription, receive in self._pollers:
+        for index, (subscription, receive) in enumerate(self._pollers):
             take = subscription.handle.take_message
-            while (taken := take(JointState, True)) is not None:
+            # before cyclic operation nobody knows how many answers there are; then it is one per cycle
+            while self._phase != Phase.CP4 or self._expected[index] < self._cycle:
+                taken = take(JointState, True)
+                if taken is None:
+                    break
                 receive(taken[0], taken[1]['received_timestamp'])
 
     def _tick(self) -> None:
@@ -274,10 +251,10 @@ class TransformationTaskNode(Node):
             frame = _frame_of(self._task.control(cycle))
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
             self._sent_ns[cycle % len(self._sent_ns)] = time.time_ns()
-            self._mdt_publisher.publish(data)
+            self._publish_mdt(data)
             if self._master.wanted:
                 move, distance, speed = self._task.progress()
-                self._master.send(self._cycles.stamp(cycle), (distance, speed, float(move)))
+                self._master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self._cycle = cycle + 1
 
     def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[[bytes, int], None]:
@@ -318,39 +295,35 @@ class TransformationTaskNode(Node):
             self._answered = cycle + 1
             answer = self._task.receive(cycle, self._positions, self._torques)
             stamp = self._cycles.stamp(cycle)
-            for output, columns in (
-                (self._following_error, FOLLOWING_ERROR),
-                (self._tcp_command, TCP_COMMAND),
-                (self._tcp_actual, TCP_ACTUAL),
-                (self._tcp_error, TCP_ERROR),
-            ):
+            for output, columns in self._answers:
                 if output.wanted:
                     output.send(stamp, answer[columns].tolist())
+            if self._joint_states.wanted and cycle % self._joint_states_every == 0:
+                self._send_joint_states(stamp)
             if self._program_ends is not None:
                 self._supervise(cycle)
         if not self._pacing.period_s and self._phase == Phase.CP4:
             self._start_cycles()
 
     def _supervise(self, cycle: int) -> None:
-        started = cycle >= self._task.state['start_cycle'][0]
-        for axis, status in zip(DRIVES, self._status, strict=True):
-            if status & Status.ERROR:
-                self._fail(f'{axis} reports a fault in bus cycle {cycle}')
-            elif started and not in_torque(status):
-                self._fail(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
+        if self._status != self._supervised or cycle == self._program_starts:
+            self._supervised = list(self._status)
+            for axis, status in zip(DRIVES, self._status, strict=True):
+                if status & Status.ERROR:
+                    self._fail(f'{axis} reports a fault in bus cycle {cycle}')
+                elif cycle >= self._program_starts and not in_torque(status):
+                    self._fail(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
         if cycle == self._program_ends:
             self._program_ends = None
             self._finished = True
             self._report()
             self._publish_located(self._task.state['tcp'][0], self._cycles.stamp(cycle))
 
-    def _publish_joint_states(self) -> None:
-        if self._joint_states.wanted and self._answered:
-            theta = self._task.answer[THETA].tolist()
-            ratio = self._robot.dynamics.gear_ratio
-            speeds = [speed / ratio for speed in self._speeds]
-            stamp = self._cycles.stamp(self._answered - 1)
-            self._joint_states.send(stamp, (*theta, *speeds, *self._torques.tolist()))
+    def _send_joint_states(self, stamp: tuple[int, int]) -> None:
+        theta = self._task.answer[THETA].tolist()
+        ratio = self._robot.dynamics.gear_ratio
+        speeds = [speed / ratio for speed in self._speeds]
+        self._joint_states.send(stamp, [*theta, *speeds, *self._torques.tolist()])
 
     # programs and requests --------------------------------------------------------------------------------------------
 
@@ -387,6 +360,7 @@ class TransformationTaskNode(Node):
         earliest = self._cycle + self._robot.bus.outstanding_cycles_max + 1 if self._cycle else 0
         start = max(cycle, earliest)
         self._task.start(start)
+        self._program_starts = start
         self._program_ends = self._task.last_cycle
         return start
 
@@ -422,12 +396,9 @@ class TransformationTaskNode(Node):
             hint = ' (is the plant running?)' if len(silent) == len(DRIVES) else ''
             self._fail(f'no AT of {", ".join(silent)} for {silence:.1f} s in bus cycle {self._answered}{hint}')
 
-    def report(self) -> dict[str, Any]:
+    def progress(self) -> dict[str, Any]:
         """Return the present state of bus and program, as published in ``motion/progress``."""
         move, distance, _ = self._task.progress()
-        bus_time = self._answered * self._robot.bus.cycle_time_s
-        wall = self._last_answer_s - self._wall_start_s
-        figures = asdict(self._task.figures())
         return {
             'phase': self._phase.name,
             'waiting': self._waiting,
@@ -435,39 +406,46 @@ class TransformationTaskNode(Node):
             'finished': self._finished,
             'in_torque': any(in_torque(status) for status in self._status),
             'cycles': self._answered,
-            'bus_time_s': bus_time,
-            'wall_time_s': wall,
-            'end_cycle': self._program_ends or 0,
+            'bus_time_s': self._answered * self._robot.bus.cycle_time_s,
+            'wall_time_s': self._last_answer_s - self._wall_start_s,
             'move': move,
             'master_m': distance,
-            'following_error_rad': float(np.abs(self._task.answer[FOLLOWING_ERROR]).max()),
+            'following_error_rad': max(abs(value) for value in self._task.answer[FOLLOWING_ERROR].tolist()),
             'overruns': self._pacing.overruns,
-            'slip_s': self._pacing.slip_s,
             'lost_telegrams': self._lost,
+        }
+
+    def statistics(self) -> dict[str, Any]:
+        """Return what the bus and the program did so far."""
+        return {
+            'slip_s': self._pacing.slip_s,
             'refused_telegrams': self._refused,
             'lateness_ms': self._lateness.summary_ms(),
             'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],
             'mdt_to_last_at_ms': self._round_trip.summary_ms(),
-            'figures': figures,
+            'figures': asdict(self._task.figures()),
         }
 
     def _report(self) -> None:
         self._check_silence()
-        for output in self._outputs:
-            output.refresh()
+        if self._progress.wanted:
+            facts = self.progress()
+            if self._finished or self._fault:
+                facts |= self.statistics()
+            self._progress.publish(String(data=json.dumps(facts)))
         self._reports += 1
-        diagnostics = self._reports % DIAGNOSTICS_EVERY == 0 and self._diagnostics.get_subscription_count()
-        if not diagnostics and not self._progress.get_subscription_count():
-            return
+        if self._reports % DIAGNOSTICS_EVERY == 0 and self._diagnostics.wanted:
+            self._publish_diagnostics()
+
+    def _publish_diagnostics(self) -> None:
         level = DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK
         status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name())
         status.message = self._fault or self._waiting or self._phase.name
-        status.values = [KeyValue(key=key, value=json.dumps(value)) for key, value in self.report().items()]
-        self._progress.publish(status)
-        if diagnostics:
-            array = DiagnosticArray(status=[status])
-            array.header.stamp = self.get_clock().now().to_msg()
-            self._diagnostics.publish(array)
+        facts = self.progress() | self.statistics()
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in facts.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
 
 
 _FRAMES: dict[int, bytes] = {}

@@ -114,9 +114,11 @@ def _tuple3(a):
 
 
 @kernel
-def _advance(currents, state, constants, geometry_record, inertia_record, motor_record):
-    """Integrate through ``currents`` (steps, 3), the values at the end of each step, then publish d there."""
+def _advance(currents, brakes, shafts, state, constants, geometry_record, inertia_record, motor_record):
+    """Integrate through ``currents`` (steps, 3), the values at the end of each step; fill the nine ``shafts`` values."""
     s, c = state[0], constants[0]
+    for i in range(3):
+        s.brake_command[i] = brakes[i]
     g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
     h = c.step
     theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
@@ -153,6 +155,7 @@ def _advance(currents, state, constants, geometry_record, inertia_record, motor_
     for i in range(3):
         s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
         s.current[i], s.coupling[i] = before[i], coupling[i]
+        shafts[i], shafts[3 + i], shafts[6 + i] = theta[i] * c.gear_ratio, thetadot[i] * c.gear_ratio, coupling[i]
 
 
 class Plant:
@@ -166,11 +169,21 @@ class Plant:
         self.state = np.zeros(1, STATE)
         self.state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
         self.state['brake_locked'] = 1
-        self._gear_ratio = parameters.dynamics.gear_ratio
+        self._brakes = np.zeros(3, dtype=np.int64)
+        self._shafts: Floats = np.zeros(9)
         self._advance_through(np.empty((0, 3)))
 
     def _advance_through(self, currents: Floats) -> None:
-        _advance(currents, self.state, self._constants, self._geometry, self._inertia, self._motor)
+        _advance(
+            currents,
+            self._brakes,
+            self._shafts,
+            self.state,
+            self._constants,
+            self._geometry,
+            self._inertia,
+            self._motor,
+        )
 
     def advance(self, currents: Floats, brakes_released: Sequence[bool]) -> None:
         """Integrate one exchange period.
@@ -183,14 +196,9 @@ class Plant:
             Brake outputs of the three drives, valid from the start of the period.
 
         """
-        self.state['brake_command'][0] = brakes_released
+        self._brakes[:] = brakes_released
         self._advance_through(currents)
 
-    def shafts(self) -> tuple[list[float], list[float], list[float]]:
-        """Shaft positions [rad], speeds [rad/s] and coupling torques d [N m], motor side."""
-        record = self.state[0]
-        return (
-            (record['theta'] * self._gear_ratio).tolist(),
-            (record['thetadot'] * self._gear_ratio).tolist(),
-            record['coupling'].tolist(),
-        )
+    def shafts(self) -> list[float]:
+        """Motor side: three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]."""
+        return self._shafts.tolist()

@@ -1,0 +1,256 @@
+"""``delta3 bench``: figures of the running graph, each beside what it is measured against. Never a test."""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.cli.output import guarded, parser_for
+
+CASES = ('bare', 'separate', 'single', 'fast')
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    parser = parser_for('bench', 'Measure the graph (timing, processor time, memory) or the simulation (speed).')
+    parser.add_argument('what', choices=['graph', 'simulate'])
+    parser.add_argument('--seconds', type=float, default=60.0, help='bus time of motion per case')
+    parser.add_argument('--case', choices=CASES, action='append', help='only this case of graph (may be repeated)')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    options = parser.parse_args(arguments)
+    if not 1.0 <= options.seconds <= 3600.0:
+        parser.error(f'--seconds is {options.seconds}, but must be between 1 and 3600')
+    action = {'graph': _graph, 'simulate': _simulate}[options.what]
+    return guarded(lambda: action(options), options.json)
+
+
+class _Meter:
+    """Processor time and memory of processes between two looks."""
+
+    def __init__(self, pids: dict[str, int]) -> None:
+        import psutil
+
+        self._processes = {name: psutil.Process(pid) for name, pid in pids.items()}
+        self._start_s = time.monotonic()
+        self._start = self._cpu()
+        self.cores: dict[str, float] = {}
+        self.memory_mib: dict[str, float] = {}
+
+    def _cpu(self) -> dict[str, float]:
+        times = {name: process.cpu_times() for name, process in self._processes.items()}
+        return {name: item.user + item.system for name, item in times.items()}
+
+    def look(self) -> None:
+        """Take the figures up to now."""
+        duration = time.monotonic() - self._start_s
+        self.cores = {name: (cpu - self._start[name]) / duration for name, cpu in self._cpu().items()}
+        self.memory_mib = {name: p.memory_full_info().pss / 2**20 for name, p in self._processes.items()}
+
+
+def _program_file(seconds: float, folder: str) -> Path:
+    """Write experiment 1, repeated for about this long."""
+    import yaml
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import yaml_file
+    from delta3_pacdrive.errors import ProgramError
+    from delta3_pacdrive.motion import program as programs
+
+    robot = core.load()
+    source = programs.find('experiment1')
+    once = programs.load(source, robot.motion)
+    moves = programs.plan(once, once.start_m or robot.motion.home_m, robot)
+    document = yaml_file.read(source, 'program file', ProgramError)
+    document['repeat'] = max(1, round(seconds / sum(move.duration_s for move in moves)))
+    path = Path(folder) / 'benchmark.yaml'
+    path.write_text(yaml.safe_dump(document), encoding='utf-8')
+    return path
+
+
+def _graph(options: argparse.Namespace) -> int:
+    results = {}
+    # each case is a process of its own: one process can start ROS and fork its children only once
+    for case in options.case or CASES:
+        if not options.json:
+            print(f'measuring {case}: {options.seconds:g} s of motion ...', file=sys.stderr, flush=True)
+        results[case] = _in_child(lambda case=case: _measure(case, options.seconds))
+    if options.json:
+        print(json.dumps(results))
+    else:
+        _print_graph(results)
+    return 0
+
+
+def _in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    read_end, write_end = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        status = 1
+        try:
+            os.close(read_end)
+            with os.fdopen(write_end, 'w') as pipe:
+                status = guarded(lambda: pipe.write(json.dumps(action())) * 0)
+        finally:
+            os._exit(status)
+    os.close(write_end)
+    with os.fdopen(read_end) as pipe:
+        text = pipe.read()
+    if os.waitpid(pid, 0)[1] != 0:
+        from delta3_pacdrive.errors import RunError
+
+        raise RunError('the case did not come to its end')
+    return dict(json.loads(text))
+
+
+def _measure(case: str, seconds: float) -> dict[str, Any]:
+    return _measure_bare(seconds) if case == 'bare' else _measure_robot(case, seconds)
+
+
+def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
+    from delta3_pacdrive.nodes.bringup import Bringup, Options
+
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+        bringup = Bringup(
+            Options(
+                program=_program_file(seconds, folder),
+                real_time_factor=0.0 if case == 'fast' else 1.0,
+                single_process=case in ('single', 'fast'),
+            )
+        )
+        meter: _Meter | None = None
+
+        def show(_: dict[str, Any]) -> None:
+            nonlocal meter
+            meter = meter or _Meter({child.name: child.pid for child in bringup.processes()})
+            meter.look()
+
+        result = bringup.run(show)
+    if meter is not None:
+        result |= {'cores': meter.cores, 'memory_mib': meter.memory_mib}
+    return result
+
+
+def _measure_bare(seconds: float) -> dict[str, Any]:
+    from functools import partial
+
+    from delta3_pacdrive.bus.phases import DRIVES
+    from delta3_pacdrive.nodes import bare, discovery, runtime
+    from delta3_pacdrive.nodes.child import end_all, spawn
+
+    discovery.keep_to_this_machine()
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+        report = Path(folder) / 'report.json'
+
+        def done(figures: dict[str, Any]) -> None:
+            report.with_suffix('.part').write_text(json.dumps(figures))
+            report.with_suffix('.part').rename(report)
+
+        factories: dict[str, Any] = {'plant': bare.BarePlant}
+        factories |= {f'mc4_drive_{n + 1}': partial(bare.BareDrive, axis) for n, axis in enumerate(DRIVES)}
+        factories['transformation_task'] = partial(bare.BareMaster, round(seconds / bare.PERIOD_S), done)
+        children = [
+            spawn(name, partial(runtime.run, [factory], []), Path(folder) / name)
+            for name, factory in factories.items()
+        ]
+        try:
+            time.sleep(3.0)  # start-up is not what is measured
+            meter = _Meter({child.name: child.pid for child in children})
+            deadline = time.monotonic() + 3.0 * seconds + 30.0
+            while not report.exists() and time.monotonic() < deadline:
+                time.sleep(0.2)
+                meter.look()
+            figures = json.loads(report.read_text())
+        finally:
+            end_all(children, 2.0)
+    return dict(figures) | {'cores': meter.cores, 'memory_mib': meter.memory_mib}
+
+
+def _percentiles(counts: list[int]) -> str:
+    import numpy as np
+
+    cumulative = np.cumsum(counts)
+    shares = [int(np.searchsorted(cumulative, share * cumulative[-1])) for share in (0.5, 0.99, 0.999, 1.0)]
+    return ' / '.join(str(value) for value in shares)
+
+
+def _print_graph(results: dict[str, dict[str, Any]]) -> None:
+    titles = {
+        'bare': 'bare nodes, separate processes, real time',
+        'separate': 'robot, separate processes, real time',
+        'single': 'robot, one process, real time',
+        'fast': 'robot, one process, as fast as possible',
+    }
+    for case, result in results.items():
+        print(f'\n{titles[case]}')
+        cores = sum(result['cores'].values())
+        rows = [
+            ('cycles', f'{result["cycles"]}, {result["overruns"]} overruns ({result["overruns"] / result["cycles"]:.3%})'),
+            ('slip', f'{result["slip_s"] * 1e3:.1f} ms'),
+        ]
+        if 'bus_time_s' in result:
+            wall = result['wall_time_s']
+            rows.append(('time', f'bus {result["bus_time_s"]:.3f} s, wall {wall:.3f} s: {result["bus_time_s"] / wall:.3f} x'))
+            rows.append(('telegrams', f'{result["lost_telegrams"]} lost, {result["refused_telegrams"]} refused'))
+            rows.append(('outstanding', f'{_percentiles(result["outstanding"])} cycles (p50 / p99 / p99.9 / max)'))
+        for key, name in (('lateness_ms', 'cycle start late'), ('mdt_to_last_at_ms', 'MDT to last AT')):
+            rows.append((name, ' / '.join(f'{value:.2f}' for value in result[key].values()) + ' ms (p50 / p99 / p99.9 / max)'))
+        rows.append(('processor', f'{cores:.2f} cores: ' + ', '.join(f'{n} {c:.2f}' for n, c in result['cores'].items())))
+        memory = result['memory_mib']
+        rows.append(('memory (PSS)', f'{sum(memory.values()):.0f} MiB: ' + ', '.join(f'{n} {m:.0f}' for n, m in memory.items())))
+        for name, text in rows:
+            print(f'  {name:>16}  {text}')
+    if 'bare' in results and 'separate' in results:
+        print('\nrobot / bare nodes')
+        pairs = [('cores', *(sum(results[case]['cores'].values()) for case in ('separate', 'bare')))]
+        pairs += [
+            (f'MDT to last AT {share}', *(results[case]['mdt_to_last_at_ms'][share] for case in ('separate', 'bare')))
+            for share in ('p50', 'p99', 'p99.9')
+        ]
+        for name, ours, theirs in pairs:
+            print(f'  {name:>22}  {ours:.2f} / {theirs:.2f} = {ours / theirs:.2f}')
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.motion import program as programs
+
+    robot = core.load()
+    simulation.rehearse(robot)
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+        program = programs.load(_program_file(options.seconds, folder), robot.motion)
+    once = programs.load('experiment1', robot.motion)
+    started = time.perf_counter()
+    trace = simulation.run(program, robot)
+    wall = time.perf_counter() - started
+    bus = len(trace.time_s) * robot.bus.cycle_time_s
+    import numpy as np
+
+    normal = simulation.run(once, robot)
+    exact = simulation.run(once, robot.replace(bus__exchange_period_s=125e-6))
+    difference = np.linalg.norm(normal['tcp_actual'] - exact['tcp_actual'], axis=1)
+    result = {
+        'bus_time_s': bus,
+        'wall_time_s': wall,
+        'real_time_factor': bus / wall,
+        'tcp_difference_max_m': float(difference.max()),
+        'tcp_difference_rms_m': float(np.sqrt((difference**2).mean())),
+    }
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print(f'  simulation  {bus:.1f} s of bus time in {wall:.2f} s: {bus / wall:.1f} x real time')
+        print(
+            f'  exchange period 1 ms against 125 us, experiment 1: TCP differs by '
+            f'{difference.max() * 1e6:.2f} um max, {result["tcp_difference_rms_m"] * 1e6:.2f} um rms'
+        )
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
