@@ -1,0 +1,1 @@
+"""A Delta-3 robot on a PacDrive motion controller, emulated on ROS 2."""

@@ -151,11 +151,11 @@ def _three_rows(first: ArrayLike, second: ArrayLike, third: ArrayLike, names: tu
 
 
 def inverse(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
-    """Arm torques [N m] of a motion (4.26): motor inertia included, no friction; shapes (..., 3), nan where FK fails."""
+    """Arm torques [N m] of a motion (4.26): motor inertia included, no friction; shapes (..., 3); nan without FK."""
     (angles, rates, accelerations), shape = _three_rows(
         theta, thetadot, thetaddot, ('theta', 'thetadot', 'thetaddot')
     )
-    out = np.empty_like(angles)
+    out: Floats = np.empty_like(angles)
     _inverse(angles, rates, accelerations, out, geometry(parameters.kinematics), inertia(parameters))
     return out.reshape(*shape, 3)
 
@@ -163,7 +163,7 @@ def inverse(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, paramet
 def forward(theta: ArrayLike, thetadot: ArrayLike, tau: ArrayLike, parameters: Parameters) -> Floats:
     """Arm accelerations [rad/s^2] under arm torques: thetaddot = A^-1 (tau - C thetadot - G); shapes (..., 3)."""
     (angles, rates, torques), shape = _three_rows(theta, thetadot, tau, ('theta', 'thetadot', 'tau'))
-    out = np.empty_like(angles)
+    out: Floats = np.empty_like(angles)
     _forward(angles, rates, torques, out, geometry(parameters.kinematics), inertia(parameters))
     return out.reshape(*shape, 3)
 

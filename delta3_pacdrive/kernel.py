@@ -1,7 +1,7 @@
 """Compilation of the hot scalar loops, cached on disk under a key of their own sources.
 
 Numba's disk cache notices a change of the file that holds a function, but not of the functions it calls. The cache
-folder is therefore named after a digest of every file that holds kernels: a changed formula can never meet an old binary.
+folder is therefore named after a digest of every file that holds kernels: a changed formula never meets an old binary.
 Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
 """
 

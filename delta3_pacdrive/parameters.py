@@ -87,7 +87,7 @@ class Drive:
     commutation_offset_rad: float = _quantity('CO, electrical', -math.pi, math.pi)
     dc_link_voltage_v: float = _positive('V_dc', 1e3)
     following_error_max_rad: float = _positive('following error that trips the drive, motor side', 1e3)
-    overspeed_factor: float = _quantity('speed that trips the drive over the motor\'s maximum', 1.0, 2.0)
+    overspeed_factor: float = _quantity("speed that trips the drive over the motor's maximum", 1.0, 2.0)
     overload_time_s: float = _positive('integral of (I/i_nom)^2 - 1 that trips the drive', 1e3)
     enable_settle_s: float = _quantity('time the current loop holds before the brake is released', 0.0, 1.0)
     stop_time_max_s: float = _positive('longest controlled stop before the brake is applied', 10.0)
@@ -157,7 +157,9 @@ class Bus:
     """SERCOS timing (2.2.3, 8.1)."""
 
     cycle_time_s: float = _quantity('CT: 0.001, 0.002 or 0.004', 1e-3, 4e-3)
-    exchange_period_s: float = _quantity('T_x between drives and plant: CT, 500e-6, 250e-6 or 125e-6', 125e-6, 4e-3)
+    exchange_period_s: float = _quantity(
+        'T_x between drives and plant: CT, 500e-6, 250e-6 or 125e-6', 125e-6, 4e-3
+    )
     increments_per_rev: int = _quantity('increments per motor revolution', 1024, 2**24)
     outstanding_cycles_max: int = _quantity('cycles started before their answers are back', 1, 16)
 
@@ -170,7 +172,9 @@ class Motion:
     speed_max_m_s: float = _positive('default TCP speed of a move', 20.0)
     acceleration_max_m_s2: float = _positive('default TCP acceleration of a move', 1e3)
     jerk_max_m_s3: float = _positive('default TCP jerk of a move')
-    following_error_delay_cycles: float = _quantity('dead time the following error is freed of (7.3)', 0.0, 16.0)
+    following_error_delay_cycles: float = _quantity(
+        'dead time the following error is freed of (7.3)', 0.0, 16.0
+    )
     enable_cycle: int = _quantity('bus cycle at which the drives are enabled, -1 on request', -1, 10**9)
     start_cycle: int = _quantity('bus cycle at which a loaded program starts, -1 on request', -1, 10**9)
 
@@ -230,8 +234,18 @@ def _check_timing(parameters: Parameters) -> None:
             f'bus.exchange_period_s is {bus.exchange_period_s}, but must be 125e-6, 250e-6, 500e-6 or cycle_time_s'
         )
     nested = [
-        ('drive.velocity_period_s', drive.velocity_period_s, 'drive.current_period_s', drive.current_period_s),
-        ('drive.position_period_s', drive.position_period_s, 'drive.velocity_period_s', drive.velocity_period_s),
+        (
+            'drive.velocity_period_s',
+            drive.velocity_period_s,
+            'drive.current_period_s',
+            drive.current_period_s,
+        ),
+        (
+            'drive.position_period_s',
+            drive.position_period_s,
+            'drive.velocity_period_s',
+            drive.velocity_period_s,
+        ),
         ('bus.cycle_time_s', bus.cycle_time_s, 'drive.position_period_s', drive.position_period_s),
         ('bus.exchange_period_s', bus.exchange_period_s, 'drive.velocity_period_s', drive.velocity_period_s),
     ]
@@ -300,7 +314,9 @@ def load(path: str | Path | None = None) -> Parameters:
         tree = node['ros__parameters']
         tree.items()
     except (AttributeError, KeyError, TypeError, ValueError):
-        raise ParameterError(f'{path} is not a ROS parameter file: expected "/**: ros__parameters: ..."') from None
+        raise ParameterError(
+            f'{path} is not a ROS parameter file: expected "/**: ros__parameters: ..."'
+        ) from None
     return _from_tree(tree, str(path))
 
 

@@ -102,7 +102,11 @@ def run(program: Program, parameters: Parameters) -> Trace:
         columns['tcp_actual'][k] = result[TCP_ACTUAL]
         columns['tcp_error'][k] = result[TCP_ERROR]
     columns['current'] /= parameters.motor.torque_constant_n_m_a
-    return Trace(np.arange(cycles) * parameters.bus.cycle_time_s, columns, _meta(program, parameters, task))
+    return Trace(
+        np.arange(cycles, dtype=np.float64) * parameters.bus.cycle_time_s,
+        columns,
+        _meta(program, parameters, task),
+    )
 
 
 def rehearse(parameters: Parameters) -> None:
@@ -124,7 +128,9 @@ def rehearse(parameters: Parameters) -> None:
 def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:
     for axis, word, drive in zip(AXES, status, robot.drives, strict=True):
         if not in_torque(word):
-            raise RunError(f'{axis} is not enabled in bus cycle {cycle}: {drive.drive_state.name}, {drive.fault.name}')
+            raise RunError(
+                f'{axis} is not enabled in bus cycle {cycle}: {drive.drive_state.name}, {drive.fault.name}'
+            )
 
 
 def _meta(program: Program, parameters: Parameters, task: Transformation) -> dict[str, Any]:

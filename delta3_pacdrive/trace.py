@@ -58,7 +58,11 @@ class Trace:
         try:
             with path.open('wb') as file:
                 np.savez_compressed(
-                    file, time_s=self.time_s, meta=np.array(json.dumps(self.meta)), allow_pickle=False, **self.signals
+                    file,
+                    time_s=self.time_s,
+                    meta=np.array(json.dumps(self.meta)),
+                    allow_pickle=False,
+                    **self.signals,
                 )
         except OSError as error:
             raise TraceError(f'cannot write trace {path}: {error.strerror}') from error

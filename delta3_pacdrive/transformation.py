@@ -192,6 +192,11 @@ class Transformation:
         return self._plan is not None
 
     @property
+    def moves(self) -> int:
+        """Number of moves of the loaded program."""
+        return 0 if self._plan is None else len(self._plan.moves)
+
+    @property
     def end_cycle(self) -> int:
         """First cycle in which the TCP stands at the end of the program."""
         return int(self.state['end_cycle'][0])
@@ -216,9 +221,7 @@ class Transformation:
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
         """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""
-        _answer(
-            cycle, positions_rad, torques_n_m, self.answer, self.state, self._constants, self._geometry
-        )
+        _answer(cycle, positions_rad, torques_n_m, self.answer, self.state, self._constants, self._geometry)
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:

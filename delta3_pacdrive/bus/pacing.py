@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
+
 
 class Histogram:
     """Counts of durations in bins of 10 us up to 100 ms; constant memory however long it runs."""
 
     BIN_S = 10e-6
     BINS = 10_000
-    SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
     def __init__(self) -> None:
         self._counts = array('q', bytes(8 * self.BINS))
@@ -36,8 +37,8 @@ class Histogram:
 
     def summary_ms(self) -> dict[str, float]:
         """p50, p99, p99.9 and max in milliseconds."""
-        values = [*self.percentiles(list(self.SHARES.values())), self.max_s]
-        return {name: round(value * 1e3, 3) for name, value in zip([*self.SHARES, 'max'], values, strict=True)}
+        values = [*self.percentiles(list(SHARES.values())), self.max_s]
+        return {name: round(value * 1e3, 3) for name, value in zip([*SHARES, 'max'], values, strict=True)}
 
 
 @dataclass

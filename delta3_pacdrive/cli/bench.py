@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,14 @@ CASES = ('bare', 'separate', 'single', 'fast')
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for('bench', 'Measure the graph (timing, processor time, memory) or the simulation (speed).')
+    parser = parser_for(
+        'bench', 'Measure the graph (timing, processor time, memory) or the simulation (speed).'
+    )
     parser.add_argument('what', choices=['graph', 'simulate'])
     parser.add_argument('--seconds', type=float, default=60.0, help='bus time of motion per case')
-    parser.add_argument('--case', choices=CASES, action='append', help='only this case of graph (may be repeated)')
+    parser.add_argument(
+        '--case', choices=CASES, action='append', help='only this case of graph (may be repeated)'
+    )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     options = parser.parse_args(arguments)
     if not 1.0 <= options.seconds <= 3600.0:
@@ -39,6 +44,7 @@ class _Meter:
         self._start_s = time.monotonic()
         self._start = self._cpu()
         self.cores: dict[str, float] = {}
+        self.spent_s = 0.0
         self.memory_mib: dict[str, float] = {}
 
     def _cpu(self) -> dict[str, float]:
@@ -48,8 +54,15 @@ class _Meter:
     def look(self) -> None:
         """Take the figures up to now."""
         duration = time.monotonic() - self._start_s
-        self.cores = {name: (cpu - self._start[name]) / duration for name, cpu in self._cpu().items()}
+        spent = {name: cpu - self._start[name] for name, cpu in self._cpu().items()}
+        self.cores = {name: cpu / duration for name, cpu in spent.items()}
+        self.spent_s = sum(spent.values())
         self.memory_mib = {name: p.memory_full_info().pss / 2**20 for name, p in self._processes.items()}
+
+    def figures(self, cycles: int) -> dict[str, Any]:
+        """Return the figures of the last look; ``cycles`` passed since the first."""
+        spent = 1e6 * self.spent_s / max(cycles, 1)
+        return {'cores': self.cores, 'us_per_cycle': spent, 'memory_mib': self.memory_mib}
 
 
 def _program_file(seconds: float, folder: str) -> Path:
@@ -78,7 +91,7 @@ def _graph(options: argparse.Namespace) -> int:
     for case in options.case or CASES:
         if not options.json:
             print(f'measuring {case}: {options.seconds:g} s of motion ...', file=sys.stderr, flush=True)
-        results[case] = _in_child(lambda case=case: _measure(case, options.seconds))
+        results[case] = _in_child(partial(_measure, case, options.seconds))
     if options.json:
         print(json.dumps(results))
     else:
@@ -122,22 +135,21 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
                 single_process=case in ('single', 'fast'),
             )
         )
-        meter: _Meter | None = None
+        meters: list[_Meter] = []
+        first_cycle = 0
 
-        def show(_: dict[str, Any]) -> None:
-            nonlocal meter
-            meter = meter or _Meter({child.name: child.pid for child in bringup.processes()})
-            meter.look()
+        def show(progress: dict[str, Any]) -> None:
+            nonlocal first_cycle
+            if not meters:
+                first_cycle = progress['cycles']
+                meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
+            meters[0].look()
 
         result = bringup.run(show)
-    if meter is not None:
-        result |= {'cores': meter.cores, 'memory_mib': meter.memory_mib}
-    return result
+    return result | meters[0].figures(result['cycles'] - first_cycle)
 
 
 def _measure_bare(seconds: float) -> dict[str, Any]:
-    from functools import partial
-
     from delta3_pacdrive.bus.phases import DRIVES
     from delta3_pacdrive.nodes import bare, discovery, runtime
     from delta3_pacdrive.nodes.child import end_all, spawn
@@ -167,7 +179,7 @@ def _measure_bare(seconds: float) -> dict[str, Any]:
             figures = json.loads(report.read_text())
         finally:
             end_all(children, 2.0)
-    return dict(figures) | {'cores': meter.cores, 'memory_mib': meter.memory_mib}
+    return dict(figures) | meter.figures(figures['cycles'])
 
 
 def _percentiles(counts: list[int]) -> str:
@@ -178,39 +190,55 @@ def _percentiles(counts: list[int]) -> str:
     return ' / '.join(str(value) for value in shares)
 
 
+TITLES = {
+    'bare': 'bare nodes, separate processes, real time',
+    'separate': 'robot, separate processes, real time',
+    'single': 'robot, one process, real time',
+    'fast': 'robot, one process, as fast as possible',
+}
+
+
+def _each(values: dict[str, float], digits: int) -> str:
+    return ', '.join(f'{name} {value:.{digits}f}' for name, value in values.items())
+
+
+def _rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    cycles, overruns = result['cycles'], result['overruns']
+    rows = [
+        (
+            'cycles',
+            f'{cycles}, {overruns} overruns ({overruns / cycles:.3%}), slip {result["slip_s"] * 1e3:.1f} ms',
+        )
+    ]
+    if 'bus_time_s' in result:
+        bus, wall = result['bus_time_s'], result['wall_time_s']
+        rows.append(('time', f'bus {bus:.3f} s, wall {wall:.3f} s: {bus / wall:.3f} x'))
+        rows.append(('telegrams', f'{result["lost_telegrams"]} lost, {result["refused_telegrams"]} refused'))
+        rows.append(
+            ('outstanding', f'{_percentiles(result["outstanding"])} cycles (p50 / p99 / p99.9 / max)')
+        )
+    for key, name in (('lateness_ms', 'cycle start late'), ('mdt_to_last_at_ms', 'MDT to last AT')):
+        values = ' / '.join(f'{value:.2f}' for value in result[key].values())
+        rows.append((name, f'{values} ms (p50 / p99 / p99.9 / max)'))
+    cores, memory = result['cores'], result['memory_mib']
+    rows.append(('processor', f'{sum(cores.values()):.2f} cores: {_each(cores, 2)}'))
+    rows.append(('', f'{result["us_per_cycle"]:.0f} us per cycle'))
+    rows.append(('memory (PSS)', f'{sum(memory.values()):.0f} MiB: {_each(memory, 0)}'))
+    return rows
+
+
 def _print_graph(results: dict[str, dict[str, Any]]) -> None:
-    titles = {
-        'bare': 'bare nodes, separate processes, real time',
-        'separate': 'robot, separate processes, real time',
-        'single': 'robot, one process, real time',
-        'fast': 'robot, one process, as fast as possible',
-    }
     for case, result in results.items():
-        print(f'\n{titles[case]}')
-        cores = sum(result['cores'].values())
-        rows = [
-            ('cycles', f'{result["cycles"]}, {result["overruns"]} overruns ({result["overruns"] / result["cycles"]:.3%})'),
-            ('slip', f'{result["slip_s"] * 1e3:.1f} ms'),
-        ]
-        if 'bus_time_s' in result:
-            wall = result['wall_time_s']
-            rows.append(('time', f'bus {result["bus_time_s"]:.3f} s, wall {wall:.3f} s: {result["bus_time_s"] / wall:.3f} x'))
-            rows.append(('telegrams', f'{result["lost_telegrams"]} lost, {result["refused_telegrams"]} refused'))
-            rows.append(('outstanding', f'{_percentiles(result["outstanding"])} cycles (p50 / p99 / p99.9 / max)'))
-        for key, name in (('lateness_ms', 'cycle start late'), ('mdt_to_last_at_ms', 'MDT to last AT')):
-            rows.append((name, ' / '.join(f'{value:.2f}' for value in result[key].values()) + ' ms (p50 / p99 / p99.9 / max)'))
-        rows.append(('processor', f'{cores:.2f} cores: ' + ', '.join(f'{n} {c:.2f}' for n, c in result['cores'].items())))
-        memory = result['memory_mib']
-        rows.append(('memory (PSS)', f'{sum(memory.values()):.0f} MiB: ' + ', '.join(f'{n} {m:.0f}' for n, m in memory.items())))
-        for name, text in rows:
+        print(f'\n{TITLES[case]}')
+        for name, text in _rows(result):
             print(f'  {name:>16}  {text}')
     if 'bare' in results and 'separate' in results:
         print('\nrobot / bare nodes')
-        pairs = [('cores', *(sum(results[case]['cores'].values()) for case in ('separate', 'bare')))]
-        pairs += [
-            (f'MDT to last AT {share}', *(results[case]['mdt_to_last_at_ms'][share] for case in ('separate', 'bare')))
-            for share in ('p50', 'p99', 'p99.9')
-        ]
+        robot, bare = results['separate'], results['bare']
+        pairs = [('processor us per cycle', robot['us_per_cycle'], bare['us_per_cycle'])]
+        for share in ('p50', 'p99', 'p99.9'):
+            times = (case['mdt_to_last_at_ms'][share] for case in (robot, bare))
+            pairs.append((f'MDT to last AT {share}', *times))
         for name, ours, theirs in pairs:
             print(f'  {name:>22}  {ours:.2f} / {theirs:.2f} = {ours / theirs:.2f}')
 

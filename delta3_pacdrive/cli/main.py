@@ -17,12 +17,16 @@ COMMANDS = {
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line without the options of the sub-commands."""
     parser = argparse.ArgumentParser(
-        prog='delta3', description='A Delta-3 robot on a PacDrive controller, emulated on ROS 2.', add_help=False
+        prog='delta3',
+        description='A Delta-3 robot on a PacDrive controller, emulated on ROS 2.',
+        add_help=False,
     )
     parser.add_argument('-h', '--help', action='store_true', help='show this text')
     parser.add_argument('command', nargs='?', metavar='command', help='one of the commands below')
     lines = [f'  {name:<10} {text}' for name, text in COMMANDS.items()]
-    parser.epilog = 'commands:\n' + '\n'.join(lines) + '\n\ndelta3 COMMAND --help tells the options of a command.'
+    parser.epilog = (
+        'commands:\n' + '\n'.join(lines) + '\n\ndelta3 COMMAND --help tells the options of a command.'
+    )
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     return parser
 
@@ -36,7 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0 if arguments else 2
     command, *rest = arguments
     if command not in COMMANDS:
-        print(f'delta3: error: unknown command {command!r}, expected one of {", ".join(COMMANDS)}', file=sys.stderr)
+        print(
+            f'delta3: error: unknown command {command!r}, expected one of {", ".join(COMMANDS)}',
+            file=sys.stderr,
+        )
         return 2
     return int(importlib.import_module(f'delta3_pacdrive.cli.{command}').main(rest))
 

@@ -29,7 +29,9 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
 def parser_for(command: str, description: str) -> argparse.ArgumentParser:
     """Return a parser with the look that all commands share."""
     return argparse.ArgumentParser(
-        prog=f'delta3 {command}', description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        prog=f'delta3 {command}',
+        description=description,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
 
 
@@ -52,10 +54,14 @@ def print_figures(result: dict[str, Any]) -> None:
     """Print the figures of a run for people."""
     axes = ' / '.join(['{:.2f}'] * 3)
     x, y, z = (value * 1e3 for value in result['final_tcp_m'])
+    factor = result['bus_time_s'] / result['wall_time_s']
     rows = [
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
-        ('wall time', f'{result["wall_time_s"]:.3f} s ({result["bus_time_s"] / result["wall_time_s"]:.2f} x real time)'),
-        ('TCP error', f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms'),
+        ('wall time', f'{result["wall_time_s"]:.3f} s ({factor:.2f} x real time)'),
+        (
+            'TCP error',
+            f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms',
+        ),
         ('final TCP', f'({x:.3f}, {y:.3f}, {z:.3f}) mm'),
         ('current peak', f'{axes.format(*result["current_peak_a"])} A'),
         ('current rms', f'{axes.format(*result["current_rms_a"])} A'),

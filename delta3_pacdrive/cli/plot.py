@@ -11,7 +11,9 @@ from delta3_pacdrive.cli.output import guarded, parser_for
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for('plot', 'Draw TCP path, arm angles, velocities, accelerations, currents and TCP error.')
+    parser = parser_for(
+        'plot', 'Draw TCP path, arm angles, velocities, accelerations, currents and TCP error.'
+    )
     parser.add_argument('recording', help='rosbag2 folder or .npz trace')
     parser.add_argument('--output', metavar='DIR', default='figures', help='folder for the pictures')
     parser.add_argument('--json', action='store_true', help='print the names of the files as JSON')

@@ -11,7 +11,9 @@ from delta3_pacdrive.cli.output import guarded, parser_for
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for('record', 'Record every topic of a running robot into a new rosbag2 folder, until Ctrl-C.')
+    parser = parser_for(
+        'record', 'Record every topic of a running robot into a new rosbag2 folder, until Ctrl-C.'
+    )
     parser.add_argument('bag', help='folder to make')
     parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
     parser.add_argument('--parameters', metavar='FILE', help='parameter file of the robot, for the metadata')

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,11 +12,17 @@ from delta3_pacdrive.cli.output import add_robot_options, guarded, parser_for, p
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for('run', 'Start every node of a robot, run a program, print a summary, stop everything.')
+    parser = parser_for(
+        'run', 'Start every node of a robot, run a program, print a summary, stop everything.'
+    )
     add_robot_options(parser)
     parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
     parser.add_argument(
-        '--real-time-factor', type=float, default=1.0, metavar='F', help='bus time over wall time; 0: no clock'
+        '--real-time-factor',
+        type=float,
+        default=1.0,
+        metavar='F',
+        help='bus time over wall time; 0: no clock',
     )
     parser.add_argument('--single-process', action='store_true', help='all nodes in one process')
     parser.add_argument('--bag', metavar='DIR', help='record every cyclic topic into a new rosbag2 folder')
@@ -26,30 +33,43 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 class _Display:
-    """One line that tells how the run goes; silent where nobody looks."""
+    """A bar and a line that tell how the run goes; silent where nobody looks."""
 
     def __init__(self, quiet: bool) -> None:
-        self._live = not quiet and sys.stderr.isatty()
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn('{task.description}'),
+            BarColumn(bar_width=24),
+            TextColumn('{task.percentage:3.0f} %'),
+            TextColumn('{task.fields[facts]}'),
+            console=console,
+            disable=quiet or not console.is_terminal,
+        )
+        self._task = self._bar.add_task('starting', total=None, facts='')
+        self._bar.start()
 
     def show(self, progress: dict[str, Any]) -> None:
         """Draw the line anew."""
-        if not self._live:
-            return
         wall = progress['wall_time_s'] or 1e-9
-        print(
-            f'\r  bus {progress["bus_time_s"]:8.3f} s   move {progress["move"] + 1:3d}'
-            f'   master {progress["master_m"] * 1e3:7.1f} mm'
-            f'   following error {progress["following_error_rad"] * 57.29578:6.4f} deg'
-            f'   {progress["bus_time_s"] / wall:5.2f} x real time   {progress["overruns"]} overruns ',
-            end='',
-            file=sys.stderr,
-            flush=True,
+        facts = (
+            f'{progress["master_m"] * 1e3:6.1f} mm'
+            f'  following error {math.degrees(progress["following_error_rad"]):.4f} deg'
+            f'  {progress["bus_time_s"] / wall:.2f} x real time  {progress["overruns"]} overruns'
+        )
+        self._bar.update(
+            self._task,
+            description=f'bus {progress["bus_time_s"]:8.3f} s  move {progress["move"] + 1}/{progress["moves"]}',
+            completed=progress['bus_time_s'],
+            total=progress['end_s'],
+            facts=facts,
         )
 
     def close(self) -> None:
-        """End the line."""
-        if self._live:
-            print(file=sys.stderr)
+        """End the display."""
+        self._bar.stop()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,7 +11,9 @@ from delta3_pacdrive.cli.output import add_robot_options, guarded, parser_for, p
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for('simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.')
+    parser = parser_for(
+        'simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.'
+    )
     add_robot_options(parser)
     parser.add_argument('--trace', metavar='FILE', help='write every signal to this .npz file')
     options = parser.parse_args(arguments)

@@ -79,8 +79,8 @@ class MC4:
     Attributes
     ----------
     answer
-        What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on the
-        increment grid, speed [rad/s], torque K_m I_eff [N m].
+        What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on
+        the increment grid, speed [rad/s], torque K_m I_eff [N m].
     currents
         I_eff [A] at the end of each current-loop period of the last ``run_period``.
 
@@ -93,7 +93,9 @@ class MC4:
         self.answer: Floats = np.zeros(3)
         self.currents: Floats = np.zeros(int(self._constants['steps_per_exchange'][0]))
 
-    def begin_cycle(self, command: float, control: int, position: float, speed: float, coupling: float) -> int:
+    def begin_cycle(
+        self, command: float, control: int, position: float, speed: float, coupling: float
+    ) -> int:
         """Synchronise to the MDT of a cycle, fill ``answer`` and return the status word S-0-0135.
 
         Parameters
@@ -105,7 +107,9 @@ class MC4:
 
         """
         return int(
-            _begin_cycle(command, control, position, speed, coupling, self.answer, self.state, self._constants)
+            _begin_cycle(
+                command, control, position, speed, coupling, self.answer, self.state, self._constants
+            )
         )
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:

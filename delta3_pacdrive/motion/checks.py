@@ -81,8 +81,12 @@ def check_move(move: Move, parameters: Parameters) -> None:
     swing = np.degrees(kinematics.forearm_swing(d.position_m, k))
     _require(swing, k.forearm_swing_max_deg, 'forearm swing of arm', 'deg', s, p)
     serial, parallel = kinematics.singularity(d.arm_angle_rad, d.position_m, k)
-    _require(-serial, -k.serial_singularity_min, 'negative distance from the serial singularity of arm', '', s, p)
-    _require(-parallel, -k.parallel_singularity_min, 'negative distance from the parallel singularity', '', s, p)
+    _require(
+        -serial, -k.serial_singularity_min, 'negative distance from the serial singularity of arm', '', s, p
+    )
+    _require(
+        -parallel, -k.parallel_singularity_min, 'negative distance from the parallel singularity', '', s, p
+    )
     rpm = np.abs(d.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
     _require(rpm, motor.max_speed_rpm, 'speed of motor', 'rpm', s, p)
     _require(np.abs(d.motor_current_a), motor.peak_current_a, 'current of motor', 'A', s, p)

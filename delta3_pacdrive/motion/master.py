@@ -10,7 +10,9 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 
-PHASE_COLUMNS = 5  # time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]
+PHASE_COLUMNS = (
+    5  # time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]
+)
 
 
 def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:

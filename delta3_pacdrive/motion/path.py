@@ -6,7 +6,9 @@ from numpy.typing import ArrayLike
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 
-SEGMENT_COLUMNS = 13  # s [m] at the start of the piece, then c0..c3 of x, of y and of z in powers of s - s_start
+SEGMENT_COLUMNS = (
+    13  # s [m] at the start of the piece, then c0..c3 of x, of y and of z in powers of s - s_start
+)
 
 
 def line(start: ArrayLike, end: ArrayLike) -> tuple[Floats, float]:

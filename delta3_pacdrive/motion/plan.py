@@ -59,7 +59,9 @@ class Move:
     def to_array(self, number: int, count: int) -> Floats:
         """Return the move as one row of numbers, the ``number``-th of ``count`` (for a message)."""
         header = [VERSION, number, count, self.kind, len(self.master), len(self.segments)]
-        return np.concatenate([np.array(header, dtype=np.float64), self.master.ravel(), self.segments.ravel()])
+        return np.concatenate(
+            [np.array(header, dtype=np.float64), self.master.ravel(), self.segments.ravel()]
+        )
 
     @staticmethod
     def from_array(values: ArrayLike) -> tuple['Move', int, int]:
@@ -80,10 +82,14 @@ class Move:
         if version != VERSION or kind not in tuple(MoveKind):
             raise ProgramError(f'plan message of version {version} and kind {kind} is unknown')
         if not number < count <= MOVES_MAX or phases < 2 or segments < 1:
-            raise ProgramError(f'plan message {number} of {count} with {phases} phases and {segments} segments is invalid')
+            raise ProgramError(
+                f'plan message {number} of {count} with {phases} phases and {segments} segments is invalid'
+            )
         split = HEADER + phases * PHASE_COLUMNS
         if len(row) != split + segments * SEGMENT_COLUMNS:
-            raise ProgramError(f'plan message {number} of {count} has {len(row)} numbers, which does not fit its header')
+            raise ProgramError(
+                f'plan message {number} of {count} has {len(row)} numbers, which does not fit its header'
+            )
         master = row[HEADER:split].reshape(phases, PHASE_COLUMNS).copy()
         path = row[split:].reshape(segments, SEGMENT_COLUMNS).copy()
         if (np.diff(master[:, 0]) < 0.0).any() or (np.diff(path[:, 0]) <= 0.0).any():

@@ -1,12 +1,12 @@
 """Motion programs: a strict reader of YAML files, and the planning of their moves.
 
-    name: pick and place            # optional
-    start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
-    repeat: 1                       # optional
-    limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each
-    moves:
-      - move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0}                    # limits may stand in each move
-      - dwell: {time_s: 0.1}
+name: pick and place            # optional
+start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
+repeat: 1                       # optional
+limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each
+moves:
+- move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0}                    # limits may stand in each move
+- dwell: {time_s: 0.1}
 """
 
 import math
@@ -126,7 +126,9 @@ def _mapping(value: Any, where: str, allowed: set[str], required: set[str]) -> d
         raise ProgramError(f'{where} must be a mapping, not {value!r:.60}')
     for key in value:
         if key not in allowed:
-            raise ProgramError(f'{where}: unknown key {key!r:.60}, expected one of {", ".join(sorted(allowed))}')
+            raise ProgramError(
+                f'{where}: unknown key {key!r:.60}, expected one of {", ".join(sorted(allowed))}'
+            )
     for key in sorted(required - value.keys()):
         raise ProgramError(f'{where}: missing key {key}')
     return value
@@ -175,7 +177,10 @@ def _parse_dwell(value: Any, where: str, _: Limits) -> Statement:
     return Dwell(time)
 
 
-_PARSERS: dict[str, Callable[[Any, str, Limits], Statement]] = {'move_l': _parse_move_l, 'dwell': _parse_dwell}
+_PARSERS: dict[str, Callable[[Any, str, Limits], Statement]] = {
+    'move_l': _parse_move_l,
+    'dwell': _parse_dwell,
+}
 
 
 def _statement(value: Any, where: str, limits: Limits) -> Statement:

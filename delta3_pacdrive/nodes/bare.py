@@ -40,7 +40,7 @@ def _stamp(message: Any, cycle: int) -> Any:
 
 def _cycle(message: Any) -> int:
     stamp = message.header.stamp
-    return (stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns
+    return int((stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns)
 
 
 class BareDrive(Node):
@@ -134,8 +134,9 @@ class BareMaster(Node):
 
     def _tick(self) -> None:
         if not self._ready_at_s:
-            partners = self.count_subscribers('sercos/mdt'), sum(
-                self.count_publishers(f'sercos/at/{axis}') for axis in DRIVES
+            partners = (
+                self.count_subscribers('sercos/mdt'),
+                sum(self.count_publishers(f'sercos/at/{axis}') for axis in DRIVES),
             )
             if partners == (3, 3):
                 self._ready_at_s = time.monotonic() + 1.0

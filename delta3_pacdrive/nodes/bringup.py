@@ -13,7 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import psutil
 import rclpy
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -87,7 +89,6 @@ class Bringup:
         self._interrupted = False
         self._monitor: _Monitor
         self._process: runtime.Process
-        self._started_s = time.monotonic()
         self.ready_s = 0.0
 
     def run(self, show: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
@@ -143,10 +144,13 @@ class Bringup:
     def _factory(self, node: type[Node], values: dict[str, Any], name: str = '') -> Callable[[], Node]:
         flat = core.flatten(self._robot) | values
         overrides = [
-            Parameter(key, value=list(value) if isinstance(value, tuple) else value) for key, value in flat.items()
+            Parameter(key, value=list(value) if isinstance(value, tuple) else value)
+            for key, value in flat.items()
         ]
         arguments = ['--ros-args', '-r', f'__node:={name}'] if name else []
-        return partial(node, namespace=self._options.namespace, parameter_overrides=overrides, cli_args=arguments)
+        return partial(
+            node, namespace=self._options.namespace, parameter_overrides=overrides, cli_args=arguments
+        )
 
     def _spawn(
         self, name: str, factories: list[Callable[[], Node]], logs: Path, wait_for: int | None = None
@@ -171,11 +175,15 @@ class Bringup:
         deadline = time.monotonic() + READY_TIMEOUT_S
         released = False
         while not (progress := self._look()).get('finished'):
-            if not released and (not self._options.bag or monitor.recorder) and progress.get('phase') == 'CP3':
+            if (
+                not released
+                and (not self._options.bag or monitor.recorder)
+                and progress.get('phase') == 'CP3'
+            ):
                 os.write(self._go, b'g')
                 released = True
             if progress.get('phase') == 'CP4':
-                self.ready_s = self.ready_s or time.monotonic() - self._started_s
+                self.ready_s = self.ready_s or _process_age_s()
                 show(progress)
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.planner or 'the transformation task to appear'
@@ -237,6 +245,12 @@ class Bringup:
         return list(self._children)
 
 
+def _process_age_s() -> float:
+    """Time since this process was started [s], interpreter and imports included."""
+    started_s: float = psutil.Process().create_time()
+    return time.time() - started_s
+
+
 def _check(options: Options) -> tuple[core.Parameters, programs.Program]:
     """Read and check everything before the first process starts."""
     robot = core.load(options.parameters)
@@ -246,8 +260,10 @@ def _check(options: Options) -> tuple[core.Parameters, programs.Program]:
         raise ParameterError('a bring-up needs motion.enable_cycle and motion.start_cycle of at least 0')
     try:
         validate_namespace(options.namespace)
-    except Exception as error:
-        raise RunError(f'namespace {options.namespace!r} is not valid: {str(error).splitlines()[0]}') from None
+    except InvalidNamespaceException as error:
+        raise RunError(
+            f'namespace {options.namespace!r} is not valid: {str(error).splitlines()[0]}'
+        ) from None
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
     program = programs.load(options.program, robot.motion)

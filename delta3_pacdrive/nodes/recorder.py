@@ -143,7 +143,9 @@ class RecorderNode(Node):
         self._writer.set_custom_data(CUSTOM_DATA_KEY, json.dumps(self._meta | {'lost': lost}))
         self._writer.close()
         total = sum(messages for messages, _ in counts.values())
-        self.get_logger().info(f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}')
+        self.get_logger().info(
+            f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}'
+        )
         super().destroy_node()
 
 

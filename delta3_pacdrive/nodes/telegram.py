@@ -1,8 +1,8 @@
 """Cyclic messages as bytes of a fixed layout.
 
-All cyclic messages of a robot have the same names and lengths in every cycle, so their CDR form is one `struct`: packing
-and checking it takes 2 us instead of the 40 us of building or parsing a message object. On the wire they are ordinary
-messages. What does not fit the layout (any client may publish) is parsed the ordinary way and checked.
+All cyclic messages of a robot have the same names and lengths in every cycle, so their CDR form is one `struct`:
+packing and checking it takes 2 us instead of the 40 us of building or parsing a message object. On the wire they are
+ordinary messages. What does not fit the layout (any client may publish) is parsed the ordinary way and checked.
 """
 
 import struct
@@ -75,7 +75,9 @@ class _Codec:
             places.append(position)
             position += 1 + count
         places.append(position)
-        values = [place + 1 + n for place, count in zip(places, layout.counts, strict=False) for n in range(count)]
+        values = [
+            place + 1 + n for place, count in zip(places, layout.counts, strict=False) for n in range(count)
+        ]
         self._constants = tuple(layout.constants)
         self._constants_of = itemgetter(*places)
         self._values_of = itemgetter(*values)

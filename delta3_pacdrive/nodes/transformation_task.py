@@ -10,6 +10,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,9 @@ class TransformationTaskNode(Node):
             self,
             'wait_for_program',
             False,
-            descriptor('stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool),
+            descriptor(
+                'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
+            ),
         )
         self._robot = parameters = declare_robot(self)
         bus, motion = parameters.bus, parameters.motion
@@ -147,7 +150,11 @@ class TransformationTaskNode(Node):
         for index, axis in enumerate(DRIVES):
             receive = self._on_at(index, telegram.at_codec(axis))
             subscription = self.create_subscription(
-                JointState, f'sercos/at/{axis}', receive, CYCLIC_SUBSCRIPTION, raw=True
+                JointState,
+                f'sercos/at/{axis}',
+                partial(receive, received_ns=0),
+                CYCLIC_SUBSCRIPTION,
+                raw=True,
             )
             if poll:
                 # The clock drives this task, so that an answer need not wake it: it is read at the next tick.
@@ -188,7 +195,9 @@ class TransformationTaskNode(Node):
                 self._wait_for('')
                 self._set_phase(Phase.CP2)
         elif self._phase == Phase.CP2:
-            sentences = disagreements(self._identity, {name: self._roll.identities[name] for name in PARTICIPANTS})
+            sentences = disagreements(
+                self._identity, {name: self._roll.identities[name] for name in PARTICIPANTS}
+            )
             if sentences:
                 self._fail('; '.join(sentences))
             else:
@@ -257,10 +266,10 @@ class TransformationTaskNode(Node):
                 self._master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self._cycle = cycle + 1
 
-    def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[[bytes, int], None]:
+    def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[..., None]:
         inbox = self._inbox[index]
 
-        def receive(data: bytes, received_ns: int = 0) -> None:
+        def receive(data: bytes, received_ns: int) -> None:
             try:
                 sec, nanosec, frame, values = codec.decode(data)
                 cycle = self._cycles.count(sec, nanosec)
@@ -335,7 +344,9 @@ class TransformationTaskNode(Node):
             if number == 0:
                 self._plan_parts = []
             if number != len(self._plan_parts):
-                raise ProgramError(f'plan message {number} of {count} came where {len(self._plan_parts)} was due')
+                raise ProgramError(
+                    f'plan message {number} of {count} came where {len(self._plan_parts)} was due'
+                )
             self._plan_parts.append(move)
             if len(self._plan_parts) == count:
                 self._load_program()
@@ -392,9 +403,13 @@ class TransformationTaskNode(Node):
             return
         silence = time.monotonic() - self._last_answer_s
         if silence > SILENCE_S:
-            silent = [axis for axis, inbox in zip(DRIVES, self._inbox, strict=True) if self._answered not in inbox]
+            silent = [
+                axis for axis, inbox in zip(DRIVES, self._inbox, strict=True) if self._answered not in inbox
+            ]
             hint = ' (is the plant running?)' if len(silent) == len(DRIVES) else ''
-            self._fail(f'no AT of {", ".join(silent)} for {silence:.1f} s in bus cycle {self._answered}{hint}')
+            self._fail(
+                f'no AT of {", ".join(silent)} for {silence:.1f} s in bus cycle {self._answered}{hint}'
+            )
 
     def progress(self) -> dict[str, Any]:
         """Return the present state of bus and program, as published in ``motion/progress``."""
@@ -409,6 +424,8 @@ class TransformationTaskNode(Node):
             'bus_time_s': self._answered * self._robot.bus.cycle_time_s,
             'wall_time_s': self._last_answer_s - self._wall_start_s,
             'move': move,
+            'moves': self._task.moves,
+            'end_s': (self._program_ends or self._answered) * self._robot.bus.cycle_time_s,
             'master_m': distance,
             'following_error_rad': max(abs(value) for value in self._task.answer[FOLLOWING_ERROR].tolist()),
             'overruns': self._pacing.overruns,

@@ -1,6 +1,6 @@
 """Node of UnitRobot, the planner: plans and checks a whole program, then hands its moves to the transformation task.
 
-In: ``motion/located`` (where the robot stands, when it can take a program). Out: ``motion/plan`` (one message per move),
+In: ``motion/located`` (where the robot stands, when it can take a program). Out: ``motion/plan`` (one message a move),
 ``unit_robot/state`` (latched text: "waiting", "planned ...", "error: ...").
 """
 
@@ -24,7 +24,10 @@ class UnitRobotNode(Node):
     def __init__(self, **node_options: Any) -> None:
         super().__init__('unit_robot', **node_options)
         path = declare(
-            self, 'program', '', descriptor('program file, or the name of a packaged program; empty: none', 0, 0, str)
+            self,
+            'program',
+            '',
+            descriptor('program file, or the name of a packaged program; empty: none', 0, 0, str),
         )
         self._robot = declare_robot(self)
         self._program = programs.load(path, self._robot.motion) if path else None
@@ -51,7 +54,9 @@ class UnitRobotNode(Node):
         for number, move in enumerate(moves):
             values = move.to_array(number, len(moves))
             plan = Float64MultiArray(data=array('d', values.tobytes()))
-            plan.layout.dim = [MultiArrayDimension(label=move.kind.name, size=len(values), stride=len(values))]
+            plan.layout.dim = [
+                MultiArrayDimension(label=move.kind.name, size=len(values), stride=len(values))
+            ]
             self._plan.publish(plan)
         duration = sum(move.duration_s for move in moves)
         self._say(f'planned "{program.name}": {len(moves)} moves, {duration:.3f} s')

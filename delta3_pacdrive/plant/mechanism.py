@@ -115,7 +115,7 @@ def _tuple3(a):
 
 @kernel
 def _advance(currents, brakes, shafts, state, constants, geometry_record, inertia_record, motor_record):
-    """Integrate through ``currents`` (steps, 3), the values at the end of each step; fill the nine ``shafts`` values."""
+    """Integrate through ``currents`` (steps, 3), the values at the end of each step; fill the nine ``shafts``."""
     s, c = state[0], constants[0]
     for i in range(3):
         s.brake_command[i] = brakes[i]
@@ -155,7 +155,11 @@ def _advance(currents, brakes, shafts, state, constants, geometry_record, inerti
     for i in range(3):
         s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
         s.current[i], s.coupling[i] = before[i], coupling[i]
-        shafts[i], shafts[3 + i], shafts[6 + i] = theta[i] * c.gear_ratio, thetadot[i] * c.gear_ratio, coupling[i]
+        shafts[i], shafts[3 + i], shafts[6 + i] = (
+            theta[i] * c.gear_ratio,
+            thetadot[i] * c.gear_ratio,
+            coupling[i],
+        )
 
 
 class Plant:
@@ -201,4 +205,4 @@ class Plant:
 
     def shafts(self) -> list[float]:
         """Motor side: three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]."""
-        return self._shafts.tolist()
+        return list(self._shafts.tolist())

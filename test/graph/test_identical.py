@@ -1,0 +1,95 @@
+"""The same program gives the same bits however and wherever it runs."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import parameters, recording, simulation
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.trace import Trace
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+COMPARED = (
+    'motor_command',
+    'motor_position',
+    'motor_speed',
+    'current',
+    'following_error',
+    'tcp_command',
+    'tcp_actual',
+    'tcp_error',
+    'shaft_position',
+    'shaft_speed',
+    'coupling_torque',
+)
+
+
+@pytest.fixture(scope='module')
+def simulated() -> Trace:
+    robot = parameters.load()
+    return simulation.run(programs.load('experiment1', robot.motion), robot)
+
+
+@pytest.fixture
+def busy_processor() -> Iterator[None]:
+    """Keep one core busy."""
+    hog = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+    yield
+    hog.kill()
+    hog.wait()
+
+
+def _assert_same(simulated: Trace, recorded: Trace, result: dict) -> None:
+    cycles = len(simulated.time_s)
+    assert len(recorded.time_s) >= cycles
+    np.testing.assert_array_equal(recorded.time_s[:cycles], simulated.time_s)
+    for name in COMPARED:
+        np.testing.assert_array_equal(recorded[name][:cycles], simulated[name], err_msg=name)
+    for name in ('tcp_error_max_m', 'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a'):
+        assert result[name] == simulated.meta['figures'][name], name
+
+
+def _run(delta3: Runner, bag: Path, *options: str) -> tuple[Trace, dict]:
+    done = delta3('run', 'experiment1', '--json', '--bag', bag, *options)
+    assert done.returncode == 0, done.stderr
+    return recording.load(bag), json.loads(done.stdout)
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        pytest.param(['--real-time-factor', '0'], id='separate processes as fast as possible'),
+        pytest.param(['--single-process', '--real-time-factor', '0'], id='one process as fast as possible'),
+        pytest.param(
+            ['--single-process', '--namespace', 'cell2'], id='one process in real time in a namespace'
+        ),
+    ],
+)
+def test_graph_gives_the_bits_of_the_simulation(
+    options: list[str], simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    recorded, result = _run(delta3, tmp_path / 'bag', *options)
+    _assert_same(simulated, recorded, result)
+    assert result['lost_telegrams'] == 0
+
+
+def test_a_busy_processor_changes_no_bit_in_real_time(
+    simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None, busy_processor: None
+) -> None:
+    recorded, result = _run(delta3, tmp_path / 'bag')
+    _assert_same(simulated, recorded, result)
+
+
+def test_exact_reference_runs_in_the_graph_too(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    robot = parameters.load().replace(bus__exchange_period_s=125e-6)
+    simulated = simulation.run(programs.load('experiment1', robot.motion), robot)
+    options = ['--single-process', '--real-time-factor', '0', '--exchange-period', '125e-6']
+    _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))

@@ -1,0 +1,176 @@
+"""``delta3 run`` as a user meets it: good runs, interruptions, deaths, bad requests."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+START_DEADLINE_S = 60.0
+END_DEADLINE_S = 2.0  # promised to users: Ctrl-C ends every process within this time
+
+LONG_PROGRAM = """
+moves:
+  - move_l: {to_m: [0.1, 0.0, -0.8]}
+  - dwell: {time_s: 600.0}
+"""
+
+
+def _wait_for(condition: Callable[[], bool], what: str, seconds: float = START_DEADLINE_S) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f'{what} did not come true within {seconds} s'
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def long_run(
+    tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
+) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """Start a run that lasts for ten minutes, and wait until it is recording the motion."""
+    program = tmp_path / 'long.yaml'
+    program.write_text(LONG_PROGRAM)
+    bag = tmp_path / 'bag'
+    process = start_delta3('run', program, '--bag', bag)
+    try:
+        # the recorder's file grows only once cyclic operation has begun
+        file = bag / 'bag.mcap'
+        _wait_for(
+            lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 1_000_000), 'a run'
+        )
+        assert process.poll() is None, process.stderr.read()
+        yield process, bag
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _end(process: subprocess.Popen[str]) -> tuple[float, str]:
+    started = time.monotonic()
+    _, errors = process.communicate(timeout=30.0)
+    return time.monotonic() - started, errors
+
+
+def test_json_result_has_every_promised_figure(delta3: Runner, nothing_left_behind: None) -> None:
+    done = delta3('run', '--json', '--real-time-factor', '0')
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    promised = {'cycles', 'bus_time_s', 'wall_time_s', 'overruns', 'lost_telegrams', 'tcp_error_max_m'}
+    promised |= {'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a', 'ok'}
+    assert promised <= result.keys()
+    assert result['ok'] is True
+    assert len(result['final_tcp_m']) == len(result['current_peak_a']) == len(result['current_rms_a']) == 3
+    assert result['bus_time_s'] == pytest.approx(result['cycles'] * 1e-3)
+
+
+def test_interrupt_stops_every_process_and_leaves_a_readable_bag(
+    long_run: tuple, processes: Callable[[], list[str]]
+) -> None:
+    process, bag = long_run
+    assert len(processes()) >= 8
+    process.send_signal(signal.SIGINT)
+    duration, errors = _end(process)
+    assert process.returncode == 1
+    assert errors.strip().endswith('error: interrupted')
+    assert duration < END_DEADLINE_S
+    assert processes() == []
+    from delta3_pacdrive import recording
+
+    assert len(recording.load(bag).time_s) > 100
+
+
+@pytest.mark.parametrize('victim', ['plant', 'mc4_drive_2', 'transformation_task', 'recorder'])
+def test_a_process_that_dies_ends_the_run_with_its_name(
+    victim: str, long_run: tuple, processes: Callable[[], list[str]]
+) -> None:
+    process, _ = long_run
+    pid = next(
+        int(entry.split(':')[0])
+        for entry in processes()
+        if Path(f'/proc/{entry.split(":")[0]}/comm').read_text().strip() == victim[:15]
+    )
+    os.kill(pid, signal.SIGKILL)
+    _, errors = _end(process)
+    assert process.returncode == 1
+    assert f'error: {victim} was killed by SIGKILL' in errors
+    assert errors.count('\n') == 1
+
+
+def test_a_second_robot_in_the_same_namespace_is_refused_and_the_first_runs_on(
+    long_run: tuple, delta3: Runner
+) -> None:
+    process, _ = long_run
+    done = delta3('run')
+    assert done.returncode == 1
+    assert done.stderr.startswith('error: a robot is already up in namespace /')
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _end(process)
+
+
+def test_a_second_robot_in_another_namespace_runs_beside_the_first(long_run: tuple, delta3: Runner) -> None:
+    process, _ = long_run
+    done = delta3('run', '--namespace', 'cell2', '--json')
+    assert done.returncode == 0, done.stderr
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _end(process)
+
+
+BAD_PROGRAMS = {
+    'unreachable': ('moves: [{move_l: {to_m: [0.9, 0, -0.8]}}]', 'distance from the z axis is 0.9 m'),
+    'malformed': ('moves: [{move_l: {to: [0, 0, -0.8]}}]', "unknown key 'to'"),
+    'millimetres': ('moves: [{move_l: {to_m: [0, 0, -800]}}]', 'are these millimetres?'),
+    'not yaml': ('moves: [', 'is not valid YAML'),
+    'too fast': (
+        'moves: [{move_l: {to_m: [0.4, 0, -0.8], speed_m_s: 15, acceleration_m_s2: 900, jerk_m_s3: .inf}}]',
+        'the limit is',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', BAD_PROGRAMS)
+@pytest.mark.parametrize('command', ['run', 'simulate'])
+def test_a_bad_program_is_one_sentence(
+    command: str, case: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    text, expected = BAD_PROGRAMS[case]
+    program = tmp_path / 'bad.yaml'
+    program.write_text(text)
+    done = delta3(command, program)
+    assert done.returncode == 1
+    assert done.stderr.startswith('error: ')
+    assert done.stderr.count('\n') == 1
+    assert expected in done.stderr
+    assert done.stdout == ''
+
+
+def test_bad_arguments_are_one_sentence(delta3: Runner, tmp_path: Path, nothing_left_behind: None) -> None:
+    wrong = tmp_path / 'wrong.yaml'
+    wrong.write_text('/**: {ros__parameters: {motor: {}}}')
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    cases = {
+        ('run', 'nowhere.yaml'): (1, 'cannot read program file'),
+        ('run', '--parameters', 'nowhere.yaml'): (1, 'cannot read parameter file nowhere.yaml'),
+        ('run', '--parameters', str(wrong)): (1, 'missing parameter group kinematics'),
+        ('run', '--bag', str(bag)): (1, 'it exists already'),
+        ('run', '--namespace', 'a b'): (1, 'is not valid'),
+        ('run', '--exchange-period', '1e-5'): (1, 'bus.exchange_period_s'),
+        ('run', '--real-time-factor', '-1'): (2, 'must be between 0 and 1000'),
+        ('run', '--warp'): (2, 'unrecognized arguments: --warp'),
+        ('fly',): (2, "unknown command 'fly'"),
+        ('plot', 'nowhere'): (1, 'nowhere'),
+        ('simulate', '--trace', '/nowhere/trace.npz'): (1, 'cannot write trace'),
+    }
+    for arguments, (status, expected) in cases.items():
+        done = delta3(*arguments)
+        assert done.returncode == status, arguments
+        assert expected in done.stderr, arguments
+        assert 'Traceback' not in done.stderr, arguments
