@@ -52,6 +52,17 @@ def cache_directory() -> Path:
 
 
 CACHE_DIRECTORY = cache_directory()
+_COMPLETE = CACHE_DIRECTORY / 'complete'
+
+
+def all_compiled() -> bool:
+    """Whether every kernel of this version has been compiled on this machine."""
+    return _COMPLETE.exists()
+
+
+def mark_compiled() -> None:
+    """Note that every kernel has been compiled."""
+    _COMPLETE.touch()
 
 
 def kernel(function: _Function) -> _Function:

@@ -7,6 +7,7 @@ import numpy as np
 from delta3_pacdrive.bus.words import in_torque
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.kernel import mark_compiled
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.checks import check_move
@@ -123,6 +124,7 @@ def rehearse(parameters: Parameters) -> None:
     robot.cycle(task.command(0), task.control(0), answers)
     task.receive(0, answers[0], answers[2])
     robot.drives[0].phase_currents()
+    mark_compiled()
 
 
 def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:

@@ -50,6 +50,18 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
 
 
+def announce_compilation() -> None:
+    """Tell who waits why the first command of a version takes longer."""
+    from delta3_pacdrive.kernel import all_compiled
+
+    if not all_compiled():
+        print(
+            'compiling the numerical kernels, once for this version (about 20 s) ...',
+            file=sys.stderr,
+            flush=True,
+        )
+
+
 def print_figures(result: dict[str, Any]) -> None:
     """Print the figures of a run for people."""
     axes = ' / '.join(['{:.2f}'] * 3)

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import add_robot_options, guarded, parser_for, print_figures
+from delta3_pacdrive.cli.output import (
+    add_robot_options,
+    announce_compilation,
+    guarded,
+    parser_for,
+    print_figures,
+)
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -83,6 +89,7 @@ def _run(options: argparse.Namespace) -> int:
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.nodes.bringup import Bringup, Options
 
+    announce_compilation()
     bringup = Bringup(
         Options(
             program=programs.find(options.program).absolute(),

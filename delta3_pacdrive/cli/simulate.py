@@ -6,7 +6,13 @@ import sys
 import time
 from collections.abc import Sequence
 
-from delta3_pacdrive.cli.output import add_robot_options, guarded, parser_for, print_figures
+from delta3_pacdrive.cli.output import (
+    add_robot_options,
+    announce_compilation,
+    guarded,
+    parser_for,
+    print_figures,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,6 +31,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import simulation
     from delta3_pacdrive.motion import program as programs
 
+    announce_compilation()
     robot = core.load(options.parameters)
     if options.exchange_period is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period)

@@ -132,7 +132,7 @@ class Bringup:
         else:
             for name, factory in nodes.items():
                 self._spawn(name, [factory], logs)
-        # The planner's process waits for a line on its pipe: nothing may move before the recorder listens.
+        # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         read_end, self._go = os.pipe()
         self._spawn('unit_robot', [planner], logs, wait_for=read_end)
         os.close(read_end)
@@ -175,11 +175,7 @@ class Bringup:
         deadline = time.monotonic() + READY_TIMEOUT_S
         released = False
         while not (progress := self._look()).get('finished'):
-            if (
-                not released
-                and (not self._options.bag or monitor.recorder)
-                and progress.get('phase') == 'CP3'
-            ):
+            if not released and (monitor.recorder or not self._options.bag):
                 os.write(self._go, b'g')
                 released = True
             if progress.get('phase') == 'CP4':

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from array import array
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -27,8 +28,12 @@ def descriptor(description: str, low: float, high: float, kind: type) -> Paramet
 
 def declare(node: Node, name: str, default: Any, description: ParameterDescriptor) -> Any:
     """Declare a parameter and return its value; raises ParameterError for a wrong type or value."""
+    return _declare_all(node, [(name, default, description)])[0]
+
+
+def _declare_all(node: Node, entries: list[tuple[str, Any, ParameterDescriptor]]) -> list[Any]:
     try:
-        return node.declare_parameter(name, default, description).value
+        return [parameter.value for parameter in node.declare_parameters('', entries)]
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         raise ParameterError(f'{node.get_fully_qualified_name()}: {error}') from None
 
@@ -38,16 +43,17 @@ def declare_robot(node: Node) -> core.Parameters:
 
     Call it after the node's own parameters are declared.
     """
-    values = core.flatten(core.load())
+    defaults = core.flatten(core.load())
+    entries = []
     for group, cls in core.groups().items():
         for f in dataclasses.fields(cls):
-            name = f'{group}.{f.name}'
-            default = values[name]
+            default = defaults[f'{group}.{f.name}']
             kind = f.type if f.type in (int, float) else list
             info = descriptor(f.metadata['description'], f.metadata['low'], f.metadata['high'], kind)
-            value = declare(node, name, list(default) if isinstance(default, tuple) else default, info)
-            values[name] = value if kind is not list else list(value)
+            entries.append((f'{group}.{f.name}', list(default) if kind is list else default, info))
+    values = [list(value) if isinstance(value, array) else value for value in _declare_all(node, entries)]
     for name in getattr(node, '_parameter_overrides', {}):
         if not node.has_parameter(name) and not name.startswith(_OF_RCLPY):
             raise ParameterError(f'{node.get_fully_qualified_name()}: unknown parameter {name}')
-    return core.from_flat(values, node.get_fully_qualified_name())
+    named = {name: value for (name, _, _), value in zip(entries, values, strict=True)}
+    return core.from_flat(named, node.get_fully_qualified_name())

@@ -1,0 +1,15 @@
+"""What the tests share: the default robot, and property tests that draw the same examples in every run."""
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=100)
+settings.load_profile('facts')
+
+
+@pytest.fixture(scope='session')
+def robot():
+    """Return the parameters of the default robot."""
+    from delta3_pacdrive import parameters
+
+    return parameters.load()

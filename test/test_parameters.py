@@ -1,0 +1,331 @@
+"""Facts about parameter files: what stands in the default one, and what is refused, with which words."""
+
+import dataclasses
+import math
+import re
+
+import pytest
+import yaml
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.errors import ParameterError
+
+FIELDS = {
+    f'{group}.{field.name}': field
+    for group, cls in parameters.groups().items()
+    for field in dataclasses.fields(cls)
+}
+UNITS = re.compile(r'.*_(m|s|kg|a|v|h|ohm|deg|rad|rpm|kg_m2|n_m|m_s|m_s2|m_s3|rad_s)$|.*_(rad_s|a_s|a|v_a|v_a_s)_(rad|a|s)$')
+DIMENSIONLESS = {
+    'kinematics.serial_singularity_min',
+    'kinematics.parallel_singularity_min',
+    'drive.velocity_feedforward',
+    'drive.current_feedforward',
+    'drive.overspeed_factor',
+    'dynamics.forearm_share_at_elbow',
+    'dynamics.gear_in',
+    'dynamics.gear_out',
+    'motor.pole_pairs',
+    'bus.increments_per_rev',
+    'bus.outstanding_cycles_max',
+    'motion.following_error_delay_cycles',
+    'motion.enable_cycle',
+    'motion.start_cycle',
+}
+PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
+    'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
+    'bus.cycle_time_s': 1e-3,
+    'bus.increments_per_rev': 2**19,
+    'dynamics.forearm_share_at_elbow': 2 / 3,
+    'motion.home_m': (0.0, 0.0, -0.75),
+    'motor.peak_current_a': 17.0,
+    'motor.nominal_current_a': 4.10,
+    'motor.max_speed_rpm': 6000.0,
+    'motor.torque_constant_n_m_a': 0.78,
+    'motor.rotor_inertia_kg_m2': 0.58e-4,
+    'motor.brake_inertia_kg_m2': 0.227e-4,
+    'motor.winding_resistance_ohm': 2.7,
+    'motor.winding_inductance_h': 13.0e-3,
+    'motor.pole_pairs': 3,
+}
+CHOSEN = {  # what the derived figures of the parameter study were computed with
+    'kinematics.upper_arm_length_m': 0.400,
+    'kinematics.forearm_length_m': 0.950,
+    'kinematics.base_radius_m': 0.200,
+    'kinematics.plate_radius_m': 0.050,
+    'drive.position_period_s': 250e-6,
+    'drive.velocity_period_s': 125e-6,
+    'drive.current_period_s': 62.5e-6,
+    'drive.position_gain_rad_s_rad': 60.0,
+    'drive.velocity_gain_a_s_rad': 0.35,
+    'drive.velocity_integral_gain_a_rad': 20.0,
+    'drive.current_gain_v_a': 30.0,
+    'drive.current_integral_gain_v_a_s': 15000.0,
+    'drive.feedforward_inertia_kg_m2': 6.41e-4,
+    'drive.observer_arm_inertia_kg_m2': 0.9425,
+    'drive.current_reference_filter_s': 2.0e-4,
+    'drive.dc_link_voltage_v': 560.0,
+    'dynamics.upper_arm_mass_kg': 1.30,
+    'dynamics.elbow_mass_kg': 0.25,
+    'dynamics.forearm_mass_kg': 0.45,
+    'dynamics.plate_mass_kg': 0.85,
+    'dynamics.payload_mass_kg': 0.50,
+    'dynamics.gravity_m_s2': 9.81,
+    'dynamics.gear_in': 32.0,
+    'dynamics.gear_out': 1.0,
+    'motor.viscous_friction_n_m_s_rad': 3.0e-4,
+    'motor.static_friction_n_m': 0.10,
+    'motor.friction_smoothing_rad_s': 1.0,
+}
+
+
+@pytest.fixture
+def values(robot):
+    """Return the default values by dotted name, to be spoilt."""
+    return parameters.flatten(robot)
+
+
+@pytest.fixture
+def tree():
+    """Return the default file as a mapping of groups."""
+    text = (parameters.config_directory() / parameters.DEFAULT_FILE).read_text(encoding='utf-8')
+    return yaml.safe_load(text)['/**']['ros__parameters']
+
+
+@pytest.fixture
+def load_tree(tmp_path):
+    """Return a function that writes a mapping of groups to a file and loads it."""
+
+    def load(tree):
+        path = tmp_path / 'robot.yaml'
+        path.write_text(yaml.safe_dump({'/**': {'ros__parameters': tree}}), encoding='utf-8')
+        return parameters.load(path)
+
+    return load
+
+
+def refusal(function, *arguments):
+    """Return the sentence with which a call is refused."""
+    with pytest.raises(ParameterError) as caught:
+        function(*arguments)
+    sentence = str(caught.value)
+    assert '\n' not in sentence
+    assert sentence
+    return sentence
+
+
+def with_item(value, item):
+    """Return ``value``, a tuple or a scalar, with its last number replaced."""
+    return (*value[:2], item) if isinstance(value, tuple) else item
+
+
+def replace(robot, name, value):
+    return robot.replace(**{name.replace('.', '__'): value})
+
+
+@pytest.mark.parametrize('name', FIELDS)
+def test_every_parameter_has_a_description_a_range_and_a_unit(name):
+    metadata = FIELDS[name].metadata
+    assert metadata['description']
+    assert math.isfinite(metadata['low'])
+    assert metadata['low'] < metadata['high']
+    assert (name in DIMENSIONLESS) != bool(UNITS.fullmatch(name))
+
+
+@pytest.mark.parametrize('name', FIELDS)
+def test_every_default_lies_in_its_range(name, robot):
+    value = parameters.flatten(robot)[name]
+    low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
+    for number in value if isinstance(value, tuple) else [value]:
+        assert low <= number <= high
+        assert math.isfinite(number)
+
+
+@pytest.mark.parametrize(('name', 'value'), (PRINTED_IN_THE_THESIS | CHOSEN).items())
+def test_the_default_robot_is_the_one_that_was_studied(name, value, robot):
+    assert parameters.flatten(robot)[name] == value
+
+
+def test_the_file_holds_every_parameter_and_no_other(tree):
+    assert {f'{group}.{key}' for group, values in tree.items() for key in values} == set(FIELDS)
+
+
+@pytest.mark.parametrize('name', FIELDS)
+def test_a_missing_parameter_is_named(name, values):
+    del values[name]
+    assert f'missing parameter {name}' in refusal(parameters.from_flat, values)
+
+
+@pytest.mark.parametrize('name', FIELDS)
+def test_a_misspelt_parameter_is_named(name, values):
+    values[name + 'x'] = values[name]
+    assert f'unknown parameter {name}x' in refusal(parameters.from_flat, values)
+
+
+@pytest.mark.parametrize('name', FIELDS)
+@pytest.mark.parametrize('wrong', ['fast', '1.0', True, None, {'a': 1}, [1.0, 2.0]], ids=repr)
+def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
+    assert f'{name} must be a' in refusal(replace, robot, name, wrong)
+    assert f'{name} must be a' in refusal(replace, robot, name, with_item(values[name], wrong))
+
+
+@pytest.mark.parametrize('name', FIELDS)
+def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
+    low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
+    if FIELDS[name].type is int:
+        outside = [low - 1, high + 1]
+    else:
+        outside = [low - 1.0, -math.inf, math.nan, *([high + 1.0, math.inf] if high < math.inf else [])]
+    for value in outside:
+        sentence = refusal(replace, robot, name, with_item(values[name], value))
+        assert f'{name} is {value!r}, but must be ' in sentence
+
+
+def test_the_same_words_come_from_a_file(tree, load_tree):
+    tree['motor']['peak_current_a'] = -17.0
+    sentence = 'robot.yaml: motor.peak_current_a is -17.0, but must be positive and at most 1000'
+    assert refusal(load_tree, tree).endswith(sentence)
+    del tree['motor']['peak_current_a']
+    assert refusal(load_tree, tree).endswith('robot.yaml: missing parameter motor.peak_current_a')
+
+
+@pytest.mark.parametrize('name', [name for name, field in FIELDS.items() if field.type is int])
+def test_counts_are_whole_numbers(name, robot):
+    assert f'{name} must be a whole number' in refusal(replace, robot, name, 1500.5)
+
+
+@pytest.mark.parametrize('name', ['motion.jerk_max_m_s3', 'motor.pole_pairs', 'kinematics.arm_azimuth_deg'])
+@pytest.mark.parametrize('digits', [400, 5000])
+def test_a_number_beyond_all_machine_numbers_is_refused(name, digits, robot, values):
+    assert name in refusal(replace, robot, name, with_item(values[name], 16**digits))
+
+
+@pytest.mark.parametrize(
+    ('change', 'rule'),
+    [
+        ({'bus__cycle_time_s': 3e-3}, 'bus.cycle_time_s is 0.003, but must be 0.001, 0.002 or 0.004'),
+        (
+            {'bus__exchange_period_s': 2e-3},
+            'bus.exchange_period_s is 0.002, but must be 125e-6, 250e-6, 500e-6',
+        ),
+        (
+            {'drive__velocity_period_s': 100e-6},
+            'drive.velocity_period_s is 0.0001, but must be a whole multiple of',
+        ),
+        (
+            {'drive__position_period_s': 300e-6},
+            'drive.position_period_s is 0.0003, but must be a whole multiple of',
+        ),
+        ({'drive__position_period_s': 375e-6}, 'bus.cycle_time_s is 0.001, but must be a whole multiple of'),
+        (
+            {'drive__velocity_period_s': 250e-6, 'bus__exchange_period_s': 125e-6},
+            'bus.exchange_period_s is 0.000125, but must be a whole multiple of',
+        ),
+        (
+            {'kinematics__plate_radius_m': 0.3},
+            'kinematics.plate_radius_m is 0.3, but must not exceed base_radius_m',
+        ),
+        (
+            {'kinematics__workspace_bottom_m': -0.7},
+            'workspace_bottom_m is -0.7, but must lie below workspace_top_m',
+        ),
+        (
+            {'dynamics__end_stop_min_deg': -40.0},
+            'end_stop_min_deg must not lie above kinematics.arm_angle_min_deg',
+        ),
+        (
+            {'dynamics__end_stop_max_deg': 90.0},
+            'end_stop_max_deg must not lie below kinematics.arm_angle_max_deg',
+        ),
+        ({'motor__nominal_curent_a': 4.0}, 'unknown parameter motor.nominal_curent_a'),
+    ],
+)
+def test_rules_between_parameters_name_both(change, rule, robot):
+    assert rule in refusal(lambda: robot.replace(**change))
+
+
+@pytest.mark.parametrize('cycle_time_s', [1e-3, 2e-3, 4e-3])
+@pytest.mark.parametrize('exchange_period_s', [125e-6, 250e-6, 500e-6, None])
+def test_every_bus_cycle_goes_with_every_exchange_period(cycle_time_s, exchange_period_s, robot):
+    period = exchange_period_s or cycle_time_s
+    bus = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=period).bus
+    assert (bus.cycle_time_s, bus.exchange_period_s) == (cycle_time_s, period)
+
+
+BOMB = 'a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n'
+
+
+@pytest.mark.parametrize(
+    ('content', 'reason'),
+    [
+        (b'', 'not a ROS parameter file'),
+        (b'# nothing but a comment\n', 'not a ROS parameter file'),
+        (b'just a text', 'not a ROS parameter file'),
+        (b'[1, 2]', 'not a ROS parameter file'),
+        (b'/**: {other: {}}', 'not a ROS parameter file'),
+        (b'/**: {ros__parameters: 5}', 'not a ROS parameter file'),
+        (b'a: {ros__parameters: {}}\nb: {ros__parameters: {}}', 'not a ROS parameter file'),
+        (b'/**: {ros__parameters: {}}', 'missing parameter group'),
+        (b'/**: {ros__parameters: {legs: {}}}', 'unknown parameter group legs'),
+        (b'/**: {ros__parameters: {motor: 5}}', 'missing parameter group'),
+        (b'/**: {ros__parameters: {1: 2}}', 'unknown parameter group 1'),
+        (BOMB.encode(), 'aliases are not allowed'),
+        (b'a: 1\nb: {c: 1, c: 2}', "the key 'c' stands twice at line 2"),
+        (b'{[a]: 1, [a]: 2}', 'is not valid YAML'),
+        (b'a: {<<: {b: 1}}', 'is not valid YAML'),
+        (b'a: !!python/object/apply:os.getcwd []', 'is not valid YAML'),
+        (b'a: 1\n---\nb: 2', 'is not valid YAML'),
+        (b'a: [1', 'is not valid YAML'),
+        (b'a: 2026-99-99', 'is not valid YAML'),
+        (b'[' * 20_000, 'is not valid YAML'),
+        (b'a: \xff\xfe', 'is not valid YAML'),
+        (b'a: \x00', 'is not valid YAML'),
+        (b'#' * (4 * 1024 * 1024 + 1), 'larger than 4 MiB'),
+    ],
+    ids=lambda value: repr(value)[:40] if isinstance(value, bytes) else '',
+)
+def test_a_hostile_file_gets_one_sentence(content, reason, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_bytes(content)
+    sentence = refusal(parameters.load, path)
+    assert reason in sentence
+    assert str(path) in sentence
+
+
+def test_what_is_no_file_gets_one_sentence(tmp_path):
+    assert 'cannot read parameter file' in refusal(parameters.load, tmp_path)
+    assert 'cannot read parameter file' in refusal(parameters.load, tmp_path / 'missing.yaml')
+
+
+def test_equal_values_have_equal_checksums(robot, tree, load_tree):
+    assert load_tree(tree).checksum == parameters.load().checksum == robot.replace().checksum
+    assert load_tree(dict(reversed(tree.items()))).checksum == robot.checksum
+
+
+@pytest.mark.parametrize('name', FIELDS)
+def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
+    if name == 'bus.cycle_time_s':
+        robot = robot.replace(bus__exchange_period_s=500e-6)
+        changed = 2e-3
+    elif name == 'bus.exchange_period_s':
+        changed = 500e-6
+    elif isinstance(values[name], tuple):
+        changed = (*values[name][:2], math.nextafter(values[name][2], 0.0))
+    elif isinstance(values[name], int):
+        changed = values[name] + 1
+    else:
+        changed = math.nextafter(values[name], math.inf)
+    assert replace(robot, name, changed).checksum != robot.checksum
+
+
+def test_parameters_cannot_be_changed_in_place(robot):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        robot.motor.peak_current_a = 20.0
+
+
+def test_derived_quantities_follow_the_thesis(robot):
+    changed = robot.replace(dynamics__gear_in=60.0, dynamics__gear_out=4.0, dynamics__payload_mass_kg=2.0)
+    assert changed.dynamics.gear_ratio == 15.0
+    assert changed.dynamics.plate_total_mass_kg == pytest.approx(0.85 + 2.0 + 0.45, rel=1e-15)
+    assert robot.kinematics.radius_difference_m == pytest.approx(0.15, rel=1e-15)
+    assert robot.motor.max_speed_rad_s == pytest.approx(200.0 * math.pi, rel=1e-15)
