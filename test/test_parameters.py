@@ -15,7 +15,7 @@ FIELDS = {
     for group, cls in parameters.groups().items()
     for field in dataclasses.fields(cls)
 }
-UNITS = re.compile(r'.*_(m|s|kg|a|v|h|ohm|deg|rad|rpm|kg_m2|n_m|m_s|m_s2|m_s3|rad_s)$|.*_(rad_s|a_s|a|v_a|v_a_s)_(rad|a|s)$')
+UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm)')
 DIMENSIONLESS = {
     'kinematics.serial_singularity_min',
     'kinematics.parallel_singularity_min',

@@ -143,7 +143,8 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
             if not meters:
                 first_cycle = progress['cycles']
                 meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
-            meters[0].look()
+            if progress['finished']:
+                meters[0].look()
 
         result = bringup.run(show)
     return result | meters[0].figures(result['cycles'] - first_cycle)
@@ -152,6 +153,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
 def _measure_bare(seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.bus.phases import DRIVES
     from delta3_pacdrive.nodes import bare, discovery, runtime
+    from delta3_pacdrive.nodes.bringup import REAL_TIME_PRIORITY
     from delta3_pacdrive.nodes.child import end_all, spawn
 
     discovery.keep_to_this_machine()
@@ -166,7 +168,7 @@ def _measure_bare(seconds: float) -> dict[str, Any]:
         factories |= {f'mc4_drive_{n + 1}': partial(bare.BareDrive, axis) for n, axis in enumerate(DRIVES)}
         factories['transformation_task'] = partial(bare.BareMaster, round(seconds / bare.PERIOD_S), done)
         children = [
-            spawn(name, partial(runtime.run, [factory], []), Path(folder) / name)
+            spawn(name, partial(runtime.run, [factory], []), Path(folder) / name, REAL_TIME_PRIORITY)
             for name, factory in factories.items()
         ]
         try:
@@ -175,7 +177,7 @@ def _measure_bare(seconds: float) -> dict[str, Any]:
             deadline = time.monotonic() + 3.0 * seconds + 30.0
             while not report.exists() and time.monotonic() < deadline:
                 time.sleep(0.2)
-                meter.look()
+            meter.look()
             figures = json.loads(report.read_text())
         finally:
             end_all(children, 2.0)

@@ -31,6 +31,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help='bus time over wall time; 0: no clock',
     )
     parser.add_argument('--single-process', action='store_true', help='all nodes in one process')
+    parser.add_argument(
+        '--ordinary-priority', action='store_true', help='no real-time scheduling even where it is permitted'
+    )
     parser.add_argument('--bag', metavar='DIR', help='record every cyclic topic into a new rosbag2 folder')
     result = parser.parse_args(arguments)
     if not 0.0 <= result.real_time_factor <= 1000.0:
@@ -99,6 +102,7 @@ def _run(options: argparse.Namespace) -> int:
             bag=Path(options.bag).absolute() if options.bag else None,
             single_process=options.single_process,
             exchange_period_s=options.exchange_period,
+            real_time_priority=not options.ordinary_priority,
         )
     )
     display = _Display(quiet=options.json)

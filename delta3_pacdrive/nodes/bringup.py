@@ -40,6 +40,7 @@ READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 END_PATIENCE_S = 1.0
+REAL_TIME_PRIORITY = 20  # SCHED_FIFO, where permitted: above all ordinary work, below the kernel's own
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Options:
     bag: Path | None = None
     single_process: bool = False
     exchange_period_s: float | None = None
+    real_time_priority: bool = True
 
 
 class _Monitor(Node):
@@ -128,10 +130,10 @@ class Bringup:
             bag = {'bag': str(options.bag), 'program': self._program.name}
             self._spawn('recorder', [self._factory(RecorderNode, bag)], logs)
         if options.single_process:
-            self._spawn('robot', [*nodes.values()], logs)
+            self._spawn('robot', [*nodes.values()], logs, self._priority)
         else:
             for name, factory in nodes.items():
-                self._spawn(name, [factory], logs)
+                self._spawn(name, [factory], logs, self._priority)
         # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         read_end, self._go = os.pipe()
         self._spawn('unit_robot', [planner], logs, wait_for=read_end)
@@ -152,8 +154,20 @@ class Bringup:
             node, namespace=self._options.namespace, parameter_overrides=overrides, cli_args=arguments
         )
 
+    @property
+    def _priority(self) -> int:
+        """Without a clock the robot takes whatever processor time there is; that must not be in real time."""
+        return (
+            REAL_TIME_PRIORITY if self._options.real_time_priority and self._options.real_time_factor else 0
+        )
+
     def _spawn(
-        self, name: str, factories: list[Callable[[], Node]], logs: Path, wait_for: int | None = None
+        self,
+        name: str,
+        factories: list[Callable[[], Node]],
+        logs: Path,
+        priority: int = 0,
+        wait_for: int | None = None,
     ) -> None:
         go = getattr(self, '_go', None)
 
@@ -164,7 +178,7 @@ class Bringup:
                 return 0
             return runtime.run(factories, [])
 
-        self._children.append(spawn(name, main, logs / f'{name}.log'))
+        self._children.append(spawn(name, main, logs / f'{name}.log', priority))
 
     def _interrupt(self, *_: Any) -> None:
         self._interrupted = True

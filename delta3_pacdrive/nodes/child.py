@@ -6,8 +6,11 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+from delta3_pacdrive.nodes.shared_memory import remove_orphans
 
 _PR_SET_PDEATHSIG = 1
 
@@ -56,8 +59,12 @@ class Child:
         return f'{self.name} {how}' + (f': {error.removeprefix("error: ")}' if error else '')
 
 
-def spawn(name: str, main: Callable[[], int], log: Path) -> Child:
-    """Fork a child that runs ``main`` in a process group of its own and dies with its parent."""
+def spawn(name: str, main: Callable[[], int], log: Path, priority: int = 0) -> Child:
+    """Fork a child that runs ``main`` in a process group of its own and dies with its parent.
+
+    A ``priority`` above 0 asks for real-time scheduling (SCHED_FIFO), which all its threads inherit; without the
+    permission it stays as it is.
+    """
     sys.stdout.flush()
     sys.stderr.flush()
     parent = os.getpid()
@@ -67,6 +74,8 @@ def spawn(name: str, main: Callable[[], int], log: Path) -> Child:
     status = 1
     try:
         _become_child(name, parent, log)
+        if priority:
+            schedule_in_real_time(priority)
         status = main()
     except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
         import traceback
@@ -76,6 +85,12 @@ def spawn(name: str, main: Callable[[], int], log: Path) -> Child:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)
+
+
+def schedule_in_real_time(priority: int) -> None:
+    """Ask for SCHED_FIFO for this thread and those that it starts."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
 def _become_child(name: str, parent: int, log: Path) -> None:
@@ -101,4 +116,6 @@ def end_all(children: list[Child], patience_s: float) -> list[str]:
     for child in killed:
         child.send(signal.SIGKILL)
         os.waitpid(child.pid, 0)
+    if any(child.status != 0 for child in children):
+        remove_orphans()
     return [child.name for child in killed]

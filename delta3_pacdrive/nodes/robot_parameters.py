@@ -31,7 +31,8 @@ def declare(node: Node, name: str, default: Any, description: ParameterDescripto
     return _declare_all(node, [(name, default, description)])[0]
 
 
-def _declare_all(node: Node, entries: list[tuple[str, Any, ParameterDescriptor]]) -> list[Any]:
+def _declare_all(node: Node, entries: list[Any]) -> list[Any]:
+    """Declare (name, default, descriptor) entries; return their values."""
     try:
         return [parameter.value for parameter in node.declare_parameters('', entries)]
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:

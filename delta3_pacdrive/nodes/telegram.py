@@ -84,15 +84,19 @@ class _Codec:
         self._template: list[Any] = [_ENCAPSULATION, 0, 0, self._frame_size, b'', *[0.0] * (position - 4)]
         for place, constant in zip(places, layout.constants, strict=True):
             self._template[place] = constant
-        self._value_places = values
+        starts = [sum(layout.counts[:n]) for n in range(len(layout.counts))]
+        self._blocks = [
+            (place + 1, start, start + count)
+            for place, start, count in zip(places, starts, layout.counts, strict=False)
+        ]
 
     def encode(self, stamp: tuple[int, int], frame: bytes, values: Sequence[float]) -> bytes:
         """Return the message as CDR; ``frame`` has the length that the codec was made for."""
         fields = self._template
         fields[1], fields[2] = stamp
         fields[4] = frame
-        for place, value in zip(self._value_places, values, strict=True):
-            fields[place] = value
+        for place, start, end in self._blocks:
+            fields[place : place + end - start] = values[start:end]
         return self._struct.pack(*fields)
 
     def decode(self, data: bytes) -> Decoded:
