@@ -12,7 +12,7 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import Parameters
 
-SAMPLES_MIN = 33  # of a move; longer ones are sampled once per bus cycle
+SAMPLES_MIN, SAMPLES_MAX = 33, 20_001  # of a move; in between once per bus cycle
 ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit
 
 
@@ -30,11 +30,15 @@ class Demand:
     motor_current_a: Floats
 
 
+def _sample_times(move: Move, parameters: Parameters) -> Floats:
+    cycles = int(np.ceil(move.duration_s / parameters.bus.cycle_time_s)) + 1
+    return np.linspace(0.0, move.duration_s, min(max(cycles, SAMPLES_MIN), SAMPLES_MAX))
+
+
 def demand(move: Move, parameters: Parameters) -> Demand:
     """Sample a move and solve inverse kinematics and dynamics, friction included; raises UnreachableError."""
     k, motor = parameters.kinematics, parameters.motor
-    samples = max(SAMPLES_MIN, int(np.ceil(move.duration_s / parameters.bus.cycle_time_s)) + 1)
-    times = np.linspace(0.0, move.duration_s, samples)
+    times = _sample_times(move, parameters)
     s, speed, acceleration = sample_master(times, move.master).T
     p, tangent, curvature = np.moveaxis(sample_path(s, move.segments), 1, 0)
     velocity = tangent * speed[:, None]
@@ -64,8 +68,7 @@ def check_move(move: Move, parameters: Parameters) -> None:
     """
     k, motor = parameters.kinematics, parameters.motor
     # the kinematic limits first, on a point outside of which nothing else has a value
-    samples = max(SAMPLES_MIN, int(np.ceil(move.duration_s / parameters.bus.cycle_time_s)) + 1)
-    s = sample_master(np.linspace(0.0, move.duration_s, samples), move.master)[:, 0]
+    s = sample_master(_sample_times(move, parameters), move.master)[:, 0]
     p = sample_path(s, move.segments)[:, 0]
     radius = np.hypot(p[:, 0], p[:, 1])
     _require(radius, 0.5 * k.workspace_diameter_m, 'distance from the z axis', 'm', s, p)

@@ -29,7 +29,7 @@ from delta3_pacdrive.parameters import Motion, Parameters, config_directory
 START_TOLERANCE_M = 1e-3  # how far the robot may stand from the start of a program; it moves there first
 COINCIDENT_M = 1e-6
 REPEAT_MAX = 10_000
-DWELL_MAX_S = 3600.0
+MOVE_MAX_S = 3600.0
 
 Point = tuple[float, float, float]
 
@@ -172,8 +172,8 @@ def _parse_move_l(value: Any, where: str, limits: Limits) -> Statement:
 def _parse_dwell(value: Any, where: str, _: Limits) -> Statement:
     fields = _mapping(value, where, {'time_s'}, {'time_s'})
     time = _number(fields['time_s'], f'{where}.time_s')
-    if not 0.0 < time <= DWELL_MAX_S:
-        raise ProgramError(f'{where}.time_s is {time}, but must be positive and at most {DWELL_MAX_S:g}')
+    if not 0.0 < time <= MOVE_MAX_S:
+        raise ProgramError(f'{where}.time_s is {time}, but must be positive and at most {MOVE_MAX_S:g}')
     return Dwell(time)
 
 
@@ -230,6 +230,8 @@ def _plan_statement(here: Any, statement: Statement, where: str, parameters: Par
     try:
         master = plan_master(length, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
         move = Move(MoveKind.LINE, master, segments)
+        if move.duration_s > MOVE_MAX_S:
+            raise ProgramError(f'it would take {move.duration_s:.3g} s, the limit is {MOVE_MAX_S:g} s')
         check_move(move, parameters)
     except ProgramError as error:
         raise ProgramError(f'{where}.move_l to {_text(statement.to_m)} m: {error}') from None

@@ -10,8 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.nodes.shared_memory import remove_orphans
-
 _PR_SET_PDEATHSIG = 1
 
 
@@ -116,6 +114,4 @@ def end_all(children: list[Child], patience_s: float) -> list[str]:
     for child in killed:
         child.send(signal.SIGKILL)
         os.waitpid(child.pid, 0)
-    if any(child.status != 0 for child in children):
-        remove_orphans()
     return [child.name for child in killed]

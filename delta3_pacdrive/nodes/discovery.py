@@ -9,8 +9,13 @@ PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def keep_to_this_machine() -> None:
-    """Choose the loopback profile, unless the environment already says how processes find each other."""
-    if RANGE in os.environ or PROFILE in os.environ or 'FASTDDS_DEFAULT_PROFILES_FILE' in os.environ:
+    """Choose the loopback profile, unless the environment asks for a profile of its own or for the network.
+
+    ``LOCALHOST`` alone would use the middleware's shared memory: a process that is killed leaves files behind, and may
+    take a lock with it on which the others hang.
+    """
+    own_profile = PROFILE in os.environ or 'FASTDDS_DEFAULT_PROFILES_FILE' in os.environ
+    if own_profile or os.environ.get(RANGE, 'LOCALHOST') != 'LOCALHOST':
         return
     os.environ[PROFILE] = str(config_directory() / 'localhost.xml')
     # with any other range the middleware would add its own transports to the profile's

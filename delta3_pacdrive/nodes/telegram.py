@@ -92,7 +92,7 @@ class _Codec:
 
     def encode(self, stamp: tuple[int, int], frame: bytes, values: Sequence[float]) -> bytes:
         """Return the message as CDR; ``frame`` has the length that the codec was made for."""
-        fields = self._template
+        fields = self._template.copy()
         fields[1], fields[2] = stamp
         fields[4] = frame
         for place, start, end in self._blocks:
