@@ -153,8 +153,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
 def _measure_bare(seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.bus.phases import DRIVES
     from delta3_pacdrive.nodes import bare, discovery, runtime
-    from delta3_pacdrive.nodes.bringup import REAL_TIME_PRIORITY
-    from delta3_pacdrive.nodes.child import end_all, spawn
+    from delta3_pacdrive.nodes.child import Schedule, end_all, spawn
 
     discovery.keep_to_this_machine()
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
@@ -168,7 +167,7 @@ def _measure_bare(seconds: float) -> dict[str, Any]:
         factories |= {f'mc4_drive_{n + 1}': partial(bare.BareDrive, axis) for n, axis in enumerate(DRIVES)}
         factories['transformation_task'] = partial(bare.BareMaster, round(seconds / bare.PERIOD_S), done)
         children = [
-            spawn(name, partial(runtime.run, [factory], []), Path(folder) / name, REAL_TIME_PRIORITY)
+            spawn(name, partial(runtime.run, [factory], []), Path(folder) / name, Schedule.REAL_TIME)
             for name, factory in factories.items()
         ]
         try:

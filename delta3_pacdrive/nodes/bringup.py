@@ -28,7 +28,7 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes import discovery, runtime
-from delta3_pacdrive.nodes.child import Child, end_all, spawn
+from delta3_pacdrive.nodes.child import Child, Schedule, end_all, spawn
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
@@ -40,7 +40,6 @@ READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 END_PATIENCE_S = 1.0
-REAL_TIME_PRIORITY = 20  # SCHED_FIFO, where permitted: above all ordinary work, below the kernel's own
 
 
 @dataclass(frozen=True)
@@ -125,15 +124,18 @@ class Bringup:
             },
             'transformation_task': self._factory(TransformationTaskNode, task),
         }
+        # Without a clock the robot takes all the processor time there is; that must not be in real time.
+        paced = options.real_time_priority and options.real_time_factor > 0.0
+        schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
         planner = self._factory(UnitRobotNode, {'program': str(program)})
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program.name}
-            self._spawn('recorder', [self._factory(RecorderNode, bag)], logs)
+            self._spawn('recorder', [self._factory(RecorderNode, bag)], logs, Schedule.PREFERRED)
         if options.single_process:
-            self._spawn('robot', [*nodes.values()], logs, self._priority)
+            self._spawn('robot', [*nodes.values()], logs, schedule)
         else:
             for name, factory in nodes.items():
-                self._spawn(name, [factory], logs, self._priority)
+                self._spawn(name, [factory], logs, schedule)
         # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         read_end, self._go = os.pipe()
         self._spawn('unit_robot', [planner], logs, wait_for=read_end)
@@ -154,19 +156,12 @@ class Bringup:
             node, namespace=self._options.namespace, parameter_overrides=overrides, cli_args=arguments
         )
 
-    @property
-    def _priority(self) -> int:
-        """Without a clock the robot takes whatever processor time there is; that must not be in real time."""
-        return (
-            REAL_TIME_PRIORITY if self._options.real_time_priority and self._options.real_time_factor else 0
-        )
-
     def _spawn(
         self,
         name: str,
         factories: list[Callable[[], Node]],
         logs: Path,
-        priority: int = 0,
+        schedule: Schedule = Schedule.ORDINARY,
         wait_for: int | None = None,
     ) -> None:
         go = getattr(self, '_go', None)
@@ -178,7 +173,7 @@ class Bringup:
                 return 0
             return runtime.run(factories, [])
 
-        self._children.append(spawn(name, main, logs / f'{name}.log', priority))
+        self._children.append(spawn(name, main, logs / f'{name}.log', schedule))
 
     def _interrupt(self, *_: Any) -> None:
         self._interrupted = True

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -57,12 +58,20 @@ class Child:
         return f'{self.name} {how}' + (f': {error.removeprefix("error: ")}' if error else '')
 
 
-def spawn(name: str, main: Callable[[], int], log: Path, priority: int = 0) -> Child:
-    """Fork a child that runs ``main`` in a process group of its own and dies with its parent.
+class Schedule(Enum):
+    """How a process is scheduled, where the system permits it; threads inherit it."""
 
-    A ``priority`` above 0 asks for real-time scheduling (SCHED_FIFO), which all its threads inherit; without the
-    permission it stays as it is.
-    """
+    ORDINARY = 'ordinary'
+    PREFERRED = 'preferred'  # before other ordinary processes
+    REAL_TIME = 'real time'  # before all of them: SCHED_FIFO
+
+
+REAL_TIME_PRIORITY = 20  # above all ordinary work, below the kernel's own
+PREFERRED_NICENESS = -10
+
+
+def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Schedule.ORDINARY) -> Child:
+    """Fork a child that runs ``main`` in a process group of its own and dies with its parent."""
     sys.stdout.flush()
     sys.stderr.flush()
     parent = os.getpid()
@@ -72,8 +81,7 @@ def spawn(name: str, main: Callable[[], int], log: Path, priority: int = 0) -> C
     status = 1
     try:
         _become_child(name, parent, log)
-        if priority:
-            schedule_in_real_time(priority)
+        _schedule(schedule)
         status = main()
     except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
         import traceback
@@ -85,10 +93,12 @@ def spawn(name: str, main: Callable[[], int], log: Path, priority: int = 0) -> C
         os._exit(status)
 
 
-def schedule_in_real_time(priority: int) -> None:
-    """Ask for SCHED_FIFO for this thread and those that it starts."""
+def _schedule(schedule: Schedule) -> None:
     with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        if schedule is Schedule.REAL_TIME:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+        elif schedule is Schedule.PREFERRED:
+            os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
 
 
 def _become_child(name: str, parent: int, log: Path) -> None:

@@ -2,8 +2,8 @@
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-# Any client may ask for reliable delivery of a cyclic topic; the depth is what a recorder may lag behind.
-CYCLIC_PUBLISHER = QoSProfile(depth=256)
+# Any client may ask for reliable delivery of a cyclic topic; the depth in cycles is how far a recorder may lag behind.
+CYCLIC_PUBLISHER = QoSProfile(depth=2000)
 
 # On one machine the flow control of the bus (at most 16 outstanding cycles) keeps queues from overflowing, so that
 # acknowledgements, a third of the bus's processor time, buy nothing. A telegram lost all the same is seen by its stamp,
@@ -20,5 +20,6 @@ PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, durability=Durability
 # Slow topics for people and tools.
 REPORT = QoSProfile(depth=10)
 
-# A recorder must lose nothing, even if the disk stalls for a second.
-RECORDER = QoSProfile(depth=2000)
+# What a recorder reads: best effort as well, since repeats would come in bursts that a recorder that lags could absorb
+# even less; its queue is deep, and it counts what is missing.
+RECORDER = QoSProfile(depth=4000, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -2,14 +2,12 @@
 
 import json
 import struct
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, Vector3Stamped
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.interfaces import (
     Qos,
@@ -27,9 +25,11 @@ from std_msgs.msg import Float64MultiArray, String, UInt8
 
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
+DRAIN_S = 0.02
 CUSTOM_DATA_KEY = 'delta3_pacdrive'
 _STAMP = struct.Struct('<iI')
 _INFINITE = QosTime(9223372036, 854775807)
@@ -61,12 +61,14 @@ class _Completeness:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._last_ns = -period_ns
+        self.heard = False  # before cyclic operation
         self.messages = 0
         self.lost = 0
 
     def count(self, data: bytes) -> None:
         sec, nanosec = _STAMP.unpack_from(data, 4)
         if sec < 0:
+            self.heard = True
             return
         now_ns = sec * 1_000_000_000 + nanosec
         self.messages += 1
@@ -74,7 +76,7 @@ class _Completeness:
         self._last_ns = now_ns
 
 
-class RecorderNode(Node):
+class RecorderNode(PollingNode):
     """Writes a bag until it is destroyed."""
 
     def __init__(self, **node_options: Any) -> None:
@@ -96,6 +98,7 @@ class RecorderNode(Node):
             'start_cycle': parameters.motion.start_cycle,
         }
         self._completeness: dict[str, _Completeness] = {}
+        self._drains: list[Callable[[], None]] = []
         cycle_ns = round(parameters.bus.cycle_time_s * 1e9)
         exchange_ns = round(parameters.bus.exchange_period_s * 1e9)
         for topic, message_type in CYCLIC.items():
@@ -106,7 +109,7 @@ class RecorderNode(Node):
             self._subscribe(topic, message_type, qos, None)
         self._state = self.create_publisher(String, 'recorder/state', LATCHED)
         self._ready = False
-        self.create_timer(0.05, self._announce)
+        self.create_timer(DRAIN_S, self._drain)
 
     def _subscribe(
         self, topic: str, message_type: type, qos: QoSProfile, count: Callable[[bytes], None] | None
@@ -116,18 +119,26 @@ class RecorderNode(Node):
         connection = self._writer.add_connection(
             resolved, name, typestore=self._typestore, offered_qos_profiles=[_bag_qos(qos)]
         )
-        write, writer_open = self._writer.write, time.time_ns
+        take = self.create_polled_subscription(message_type, topic, qos)
+        write = self._writer.write
 
-        def receive(data: bytes) -> None:
-            write(connection, writer_open(), data)
-            if count is not None:
-                count(data)
+        def drain() -> None:
+            while (taken := take()) is not None:
+                data, info = taken
+                write(connection, info['received_timestamp'], data)
+                if count is not None:
+                    count(data)
 
-        self.create_subscription(message_type, topic, receive, qos, raw=True)
+        self._drains.append(drain)
+
+    def _drain(self) -> None:
+        for drain in self._drains:
+            drain()
+        self._announce()
 
     def _announce(self) -> None:
-        """Say once that every cyclic topic has its publisher."""
-        if not self._ready and all(self.count_publishers(topic) for topic in CYCLIC):
+        """Say once that every cyclic topic has been heard: what is published from now on is recorded."""
+        if not self._ready and all(item.heard or item.messages for item in self._completeness.values()):
             self._ready = True
             self._state.publish(String(data='recording'))
             self.get_logger().info(f'recording {len(CYCLIC) + len(OTHER)} topics into {self._writer.path}')
@@ -138,6 +149,7 @@ class RecorderNode(Node):
 
     def destroy_node(self) -> None:
         """Close the bag; what is written is complete and readable."""
+        self._drain()
         counts = self.completeness()
         lost = {topic: gone for topic, (_, gone) in counts.items() if gone}
         self._writer.set_custom_data(CUSTOM_DATA_KEY, json.dumps(self._meta | {'lost': lost}))

@@ -8,7 +8,7 @@ can take a program), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, Vector3Stamped
-from rclpy.node import Node
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String, UInt8
 from std_srvs.srv import SetBool, Trigger
@@ -31,6 +29,7 @@ from delta3_pacdrive.motion.plan import Move, Plan
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.output import Output, TelegramOutput
 from delta3_pacdrive.nodes.participant import Roll
+from delta3_pacdrive.nodes.polling import PollingNode, Taken
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, PLAN, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.transformation import (
@@ -51,11 +50,10 @@ SILENCE_S = 1.0
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 
 
-class TransformationTaskNode(Node):
+class TransformationTaskNode(PollingNode):
     """One robot's master."""
 
     def __init__(self, **node_options: Any) -> None:
-        self._polled: set[Subscription] = set()
         super().__init__('transformation_task', **node_options)
         factor = declare(
             self,
@@ -113,11 +111,6 @@ class TransformationTaskNode(Node):
         self.create_timer(PROGRESS_S, self._report)
         self._reports = 0
 
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions for the executor: all but those that the cycle polls itself."""
-        return iter([item for item in super().subscriptions if item not in self._polled])
-
     def _create_outputs(self) -> None:
         def point(message_type: Any, topic: str) -> TelegramOutput:
             codec = telegram.StampedTripleCodec(message_type, len(telegram.BASE_FRAME))
@@ -146,20 +139,17 @@ class TransformationTaskNode(Node):
     def _create_inputs(self, poll: bool) -> None:
         self._roll = Roll(self)
         self.create_subscription(Float64MultiArray, 'motion/plan', self._on_plan, PLAN)
-        self._pollers: list[tuple[Subscription, Callable[[bytes, int], None]]] = []
+        self._pollers: list[tuple[Callable[[], Taken | None], Callable[..., None]]] = []
         for index, axis in enumerate(DRIVES):
-            receive = self._on_at(index, telegram.at_codec(axis))
-            subscription = self.create_subscription(
-                JointState,
-                f'sercos/at/{axis}',
-                partial(receive, received_ns=0),
-                CYCLIC_SUBSCRIPTION,
-                raw=True,
-            )
+            topic, receive = f'sercos/at/{axis}', self._on_at(index, telegram.at_codec(axis))
             if poll:
                 # The clock drives this task, so that an answer need not wake it: it is read at the next tick.
-                self._polled.add(subscription)
-                self._pollers.append((subscription, receive))
+                take = self.create_polled_subscription(JointState, topic, CYCLIC_SUBSCRIPTION)
+                self._pollers.append((take, receive))
+            else:
+                self.create_subscription(
+                    JointState, topic, partial(receive, received_ns=0), CYCLIC_SUBSCRIPTION, raw=True
+                )
 
     # start-up ---------------------------------------------------------------------------------------------------------
 
@@ -202,12 +192,17 @@ class TransformationTaskNode(Node):
                 self._fail('; '.join(sentences))
             else:
                 self._prepare()
-        elif self._phase == Phase.CP3 and (not self._wait_for_program or self._program_ends is not None):
-            self._begin_cyclic_operation()
+        elif self._phase == Phase.CP3:
+            self._greet()
+            if not self._wait_for_program or self._program_ends is not None:
+                self._begin_cyclic_operation()
 
     def _greet(self) -> None:
         frame = telegram.mdt_frame(self._phase, CONTROL_OFF)
         self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
+        for output, _ in self._answers:
+            # who records knows by this that nothing of cyclic operation will pass it by
+            output.send((ACYCLIC_SEC, 0), [0.0] * 3)
 
     def _prepare(self) -> None:
         try:
@@ -235,11 +230,10 @@ class TransformationTaskNode(Node):
     # cyclic operation -------------------------------------------------------------------------------------------------
 
     def _poll(self) -> None:
-        for index, (subscription, receive) in enumerate(self._pollers):
-            take = subscription.handle.take_message
+        for index, (take, receive) in enumerate(self._pollers):
             # before cyclic operation nobody knows how many answers there are; then it is one per cycle
             while self._phase != Phase.CP4 or self._expected[index] < self._cycle:
-                taken = take(JointState, True)
+                taken = take()
                 if taken is None:
                     break
                 receive(taken[0], taken[1]['received_timestamp'])
