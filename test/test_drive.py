@@ -31,7 +31,7 @@ class Bench:
         self.shafts, self.currents, self.states, self.status, self.released = [], [], [], [], []
 
     def run(self, cycles, offset=0.0, control=CONTROL_ENABLE):
-        """Run cycles with commands ``offset`` [rad, motor] from where the robot started; a function of the cycle too."""
+        """Run cycles with commands ``offset`` [rad, motor] from the start; it may be a function of the cycle."""
         for n in range(cycles):
             now = offset(n) if callable(offset) else offset
             self.status.append(self.robot.cycle(self.start + now, control, self.answers))
@@ -269,10 +269,18 @@ def test_velocity_feed_forward_takes_the_lag_out_of_a_constant_speed(robot):
     for share in (1.0, 0.0):
         changed = robot.replace(drive__velocity_feedforward=share, drive__following_error_max_rad=100.0)
         bench = Bench(changed).run(100).run(60, ramp(rate, 100.0))
-        # at the end of a cycle the set point of the telegram before is due since 0.75 ms in 0.25 ms
+        # at the end of a cycle the drives stand at the command of the telegram before its own
         lags.append(59 * rate - bench.moved[-1])
     assert lags[1] == pytest.approx([200.0 / 60.0] * 3, rel=0.1)  # w / K_Ppos
+    # with it, a quarter cycle of the interpolation's steps is left
     assert np.abs(lags[0]).max() < 0.02 * 200.0 / 60.0 + 0.25 * rate
+
+
+def test_a_correction_of_the_observer_is_no_speed(robot):
+    """The plant puts the shaft 0.01 rad elsewhere than the observer had it: over 125 us that would be 80 rad/s."""
+    drive = enabled_drive(robot)
+    currents = stand(drive, 0.01, position=0.01)
+    assert np.abs(currents).max() < 1.0  # K_Ppos K_Pvel 0.01 rad is 0.2 A
 
 
 def test_one_exchange_per_cycle_is_within_10_um_of_the_exact_loops(robot):
@@ -384,7 +392,7 @@ def test_a_disabled_drive_stops_closes_its_brake_and_then_drops_its_power(robot)
     ready = [states[0] for states in bench.states].index(DriveState.READY, order[-1])
     assert order == sorted(order)
     assert order[1] == 151  # the word of cycle 150 works in 151
-    applied = [n for n in range(order[2], 400) if not bench.released[n][0]][0]
+    applied = next(n for n in range(order[2], 400) if not bench.released[n][0])
     assert applied < ready  # the current loop holds until the brake does
     assert np.array(bench.shafts)[-1, 3:6] == pytest.approx([0.0] * 3, abs=0.0)
     assert bench.states[-1] == [DriveState.READY] * 3

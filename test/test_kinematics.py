@@ -321,6 +321,13 @@ def test_turning_the_plate_by_a_third_hands_the_angles_to_the_next_arm(robot):
     assert np.abs(turned - np.roll(theta, 1, axis=-1)).max() < ROUNDING
 
 
+def test_arms_numbered_the_other_way_round_carry_the_plate_to_the_same_point(robot):
+    clockwise = robot.replace(kinematics__arm_azimuth_deg=(0.0, 240.0, 120.0)).kinematics
+    theta = joint_triples(robot, 200)
+    expected = kinematics.forward(theta, robot.kinematics)
+    assert np.abs(kinematics.forward(theta[:, [0, 2, 1]], clockwise) - expected).max() < ROUNDING
+
+
 def test_mirroring_the_plate_in_the_plane_of_arm_1_swaps_arms_2_and_3(robot):
     points = workspace_points(robot, 500)
     theta = kinematics.inverse(points, robot.kinematics)

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray, String, UInt8
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
-from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, Identity, disagreements, missing
+from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, Status, in_torque
 from delta3_pacdrive.errors import ProgramError, TelegramError, UnreachableError
@@ -175,22 +175,19 @@ class TransformationTaskNode(PollingNode):
                 self._set_phase(Phase.CP1)
         elif self._phase == Phase.CP1:
             self._greet()
-            unlinked = [axis for axis in DRIVES if axis not in self._roll.links.get('plant', ())]
             silent = [axis for index, axis in enumerate(DRIVES) if index not in self._resting]
-            if unlinked:
-                self._wait_for(f'waiting for the plant to hear {", ".join(unlinked)}')
-            elif silent:
-                self._wait_for(f'waiting for an answer of {", ".join(silent)}')
-            else:
-                self._wait_for('')
+            self._wait_for(f'waiting for an answer of {", ".join(silent)}' if silent else '')
+            if not silent:
                 self._set_phase(Phase.CP2)
         elif self._phase == Phase.CP2:
             sentences = disagreements(
                 self._identity, {name: self._roll.identities[name] for name in PARTICIPANTS}
             )
+            unlinked = [axis for axis in DRIVES if axis not in self._roll.links.get(PLANT, ())]
+            self._wait_for(f'waiting for the plant to hear {", ".join(unlinked)}' if unlinked else '')
             if sentences:
                 self._fail('; '.join(sentences))
-            else:
+            elif not unlinked:
                 self._prepare()
         elif self._phase == Phase.CP3:
             self._greet()

@@ -37,8 +37,11 @@ class UnitRobotNode(Node):
         self.create_subscription(PointStamped, 'motion/located', self._on_located, LATCHED)
 
     def _say(self, text: str, error: bool = False) -> None:
-        logger = self.get_logger()
-        (logger.error if error else logger.info)(text)
+        # rclpy wants one line of code for each severity
+        if error:
+            self.get_logger().error(text)
+        else:
+            self.get_logger().info(text)
         self._state.publish(String(data=f'error: {text}' if error else text))
 
     def _on_located(self, message: PointStamped) -> None:

@@ -1,0 +1,117 @@
+"""Cyclic messages of fixed layout are ordinary messages, and nothing else passes for one."""
+
+import math
+
+import pytest
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.nodes import telegram
+
+CODECS = {
+    'mdt': (telegram.mdt_codec(), telegram.mdt_frame(4, 0xE000), (3, 0, 0), list(telegram.AXES)),
+    'at': (telegram.at_codec('axis2'), b'c008', (1, 1, 1), ['axis2']),
+    'current of 1 ms': (telegram.current_codec('axis3', 16), b'free', (0, 0, 16), ['axis3']),
+    'current of 125 us': (telegram.current_codec('axis1', 2), b'held', (0, 0, 2), ['axis1']),
+    'shafts': (telegram.shafts_codec(), b'base', (3, 3, 3), list(telegram.AXES)),
+}
+
+
+@pytest.fixture(params=CODECS)
+def case(request: pytest.FixtureRequest) -> tuple:
+    return CODECS[request.param]
+
+
+def _values(counts: tuple[int, int, int]) -> list[float]:
+    return [math.pi * (n + 1) for n in range(sum(counts))]
+
+
+def _message(frame: bytes, counts: tuple[int, int, int], names: list[str]) -> JointState:
+    values = _values(counts)
+    first, second, _ = counts
+    message = JointState(
+        name=names,
+        position=values[:first],
+        velocity=values[first : first + second],
+        effort=values[first + second :],
+    )
+    message.header.stamp.sec, message.header.stamp.nanosec = 12, 345_000_000
+    message.header.frame_id = frame.decode()
+    return message
+
+
+def test_packed_telegram_reads_as_an_ordinary_message(case: tuple) -> None:
+    codec, frame, counts, names = case
+    data = codec.encode((12, 345_000_000), frame, _values(counts))
+    assert deserialize_message(data, JointState) == _message(frame, counts, names)
+
+
+def test_ordinary_message_reads_as_a_telegram(case: tuple) -> None:
+    codec, frame, counts, names = case
+    data = serialize_message(_message(frame, counts, names))
+    assert codec.decode(data) == (12, 345_000_000, frame, tuple(_values(counts)))
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_not_finite_are_refused(bad: float, case: tuple) -> None:
+    codec, frame, counts, _ = case
+    for position in range(sum(counts)):
+        values = _values(counts)
+        values[position] = bad
+        with pytest.raises(TelegramError, match='is not finite'):
+            codec.decode(codec.encode((0, 0), frame, values))
+
+
+def test_other_names_and_lengths_are_refused(case: tuple) -> None:
+    codec, frame, counts, names = case
+    message = _message(frame, counts, names)
+    message.name = [name.replace('axis', 'exis') for name in names]
+    with pytest.raises(TelegramError, match='expected'):
+        codec.decode(serialize_message(message))
+    message = _message(frame, counts, names)
+    message.effort.append(0.0)
+    with pytest.raises(TelegramError, match='expected'):
+        codec.decode(serialize_message(message))
+
+
+def test_every_single_changed_byte_is_read_alike_or_refused(case: tuple) -> None:
+    """No corruption makes the fast path read other values than the ordinary parser."""
+    codec, frame, counts, _ = case
+    data = codec.encode((12, 345_000_000), frame, _values(counts))
+    for position in range(len(data)):
+        corrupt = bytearray(data)
+        corrupt[position] ^= 0x55
+        fast = codec._decode_layout(bytes(corrupt))
+        if fast is not None:
+            message = deserialize_message(bytes(corrupt), JointState)
+            values = (*message.position, *message.velocity, *message.effort)
+            assert fast[:2] == (message.header.stamp.sec, message.header.stamp.nanosec)
+            assert fast[3] == pytest.approx(values, rel=0.0, abs=0.0, nan_ok=True)
+
+
+@pytest.mark.parametrize('length', [0, 3, 4, 11, 40])
+def test_cut_off_telegrams_are_refused(length: int) -> None:
+    codec, frame, counts, _ = CODECS['at']
+    with pytest.raises(TelegramError):
+        codec.decode(codec.encode((0, 0), frame, _values(counts))[:length])
+
+
+@pytest.mark.parametrize('message_type', [PointStamped, Vector3Stamped])
+def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
+    codec = telegram.StampedTripleCodec(message_type, 4)
+    data = codec.encode((1, 2), b'base', [0.1, -0.2, 0.3])
+    message = deserialize_message(data, message_type)
+    vector = message.point if message_type is PointStamped else message.vector
+    assert (vector.x, vector.y, vector.z) == (0.1, -0.2, 0.3)
+    assert message.header.frame_id == 'base'
+    assert codec.decode(serialize_message(message)) == (1, 2, b'base', (0.1, -0.2, 0.3))
+
+
+@pytest.mark.parametrize(
+    'frame', [b'', b'CP4', b'CP4 e000 e000', b'XX4 e000 e000 e000', b'CP4 e000 zzzz e000', b'\xff']
+)
+def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
+    with pytest.raises(TelegramError, match='is not "CPn wwww wwww wwww"'):
+        telegram.parse_mdt_frame(frame, 1)

@@ -1,0 +1,257 @@
+"""Facts about the bus (thesis 2.2.3, 8.1): time stamps, agreement in phase CP2, pacing, increments, words."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from delta3_pacdrive.bus.increments import on_grid, to_increments
+from delta3_pacdrive.bus.pacing import Histogram, Pacing
+from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity, disagreements, missing
+from delta3_pacdrive.bus.time import ACYCLIC_SEC, NANOSECONDS, Clock
+from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Control, Status, in_torque
+from delta3_pacdrive.errors import TelegramError
+
+YEARS_S = 60 * 365 * 24 * 3600  # beyond that a stamp's 32 bit seconds end
+PERIODS_S = [1e-3, 2e-3, 4e-3, 500e-6, 250e-6, 125e-6]
+PER_RAD = 2**19 / math.tau
+
+
+# stamps
+
+
+@pytest.mark.parametrize('period_s', PERIODS_S)
+@given(st.integers(0, YEARS_S * 250))
+def test_a_stamp_returns_to_its_count_over_years_of_cycles(period_s, count):
+    clock = Clock(period_s)
+    sec, nanosec = clock.stamp(count)
+    assert 0 <= nanosec < NANOSECONDS
+    assert sec * NANOSECONDS + nanosec == count * round(period_s * 1e9)
+    assert clock.count(sec, nanosec) == count
+
+
+def test_the_stamp_of_a_cycle_is_its_number_times_the_cycle_time():
+    assert Clock(1e-3).stamp(1_234_567) == (1234, 567_000_000)
+    assert Clock(125e-6).stamp(3) == (0, 375_000)
+    assert Clock(4e-3).count(8, 4_000_000) == 2001
+
+
+@pytest.mark.parametrize('period_s', PERIODS_S)
+@given(st.integers(0, 2**31 - 1), st.integers(0, NANOSECONDS - 1))
+def test_a_stamp_off_the_grid_is_refused(period_s, sec, nanosec):
+    clock = Clock(period_s)
+    if (sec * NANOSECONDS + nanosec) % clock.period_ns:
+        with pytest.raises(
+            TelegramError, match=f'{sec}.{nanosec:09d} s is not a multiple of {clock.period_ns} ns'
+        ):
+            clock.count(sec, nanosec)
+    else:
+        assert clock.stamp(clock.count(sec, nanosec)) == (sec, nanosec)
+
+
+@pytest.mark.parametrize('nanosec', [NANOSECONDS, 2 * NANOSECONDS, -1_000_000])
+def test_nanoseconds_beyond_a_second_are_refused(nanosec):
+    with pytest.raises(TelegramError):
+        Clock(1e-3).count(5, nanosec)
+
+
+def test_telegrams_outside_cyclic_operation_have_the_count_minus_one():
+    assert Clock(1e-3).count(ACYCLIC_SEC, 0) == -1
+    assert Clock(1e-3).count(ACYCLIC_SEC, 123) == -1
+
+
+# phases
+
+
+def test_participants_that_are_not_there_are_named_in_order():
+    assert missing({}) == ['axis1', 'axis2', 'axis3', 'plant']
+    assert missing(dict.fromkeys(('plant', 'axis1', 'axis3'))) == ['axis2']
+    assert missing(dict.fromkeys(PARTICIPANTS)) == []
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'bus__exchange_period_s': 500e-6}, 'axis2 has exchange_period_s 0.0005, but the master has 0.001'),
+        ({'bus__increments_per_rev': 4096}, 'axis2 has increments_per_rev 4096, but the master has 524288'),
+        ({'dynamics__gear_in': 20.0}, 'axis2 has gear_ratio 20.0, but the master has 32.0'),
+        ({'bus__cycle_time_s': 2e-3, 'bus__exchange_period_s': 1e-3}, None),
+    ],
+)
+def test_a_participant_with_other_parameters_is_named_with_both_values(change, sentence, robot):
+    if sentence is None:
+        change = change | {'bus__exchange_period_s': 2e-3}
+        sentence = 'axis2 has cycle_time_s 0.002, but the master has 0.001'
+    master, other = Identity.of(robot), Identity.of(robot.replace(**change))
+    assert disagreements(master, {'axis1': master, 'axis2': other, 'plant': master}) == [sentence]
+
+
+def test_any_other_value_shows_in_the_checksum(robot):
+    master, other = Identity.of(robot), Identity.of(robot.replace(drive__velocity_gain_a_s_rad=0.36))
+    (sentence,) = disagreements(master, {'plant': other})
+    assert 'plant has parameter_checksum' in sentence
+    assert other.parameter_checksum in sentence
+    assert master.parameter_checksum in sentence
+    assert disagreements(master, dict.fromkeys(PARTICIPANTS, Identity.of(robot))) == []
+
+
+# pacing
+
+
+def test_paced_cycles_start_at_their_due_times():
+    pacing = Pacing(1e-3, 8)
+    assert pacing.may_start(0, 0, 100.0)
+    assert not pacing.may_start(1, 0, 100.0009)
+    assert pacing.may_start(1, 0, 100.00101)
+    assert pacing.lateness_s(1, 100.00101) == pytest.approx(1e-5, abs=1e-9)
+    assert not pacing.may_start(2, 0, 100.00199)
+    assert pacing.may_start(2, 0, 100.00201)
+    assert (pacing.overruns, pacing.slip_s) == (0, 0.0)
+
+
+def test_due_times_do_not_drift_with_late_starts():
+    pacing, now = Pacing(1e-3, 8), 50.0
+    assert pacing.may_start(0, 0, now)
+    for cycle in range(1, 10_000):
+        now = 50.0 + cycle * 1e-3 + 0.4e-3
+        assert not pacing.may_start(cycle, 0, 50.0 + cycle * 1e-3 - 1e-5)
+        assert pacing.may_start(cycle, 0, now)
+    assert pacing.lateness_s(9_999, now) == pytest.approx(0.4e-3, abs=1e-9)
+    assert pacing.slip_s == 0.0
+
+
+def test_a_cycle_that_is_held_back_counts_one_overrun_however_often_it_is_asked_for():
+    pacing = Pacing(1e-3, 4)
+    assert pacing.may_start(0, 0, 0.0)
+    assert not pacing.may_start(1, 4, 0.0005)  # not due: no overrun
+    for n in range(10):
+        assert not pacing.may_start(1, 4, 0.0011 + n * 1e-4)
+    assert pacing.overruns == 1
+    assert pacing.may_start(1, 3, 0.0022)
+    assert not pacing.may_start(2, 4, 0.0023)
+    assert pacing.overruns == 2
+
+
+def test_late_cycles_are_caught_up():
+    pacing = Pacing(1e-3, 8)
+    assert pacing.may_start(0, 0, 0.0)
+    for cycle in range(1, 6):  # all due at once after a pause of 5 ms
+        assert pacing.may_start(cycle, 0, 0.0052)
+    assert not pacing.may_start(6, 0, 0.0052)
+    assert pacing.may_start(6, 0, 0.0061)
+    assert pacing.slip_s == 0.0
+
+
+def test_a_schedule_that_lags_too_far_slips_for_good_and_skips_nothing():
+    pacing = Pacing(1e-3, 8)
+    assert pacing.may_start(0, 0, 0.0)
+    assert pacing.may_start(1, 0, 1.0)  # due at 1 ms: 999 ms late, 8 ms may be caught up
+    assert pacing.slip_s == pytest.approx(0.991)
+    started = [cycle for cycle in range(2, 30) if pacing.may_start(cycle, 0, 1.0)]
+    assert started == list(range(2, 10))
+    assert not pacing.may_start(10, 0, 1.0)
+    assert pacing.may_start(10, 0, 1.0011)
+    assert pacing.slip_s == pytest.approx(0.991)
+
+
+def test_without_a_clock_cycles_start_as_soon_as_answers_allow():
+    pacing = Pacing(0.0, 2)
+    assert pacing.may_start(0, 0, 5.0)
+    assert pacing.may_start(1, 1, 5.0)
+    assert not pacing.may_start(2, 2, 5.0)
+    assert pacing.may_start(2, 1, 4.0)
+    assert (pacing.overruns, pacing.slip_s, pacing.lateness_s(2, 9.0)) == (0, 0.0, 0.0)
+
+
+def test_a_run_may_begin_at_any_cycle():
+    pacing = Pacing(2e-3, 8)
+    assert pacing.may_start(1000, 0, 7.0)
+    assert not pacing.may_start(1001, 0, 7.0019)
+    assert pacing.may_start(1001, 0, 7.0021)
+
+
+# histogram
+
+
+@given(st.lists(st.floats(0.0, 0.099), min_size=1, max_size=200), st.floats(0.001, 1.0))
+def test_percentiles_are_those_of_the_durations_to_the_width_of_a_bin(durations, share):
+    histogram = Histogram()
+    for duration in durations:
+        histogram.add(duration)
+    (found,) = histogram.percentiles([share])
+    exact = np.percentile(durations, 100.0 * share, method='inverted_cdf')
+    assert exact - 1e-12 <= found <= exact + histogram.BIN_S + 1e-12
+    assert found <= max(durations)
+
+
+def test_percentiles_of_a_known_distribution():
+    histogram = Histogram()
+    for n in range(1, 1001):
+        histogram.add(n * 20e-6)
+    expected = [0.01, 0.0198, 0.01998, 0.02]
+    bin_s = 1.001 * histogram.BIN_S  # a duration on an edge may fall into either bin
+    assert histogram.percentiles([0.5, 0.99, 0.999, 1.0]) == pytest.approx(expected, abs=bin_s)
+    summary = histogram.summary_ms()
+    assert list(summary) == ['p50', 'p99', 'p99.9', 'max']
+    assert list(summary.values()) == pytest.approx([1e3 * value for value in expected], abs=1e3 * bin_s)
+
+
+def test_durations_outside_the_bins_are_kept_by_their_maximum():
+    histogram = Histogram()
+    assert histogram.percentiles([0.5]) == [0.0]
+    histogram.add(-1.0)
+    assert histogram.percentiles([0.5]) == [0.0]
+    histogram.add(5.0)
+    histogram.add(7.0)
+    assert histogram.percentiles([0.9]) == [7.0]
+    assert histogram.max_s == 7.0
+
+
+# increments and words
+
+
+@given(st.floats(-25_000.0, 25_000.0))
+def test_the_grid_has_2_to_the_19_increments_per_revolution_and_is_its_own_nearest(position):
+    increments = to_increments(position, PER_RAD)
+    assert increments == math.floor(increments)
+    assert abs(increments - position * PER_RAD) <= 0.5 + 1e-6
+    moved = on_grid(position, PER_RAD)
+    assert on_grid(moved, PER_RAD) == moved
+    assert to_increments(moved, PER_RAD) == increments
+
+
+def test_one_revolution_is_2_to_the_19_increments():
+    assert to_increments(math.tau, PER_RAD) == 2**19
+    assert to_increments(-0.5 * math.tau, PER_RAD) == -(2**18)
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_what_is_no_position_is_on_no_increment(value):
+    assert not math.isfinite(on_grid(value, PER_RAD))
+
+
+@pytest.mark.parametrize(
+    ('status', 'expected'),
+    [
+        (0, False),
+        (Status.READY_FOR_POWER, False),
+        (Status.READY_TO_ENABLE, False),
+        (Status.IN_TORQUE, True),
+        (Status.IN_TORQUE | Status.FOLLOWS_COMMAND, True),
+        (Status.IN_TORQUE | Status.WARNING, True),
+        (Status.IN_TORQUE | Status.ERROR, False),
+    ],
+)
+def test_a_drive_is_in_torque_with_both_readiness_bits_and_no_error(status, expected):
+    assert in_torque(int(status)) is expected
+
+
+def test_the_bits_of_the_words_are_those_of_sercos():
+    assert CONTROL_ENABLE == 0b1110_0000_0000_0000
+    assert CONTROL_ON == Control.DRIVE_ON == 1 << 15
+    assert CONTROL_OFF == 0
+    assert Status.IN_TORQUE == 0b11 << 14
+    bits = [int(bit) for bit in Status if bit != Status.IN_TORQUE]
+    assert len(set(bits)) == len(bits)
