@@ -27,3 +27,12 @@ class TraceError(Delta3Error, ValueError):
 
 class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
+
+
+def shown(value: object) -> str:
+    """Return a value as text for a message: short, whatever it is."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # whole numbers of thousands of digits, endless nesting
+        text = f'a {type(value).__name__} that is too large to show'
+    return text if len(text) <= 60 else f'{text[:57]}...'

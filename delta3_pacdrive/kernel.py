@@ -1,7 +1,7 @@
 """Compilation of the hot scalar loops, cached on disk under a key of their own sources.
 
 Numba's disk cache notices a change of the file that holds a function, but not of the functions it calls. The cache
-folder is therefore named after a digest of every file that holds kernels: a changed formula never meets an old binary.
+folder is therefore named after a digest of every core file: a changed formula or constant never meets an old binary.
 Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
 """
 
@@ -15,18 +15,17 @@ from typing import Any, TypeVar
 import numba
 
 _PACKAGE = Path(__file__).parent
-_IMPORT = b'from delta3_pacdrive.kernel import kernel'
+_ROS_AND_TOOLS = {'nodes', 'cli'}
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
 
 def sources_digest() -> str:
-    """Return a short digest of every source file that holds kernels."""
-    digest = hashlib.sha256(Path(__file__).read_bytes())
+    """Return a short digest of all core source files: compiled code holds their constants as well."""
+    digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob('*.py')):
-        content = path.read_bytes()
-        if _IMPORT in content:
-            digest.update(content)
+        if not _ROS_AND_TOOLS.intersection(path.relative_to(_PACKAGE).parts):
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 

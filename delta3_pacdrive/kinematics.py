@@ -249,6 +249,13 @@ def rows(values: ArrayLike, name: str) -> tuple[Floats, tuple[int, ...]]:
     return np.ascontiguousarray(array.reshape(-1, 3)), array.shape[:-1]
 
 
+def _pairs(theta: ArrayLike, p: ArrayLike) -> tuple[Floats, Floats, tuple[int, ...]]:
+    """Return arm angles and positions of shapes (..., 3), broadcast against each other, as rows."""
+    theta, p = np.broadcast_arrays(np.asarray(theta, dtype=np.float64), np.asarray(p, dtype=np.float64))
+    (angles, shape), (points, _) = rows(theta, 'theta'), rows(p, 'p')
+    return angles, points, shape
+
+
 def inverse(p: ArrayLike, kinematics: Kinematics) -> Floats:
     """Arm angles [rad] of the elbow-out branch for TCP positions [m] (4.4); shapes (..., 3).
 
@@ -303,7 +310,7 @@ def forward(theta: ArrayLike, kinematics: Kinematics, *, above: bool = False) ->
 
 def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> Floats:
     """Jacobian J = S^-1 D with Xdot = J thetadot (4.12, 4.13); shapes (..., 3), (..., 3) -> (..., 3, 3)."""
-    (angles, shape), (points, _) = rows(theta, 'theta'), rows(p, 'p')
+    angles, points, shape = _pairs(theta, p)
     out = np.empty((len(angles), 3, 3))
     _jacobian(angles, points, out, geometry(kinematics))
     return out.reshape(*shape, 3, 3)
@@ -333,7 +340,7 @@ def jacobian_dot(
 
 def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> tuple[Floats, Floats]:
     """Normalised distances from the singularities: s_i.b_i/(l_A l_B) (..., 3) and |det S|/l_B^3 (...)."""
-    (angles, shape), (points, _) = rows(theta, 'theta'), rows(p, 'p')
+    angles, points, shape = _pairs(theta, p)
     out = np.empty((len(angles), 4))
     _singularity(angles, points, out, geometry(kinematics))
     return out[:, :3].reshape(*shape, 3), out[:, 3].reshape(shape)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import yaml_file
-from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.errors import ParameterError, shown
 
 DEFAULT_FILE = 'delta3.yaml'
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
@@ -354,7 +354,7 @@ def _checked(f: Any, value: Any, name: str, where: str) -> Any:
     if f.type in (int, float):
         return _checked_number(f, value, name, where)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise ParameterError(f'{where}: {name} must be a list of 3 numbers, not {value!r}')
+        raise ParameterError(f'{where}: {name} must be a list of 3 numbers, not {shown(value)}')
     return tuple(float(_checked_number(f, item, name, where)) for item in value)
 
 
@@ -362,11 +362,13 @@ def _checked_number(f: Any, value: Any, name: str, where: str) -> float | int:
     wanted = int if f.type is int else (int, float)
     if isinstance(value, bool) or not isinstance(value, wanted):
         kind = 'whole number' if f.type is int else 'number'
-        raise ParameterError(f'{where}: {name} must be a {kind}, not {value!r}')
+        raise ParameterError(f'{where}: {name} must be a {kind}, not {shown(value)}')
     low, high = f.metadata['low'], f.metadata['high']
+    if isinstance(value, int) and abs(value) > 2**63:
+        raise ParameterError(f'{where}: {name} is too large a number')
     if not low <= value <= high:
         rule = f'at least {low:g}' if high == math.inf else f'between {low:g} and {high:g}'
         if 0.0 < low < 1e-300:
             rule = 'positive' if high == math.inf else f'positive and at most {high:g}'
-        raise ParameterError(f'{where}: {name} is {value!r}, but must be {rule}')
+        raise ParameterError(f'{where}: {name} is {shown(value)}, but must be {rule}')
     return int(value) if f.type is int else float(value)

@@ -1,9 +1,11 @@
 """Traces: every signal of a run, cycle by cycle, from the simulation or from a recording."""
 
 import json
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -77,5 +79,5 @@ class Trace:
             return Trace(columns.pop('time_s'), columns, meta)
         except OSError as error:
             raise TraceError(f'cannot read trace {path}: {error.strerror or error}') from error
-        except (KeyError, ValueError) as error:
+        except (KeyError, ValueError, EOFError, BadZipFile, zlib.error) as error:
             raise TraceError(f'{path} is not a trace file: {error}') from error

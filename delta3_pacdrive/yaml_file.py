@@ -5,12 +5,12 @@ from typing import Any
 
 import yaml
 
-from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.errors import Delta3Error, shown
 
 SIZE_MAX_BYTES = 4 * 1024 * 1024
 
 
-class _Loader(yaml.CSafeLoader if hasattr(yaml, 'CSafeLoader') else yaml.SafeLoader):  # type: ignore[misc]
+class _Loader(yaml.SafeLoader):
     """Safe loader that refuses anchors, aliases and duplicate keys."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
@@ -19,10 +19,12 @@ class _Loader(yaml.CSafeLoader if hasattr(yaml, 'CSafeLoader') else yaml.SafeLoa
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.YAMLError(f'the key {key!r} stands twice at line {node.start_mark.line + 1}')
+        keys = set()
+        for item, _ in node.value:
+            key = self.construct_object(item, deep=True)
+            if key in keys:
+                raise yaml.YAMLError(f'the key {shown(key)} stands twice at line {item.start_mark.line + 1}')
+            keys.add(key)
         return super().construct_mapping(node, deep)
 
 
@@ -32,8 +34,9 @@ def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
     try:
         with path.open('rb') as file:
             content = file.read(SIZE_MAX_BYTES + 1)
-    except OSError as failure:
-        raise error(f'cannot read {what} {path}: {failure.strerror}') from failure
+    except (OSError, ValueError) as failure:
+        reason = getattr(failure, 'strerror', None) or failure
+        raise error(f'cannot read {what} {path}: {reason}') from failure
     if len(content) > SIZE_MAX_BYTES:
         raise error(f'{what} {path} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
     try:

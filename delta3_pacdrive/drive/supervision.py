@@ -36,7 +36,8 @@ def take_telegram(command, control, s):
     """Store the MDT of this cycle and make that of the last one valid, in this drive as in all."""
     if s.started == 0:
         s.started = 1
-        s.next_command = s.command = s.command_before = command
+        first = command if math.isfinite(command) else s.sampled_position
+        s.next_command = s.command = s.command_before = first
         s.next_control = 0
         s.state = READY
     s.command_before_that = s.command_before
@@ -105,9 +106,9 @@ def advance_state(s, c):
             switch_on(s, c)
             change_state(ENABLING, s)
     elif s.state == ENABLING:
-        if s.timer == c.settle_cycles:
+        if s.timer >= c.settle_cycles:
             s.brake_release = 1
-        elif s.timer >= c.settle_cycles + c.release_cycles:
+        if s.timer >= c.settle_cycles + c.release_cycles:
             change_state(ENABLED, s)
     elif s.state == STOPPING:
         if abs(s.speed) < STANDSTILL_RAD_S or s.timer >= c.stop_cycles_max:

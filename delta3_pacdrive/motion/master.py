@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruckig import InputParameter, Result, Ruckig, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
@@ -36,7 +36,10 @@ def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk
     wish.current_position, wish.target_position = [0.0], [length_m]
     wish.max_velocity, wish.max_acceleration, wish.max_jerk = [speed_max], [acceleration_max], [jerk_max]
     trajectory = Trajectory(1)
-    result = Ruckig(1).calculate(wish, trajectory)
+    try:
+        result = Ruckig(1).calculate(wish, trajectory)
+    except RuckigError:
+        result = Result.Error
     if result not in (Result.Working, Result.Finished):
         raise ProgramError(
             f'no profile over {length_m} m within {speed_max} m/s, {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'

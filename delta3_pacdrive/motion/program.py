@@ -19,14 +19,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from delta3_pacdrive import yaml_file
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import ProgramError, shown
 from delta3_pacdrive.motion.checks import check_move
 from delta3_pacdrive.motion.master import plan_master, rest
 from delta3_pacdrive.motion.path import line, point
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind
 from delta3_pacdrive.parameters import Motion, Parameters, config_directory
 
-START_TOLERANCE_M = 1e-3  # how far the robot may stand from the start of a program; it moves there first
+START_TOLERANCE_M = (
+    1e-3  # how far the robot may stand from the start of a program; the first move begins there
+)
 COINCIDENT_M = 1e-6
 REPEAT_MAX = 10_000
 MOVE_MAX_S = 3600.0
@@ -104,7 +106,9 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     limits = _limits(_mapping(fields.get('limits', {}), 'limits', _LIMIT_KEYS, set()), defaults, 'limits')
     repeat = fields.get('repeat', 1)
     if isinstance(repeat, bool) or not isinstance(repeat, int) or not 1 <= repeat <= REPEAT_MAX:
-        raise ProgramError(f'repeat is {repeat!r}, but must be a whole number between 1 and {REPEAT_MAX}')
+        raise ProgramError(
+            f'repeat is {shown(repeat)}, but must be a whole number between 1 and {REPEAT_MAX}'
+        )
     moves = fields['moves']
     if not isinstance(moves, list) or not moves:
         raise ProgramError('moves must be a list of at least one move')
@@ -114,7 +118,7 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     start = _point(fields['start_m'], 'start_m') if 'start_m' in fields else None
     title = fields.get('name', name)
     if not isinstance(title, str):
-        raise ProgramError(f'name must be a text, not {title!r}')
+        raise ProgramError(f'name must be a text, not {shown(title)}')
     return Program(title, statements, start, repeat)
 
 
@@ -123,11 +127,11 @@ _LIMIT_KEYS = {'speed_m_s', 'acceleration_m_s2', 'jerk_m_s3'}
 
 def _mapping(value: Any, where: str, allowed: set[str], required: set[str]) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ProgramError(f'{where} must be a mapping, not {value!r:.60}')
+        raise ProgramError(f'{where} must be a mapping, not {shown(value)}')
     for key in value:
         if key not in allowed:
             raise ProgramError(
-                f'{where}: unknown key {key!r:.60}, expected one of {", ".join(sorted(allowed))}'
+                f'{where}: unknown key {shown(key)}, expected one of {", ".join(sorted(allowed))}'
             )
     for key in sorted(required - value.keys()):
         raise ProgramError(f'{where}: missing key {key}')
@@ -135,22 +139,25 @@ def _mapping(value: Any, where: str, allowed: set[str], required: set[str]) -> d
 
 
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-        raise ProgramError(f'{where} must be a number, not {value!r:.60}')
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ProgramError(f'{where} must be a number, not {shown(value)}')
     try:
-        return float(value)
+        number = float(value)
     except OverflowError:
         raise ProgramError(f'{where} is too large a number') from None
+    if math.isnan(number):
+        raise ProgramError(f'{where} must be a number, not nan')
+    return number
 
 
 def _point(value: Any, where: str) -> Point:
     if not isinstance(value, list) or len(value) != 3:
-        raise ProgramError(f'{where} must be a list of 3 numbers [m], not {value!r:.60}')
+        raise ProgramError(f'{where} must be a list of 3 numbers [m], not {shown(value)}')
     x, y, z = (_number(item, f'{where}[{n}]') for n, item in enumerate(value))
     if not all(math.isfinite(item) for item in (x, y, z)):
-        raise ProgramError(f'{where} must be finite, not {value!r:.60}')
+        raise ProgramError(f'{where} must be finite, not {shown(value)}')
     if max(abs(x), abs(y), abs(z)) > 10.0:
-        raise ProgramError(f'{where} is {value!r:.60} m, farther than 10 m: are these millimetres?')
+        raise ProgramError(f'{where} is {shown(value)} m, farther than 10 m: are these millimetres?')
     return x, y, z
 
 

@@ -126,6 +126,9 @@ def _advance(currents, brakes, shafts, state, constants, geometry_record, inerti
     for k in range(currents.shape[0]):
         for i in range(3):
             advance_brake(i, s, c)
+            if s.brake_released[i] == 0 and thetadot[i] == 0.0:
+                # a shaft that stands sticks, unless its brake is overloaded
+                s.brake_locked[i] = 1
         now = (currents[k, 0], currents[k, 1], currents[k, 2])
         mean = (0.5 * (before[0] + now[0]), 0.5 * (before[1] + now[1]), 0.5 * (before[2] + now[2]))
         before = now
@@ -142,7 +145,8 @@ def _advance(currents, brakes, shafts, state, constants, geometry_record, inerti
         last, _ = acceleration_and_coupling(middle, speed, mean, s, c, g, n, m)
         after = [thetadot[0] + h * last[0], thetadot[1] + h * last[1], thetadot[2] + h * last[2]]
         for i in range(3):
-            if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or after[i] * thetadot[i] <= 0.0):
+            comes_to_rest = thetadot[i] != 0.0 and after[i] * thetadot[i] <= 0.0
+            if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or comes_to_rest):
                 s.brake_locked[i] = 1
                 after[i] = 0.0
         theta = (
