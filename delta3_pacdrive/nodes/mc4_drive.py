@@ -38,6 +38,7 @@ class MC4DriveNode(Node):
         self._exchanges = Clock(bus.exchange_period_s)
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._exchange = 0
+        self._frame, self._control = b'', 0  # of the last MDT: they rarely change
         self._commands: dict[int, tuple[float, int]] = {}
         self._shafts: dict[int, tuple[float, float, float]] = {}
         self._resting_position: float | None = None
@@ -71,12 +72,14 @@ class MC4DriveNode(Node):
         try:
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
-            _, control = telegram.parse_mdt_frame(frame, self._index)
+            if frame != self._frame:
+                _, self._control = telegram.parse_mdt_frame(frame, self._index)
+                self._frame = frame
         except TelegramError as error:
             self._refuse(error)
             return
         if cycle >= 0:
-            self._commands[cycle] = (values[self._index], control)
+            self._commands[cycle] = (values[self._index], self._control)
             self._advance()
         elif self._resting_position is not None:
             position = self._drive.encoder_position(self._resting_position)

@@ -3,7 +3,7 @@
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 # Any client may ask for reliable delivery of a cyclic topic; the depth in cycles is how far a recorder may lag behind.
-CYCLIC_PUBLISHER = QoSProfile(depth=2000)
+CYCLIC_PUBLISHER = QoSProfile(depth=256)
 
 # On one machine the flow control of the bus (at most 16 outstanding cycles) keeps queues from overflowing, so that
 # acknowledgements, a third of the bus's processor time, buy nothing. A telegram lost all the same is seen by its stamp,
