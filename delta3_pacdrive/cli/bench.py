@@ -13,7 +13,7 @@ from typing import Any
 
 from delta3_pacdrive.cli.output import guarded, parser_for
 
-CASES = ('bare', 'separate', 'single', 'fast')
+CASES = ('machine', 'bare', 'separate', 'single', 'fast')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -121,7 +121,24 @@ def _in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 
 
 def _measure(case: str, seconds: float) -> dict[str, Any]:
+    if case == 'machine':
+        return _measure_machine(seconds)
     return _measure_bare(seconds) if case == 'bare' else _measure_robot(case, seconds)
+
+
+def _measure_machine(seconds: float) -> dict[str, Any]:
+    """Lateness of a loop that does nothing but sleep to the next millisecond, in real time where permitted."""
+    from delta3_pacdrive.bus.pacing import Histogram
+    from delta3_pacdrive.nodes.child import Schedule, prefer
+
+    prefer(Schedule.REAL_TIME)
+    lateness = Histogram()
+    start = time.monotonic()
+    for cycle in range(round(seconds * 1e3)):
+        due = start + cycle * 1e-3
+        time.sleep(max(0.0, due - time.monotonic()))
+        lateness.add(time.monotonic() - due)
+    return {'lateness_ms': lateness.summary_ms()}
 
 
 def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
@@ -192,6 +209,7 @@ def _percentiles(counts: list[int]) -> str:
 
 
 TITLES = {
+    'machine': 'the machine: a loop that only sleeps',
     'bare': 'bare nodes, separate processes, real time',
     'separate': 'robot, separate processes, real time',
     'single': 'robot, one process, real time',
@@ -203,7 +221,13 @@ def _each(values: dict[str, float], digits: int) -> str:
     return ', '.join(f'{name} {value:.{digits}f}' for name, value in values.items())
 
 
+def _times(values: dict[str, float]) -> str:
+    return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms (p50 / p99 / p99.9 / max)'
+
+
 def _rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    if 'cycles' not in result:
+        return [('wakes up late', _times(result['lateness_ms']))]
     cycles, overruns = result['cycles'], result['overruns']
     rows = [
         (
@@ -219,8 +243,7 @@ def _rows(result: dict[str, Any]) -> list[tuple[str, str]]:
             ('outstanding', f'{_percentiles(result["outstanding"])} cycles (p50 / p99 / p99.9 / max)')
         )
     for key, name in (('lateness_ms', 'cycle start late'), ('mdt_to_last_at_ms', 'MDT to last AT')):
-        values = ' / '.join(f'{value:.2f}' for value in result[key].values())
-        rows.append((name, f'{values} ms (p50 / p99 / p99.9 / max)'))
+        rows.append((name, _times(result[key])))
     cores, memory = result['cores'], result['memory_mib']
     rows.append(('processor', f'{sum(cores.values()):.2f} cores: {_each(cores, 2)}'))
     rows.append(('', f'{result["us_per_cycle"]:.0f} us per cycle'))

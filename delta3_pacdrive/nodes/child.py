@@ -81,7 +81,7 @@ def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Sc
     status = 1
     try:
         _become_child(name, parent, log)
-        _schedule(schedule)
+        prefer(schedule)
         status = main()
     except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
         import traceback
@@ -93,7 +93,8 @@ def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Sc
         os._exit(status)
 
 
-def _schedule(schedule: Schedule) -> None:
+def prefer(schedule: Schedule) -> None:
+    """Schedule this thread, and those that it starts, so if the system permits it."""
     with suppress(PermissionError):
         if schedule is Schedule.REAL_TIME:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
