@@ -1,0 +1,60 @@
+"""Figures and traces of a run (thesis 11.1.1)."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import figures, parameters, recording, simulation
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.trace import Trace
+
+PROMISED = {
+    'tcp_path_3d.png',
+    'arm_angles.png',
+    'arm_velocities.png',
+    'arm_accelerations.png',
+    'currents.png',
+    'tcp_components.png',
+    'tcp_error_norm.png',
+    'following_error.png',
+}
+
+
+@pytest.fixture(scope='module')
+def trace() -> Trace:
+    robot = parameters.load()
+    return simulation.run(programs.load('experiment1', robot.motion), robot)
+
+
+def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_path: Path) -> None:
+    paths = figures.draw(trace, tmp_path)
+    assert {path.name for path in paths} == PROMISED
+    for path in paths:
+        data = path.read_bytes()
+        assert data[:8] == b'\x89PNG\r\n\x1a\n'
+        width, height = struct.unpack('>II', data[16:24])
+        assert width >= 800
+        assert height >= 400
+
+
+def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None:
+    trace.save(tmp_path / 'run.npz')
+    loaded = recording.load(tmp_path / 'run.npz')
+    np.testing.assert_array_equal(loaded.time_s, trace.time_s)
+    assert loaded.signals.keys() == trace.signals.keys()
+    for name, values in trace.signals.items():
+        np.testing.assert_array_equal(loaded[name], values)
+    assert loaded.meta == trace.meta
+
+
+@pytest.mark.parametrize('name', ['nowhere', 'nowhere.npz', 'text.npz', 'empty_folder'])
+def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> None:
+    (tmp_path / 'text.npz').write_text('no trace')
+    (tmp_path / 'empty_folder').mkdir()
+    with pytest.raises(TraceError) as refusal:
+        recording.load(tmp_path / name)
+    assert name in str(refusal.value)
+    assert '\n' not in str(refusal.value)
