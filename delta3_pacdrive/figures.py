@@ -29,9 +29,8 @@ BEFORE_S = 0.05  # shown of the idle cycles before the program
 AFTER_S = 0.10  # and of the rest after its end
 ZOOM_S = 0.15  # length of Fig. 11.4
 SLOPE_S = 2.0e-3  # half window of the straight line whose slope is the actual acceleration
-FLAT = (
-    0.15  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
-)
+FLAT = 0.4  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
+VIEW_DEG = (24.0, -62.0)  # from where it is seen: elevation, azimuth
 
 DPI = 150
 WIDTH_IN = 8.0
@@ -119,10 +118,12 @@ def tcp_path_3d(trace: Trace) -> Figure:
     command, actual = 1e3 * run['tcp_command'], 1e3 * run['tcp_actual']
     known = actual[np.isfinite(actual).all(axis=1)]
     figure = _figure(trace, 'TCP path', 5.6)
-    axes: Axes3D = figure.add_subplot(projection='3d', computed_zorder=False)
-    axes.plot(*actual.T, color=AXIS_COLOURS[0], label='actual', **ACTUAL)
-    axes.plot(*command.T, label='command', **COMMAND)
-    ends: dict[str, Any] = {'linestyle': 'none', 'markeredgewidth': 1.6, 'markerfacecolor': 'none'}
+    figure.set_layout_engine('none')  # it reckons with a cube
+    axes: Axes3D = figure.add_axes((-0.02, 0.09, 1.0, 0.86), projection='3d', computed_zorder=False)
+    whole: dict[str, Any] = {'clip_on': False}  # a wide box is larger than the square of its axes
+    axes.plot(*actual.T, color=AXIS_COLOURS[0], label='actual', **ACTUAL, **whole)
+    axes.plot(*command.T, label='command', **COMMAND, **whole)
+    ends = whole | {'linestyle': 'none', 'markeredgewidth': 1.6, 'markerfacecolor': 'none'}
     axes.plot(*known[:1].T, 'o', color=AXIS_COLOURS[2], markersize=11, label='start', **ends)
     axes.plot(*known[-1:].T, 'x', color=AXIS_COLOURS[1], markersize=7, label='end', **ends)
 
@@ -130,15 +131,13 @@ def tcp_path_3d(trace: Trace) -> Figure:
     low, high = points.min(axis=0), points.max(axis=0)
     longest = max(float((high - low).max()), 1.0)
     spans = np.maximum(1.1 * (high - low), FLAT * longest)
-    axes.set_box_aspect(spans.tolist(), zoom=1.05)
-    centre = (low + high) / 2.0
-    for name, axis, middle, span in zip('xyz', _three_axes(axes), centre, spans, strict=True):
+    _fit_box(axes, spans)
+    for name, axis, middle, span in zip('xyz', _three_axes(axes), (low + high) / 2.0, spans, strict=True):
         getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
-        axis.set_major_locator(MaxNLocator(max(2, round(7 * span / longest))))
-        axis.set_tick_params(labelsize=8, pad=1)
+        axis.set_major_locator(MaxNLocator(max(2, round(6 * span / longest))))
         axis.set_label_text(f'{name} (mm)')
-    axes.view_init(elev=24.0, azim=-62.0)
-    figure.legend(loc='outside lower center', ncols=4, frameon=False, fontsize=9)
+    axes.ticklabel_format(useOffset=False)
+    figure.legend(loc='lower center', ncols=4, frameon=False, fontsize=9)
     return figure
 
 
@@ -291,6 +290,25 @@ def _busiest(time_s: Floats, speeds: Floats) -> float:
     middle = time_s[np.argmax(np.nan_to_num(change))]
     begin = min(middle - ZOOM_S / 2.0, time_s[-1] - ZOOM_S)
     return round(float(max(begin, time_s[0])), 2)
+
+
+def _fit_box(axes: Axes3D, spans: Floats) -> None:
+    """Draw a box of these extents as large as the figure permits, its labels at the same distance whatever its shape."""
+    elevation, azimuth = np.radians(VIEW_DEG)
+    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    up = np.array([*(-np.sin(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])), np.cos(elevation)])
+    sides = spans / np.linalg.norm(spans)
+    sides *= min(1.2 / (np.abs(across) @ sides), 0.78 / (np.abs(up) @ sides))
+    axes.set_proj_type('ortho')
+    axes.view_init(*VIEW_DEG)
+    axes.set_box_aspect(spans.tolist(), zoom=float(np.linalg.norm(sides)))
+    # matplotlib counts the distances of labels, beyond 8 and 21, in parts of the sides that they are moved along
+    moved = ((0, -1, -1), (1, 0, -1), (1, 1, 0))
+    distances = ((9.0, 24.0), (11.0, 28.0), (14.0, 34.0))
+    for axis, along, (tick, label) in zip(_three_axes(axes), moved, distances, strict=True):
+        part = float(np.hypot(across @ (along * sides), up @ (along * sides)))
+        axis.set_tick_params(labelsize=8, pad=tick / part - 8.0)
+        axis.labelpad = label / part - 21.0
 
 
 def _three_axes(axes: Axes3D) -> tuple[Any, Any, Any]:

@@ -173,7 +173,7 @@ class Motion:
     acceleration_max_m_s2: float = _positive('default TCP acceleration of a move', 1e3)
     jerk_max_m_s3: float = _positive('default TCP jerk of a move')
     following_error_delay_cycles: float = _quantity(
-        'dead time the following error is freed of (7.3)', 0.0, 16.0
+        'dead time the following error is freed of (7.3), -1 = from the timing', -1.0, 16.0
     )
     enable_cycle: int = _quantity('bus cycle at which the drives are enabled, -1 on request', -1, 10**9)
     start_cycle: int = _quantity('bus cycle at which a loaded program starts, -1 on request', -1, 10**9)
@@ -194,6 +194,17 @@ class Parameters:
         """Check the rules that join several values."""
         _check_timing(self)
         _check_geometry(self.kinematics, self.dynamics)
+
+    @property
+    def set_point_delay_cycles(self) -> float:
+        """Latency of a set point [cycles]: one of the bus, and the fine interpolation up to its last step."""
+        return 2.0 - self.drive.position_period_s / self.bus.cycle_time_s
+
+    @property
+    def following_error_delay_cycles(self) -> float:
+        """Dead time of the following error [cycles]: feedback and set point, unless it was prescribed."""
+        prescribed = self.motion.following_error_delay_cycles
+        return prescribed if prescribed >= 0.0 else 1.0 + self.set_point_delay_cycles
 
     @functools.cached_property
     def checksum(self) -> str:
@@ -264,6 +275,10 @@ def _check_geometry(kinematics: Kinematics, dynamics: Dynamics) -> None:
         raise ParameterError(
             f'kinematics.workspace_bottom_m is {kinematics.workspace_bottom_m}, '
             f'but must lie below workspace_top_m ({kinematics.workspace_top_m})'
+        )
+    if len({round(angle % 360.0, 6) for angle in kinematics.arm_azimuth_deg}) < 3:
+        raise ParameterError(
+            f'kinematics.arm_azimuth_deg is {shown(kinematics.arm_azimuth_deg)}, but the arms must differ in direction'
         )
     if dynamics.end_stop_min_deg > kinematics.arm_angle_min_deg:
         raise ParameterError('dynamics.end_stop_min_deg must not lie above kinematics.arm_angle_min_deg')

@@ -137,15 +137,15 @@ class Transformation:
     """Cyclic calculations of the controller; knows bus cycles, no clock and no messages."""
 
     def __init__(self, parameters: Parameters) -> None:
-        motion, bus = parameters.motion, parameters.bus
+        bus = parameters.bus
         self._parameters = parameters
         self._geometry = geometry(parameters.kinematics)
         self._constants = np.zeros(1, CONSTANTS)
         self._constants['gear_ratio'] = parameters.dynamics.gear_ratio
         self._constants['increments_per_rad'] = bus.increments_per_rev / math.tau
         self._constants['cycle_time'] = bus.cycle_time_s
-        self._constants['extrapolation'] = motion.following_error_delay_cycles
-        self._constants['set_point_delay'] = max(0.0, motion.following_error_delay_cycles - 1.0)
+        self._constants['extrapolation'] = parameters.following_error_delay_cycles
+        self._constants['set_point_delay'] = parameters.set_point_delay_cycles
         self._constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
         self.state: NDArray[Any] = np.zeros(1, STATE)
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER

@@ -237,6 +237,10 @@ def test_a_number_beyond_all_machine_numbers_is_refused(name, digits, robot, val
             {'dynamics__end_stop_max_deg': 90.0},
             'end_stop_max_deg must not lie below kinematics.arm_angle_max_deg',
         ),
+        (
+            {'kinematics__arm_azimuth_deg': (0.0, 120.0, 360.0)},
+            'kinematics.arm_azimuth_deg is (0.0, 120.0, 360.0), but the arms must differ in direction',
+        ),
         ({'motor__nominal_curent_a': 4.0}, 'unknown parameter motor.nominal_curent_a'),
     ],
 )
@@ -329,3 +333,10 @@ def test_derived_quantities_follow_the_thesis(robot):
     assert changed.dynamics.plate_total_mass_kg == pytest.approx(0.85 + 2.0 + 0.45, rel=1e-15)
     assert robot.kinematics.radius_difference_m == pytest.approx(0.15, rel=1e-15)
     assert robot.motor.max_speed_rad_s == pytest.approx(200.0 * math.pi, rel=1e-15)
+
+
+@pytest.mark.parametrize(('cycle_time_s', 'delay'), [(1e-3, 2.75), (2e-3, 2.875), (4e-3, 2.9375)])
+def test_the_dead_time_of_the_following_error_comes_from_the_timing(cycle_time_s, delay, robot):
+    slow = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=125e-6)
+    assert slow.following_error_delay_cycles == pytest.approx(delay, rel=1e-12)
+    assert slow.replace(motion__following_error_delay_cycles=0.0).following_error_delay_cycles == 0.0

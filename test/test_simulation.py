@@ -129,6 +129,7 @@ def test_slower_bus_cycles_run_as_well(cycle_time_s, robot):
     # CT on the bus and CT - T_pos of interpolation, in cycles
     latency = 1.0 + (cycle_time_s - 250e-6) / cycle_time_s
     assert error_against_command(trace, slow, latency)[:-10].max() < 0.3e-3 * (cycle_time_s / 1e-3) ** 2
+    assert trace.meta['figures']['tcp_error_max_m'] < 0.12e-3
 
 
 @pytest.mark.parametrize('exchange_period_s', [125e-6, 250e-6, 500e-6])
