@@ -121,7 +121,7 @@ def tcp_path_3d(trace: Trace) -> Figure:
     figure.set_layout_engine('none')  # it reckons with a cube
     axes: Axes3D = figure.add_axes((-0.02, 0.09, 1.0, 0.86), projection='3d', computed_zorder=False)
     whole: dict[str, Any] = {'clip_on': False}  # a wide box is larger than the square of its axes
-    axes.plot(*actual.T, color=AXIS_COLOURS[0], label='actual', **ACTUAL, **whole)
+    axes.plot(*actual.T, color=AXIS_COLOURS[0], label='actual', **ACTUAL | whole | {'linewidth': 3.0})
     axes.plot(*command.T, label='command', **COMMAND, **whole)
     ends = whole | {'linestyle': 'none', 'markeredgewidth': 1.6, 'markerfacecolor': 'none'}
     axes.plot(*known[:1].T, 'o', color=AXIS_COLOURS[2], markersize=11, label='start', **ends)
@@ -134,7 +134,7 @@ def tcp_path_3d(trace: Trace) -> Figure:
     _fit_box(axes, spans)
     for name, axis, middle, span in zip('xyz', _three_axes(axes), (low + high) / 2.0, spans, strict=True):
         getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
-        axis.set_major_locator(MaxNLocator(max(2, round(6 * span / longest))))
+        axis.set_major_locator(MaxNLocator(max(3, round(6 * span / longest))))
         axis.set_label_text(f'{name} (mm)')
     axes.ticklabel_format(useOffset=False)
     figure.legend(loc='lower center', ncols=4, frameon=False, fontsize=9)
@@ -163,6 +163,7 @@ def arm_velocities(trace: Trace) -> Figure:
     overview, zoom = list(grid[:, 0]), list(grid[:, 1])
     _dress(trace, overview, labels)
     _dress(trace, zoom, ['', '', ''])
+    figure.align_ylabels()
     begin = _busiest(run.time_s, command)
     shown = (run.time_s >= begin) & (run.time_s <= begin + ZOOM_S)
     _plot_pairs(overview, run.time_s, actual, command)
@@ -171,6 +172,7 @@ def arm_velocities(trace: Trace) -> Figure:
         axes.axvspan(begin, begin + ZOOM_S, color='#EEEEEE', zorder=0)
     for axes in zoom:
         axes.set_facecolor('#F6F6F6')
+        axes.locator_params(axis='x', nbins=4)
     _least_span(overview, 1.0)
     _least_span(zoom, 1.0)
     _pair_legend(figure)
@@ -293,7 +295,7 @@ def _busiest(time_s: Floats, speeds: Floats) -> float:
 
 
 def _fit_box(axes: Axes3D, spans: Floats) -> None:
-    """Draw a box of these extents as large as the figure permits, its labels at the same distance whatever its shape."""
+    """Draw a box of these extents as large as the figure permits, labels at the same distance in every shape."""
     elevation, azimuth = np.radians(VIEW_DEG)
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     up = np.array([*(-np.sin(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])), np.cos(elevation)])
@@ -304,7 +306,7 @@ def _fit_box(axes: Axes3D, spans: Floats) -> None:
     axes.set_box_aspect(spans.tolist(), zoom=float(np.linalg.norm(sides)))
     # matplotlib counts the distances of labels, beyond 8 and 21, in parts of the sides that they are moved along
     moved = ((0, -1, -1), (1, 0, -1), (1, 1, 0))
-    distances = ((9.0, 24.0), (11.0, 28.0), (14.0, 34.0))
+    distances = ((7.0, 21.0), (9.0, 27.0), (14.0, 32.0))
     for axis, along, (tick, label) in zip(_three_axes(axes), moved, distances, strict=True):
         part = float(np.hypot(across @ (along * sides), up @ (along * sides)))
         axis.set_tick_params(labelsize=8, pad=tick / part - 8.0)
@@ -331,6 +333,7 @@ def _panels(
     figure = _figure(trace, what, height_in)
     panels = list(figure.subplots(len(labels), 1, sharex=True, sharey=same_scale, squeeze=False)[:, 0])
     _dress(trace, panels, labels)
+    figure.align_ylabels()
     return figure, panels
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import sys
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from delta3_pacdrive.bus.time import NANOSECONDS, Clock
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
-from delta3_pacdrive.trace import SIGNALS, Trace
+from delta3_pacdrive.trace import SIGNALS, Trace, reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
 METADATA_KEY = 'delta3_pacdrive'
+LITTLE_ENDIAN = b'\0\1'  # how a message begins that this reads without a parser
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
 
 AXES = ('axis1', 'axis2', 'axis3')
@@ -86,9 +87,13 @@ def load(path: str | Path) -> Trace:
 
     """
     path = Path(path)
-    if path.is_dir():
+    try:
+        folder, there = path.is_dir(), path.exists()
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
+    if folder:
         return read_bag(path)
-    if not path.exists():
+    if not there:
         raise TraceError(f'there is no recording {path}')
     if path.suffix != '.npz':
         raise TraceError(f'{path} is no recording: expected a trace file (.npz) or the folder of a bag')
@@ -121,6 +126,8 @@ def read_bag(path: str | Path) -> Trace:
         return _read_bag(path)
     except TraceError as error:
         raise TraceError(f'cannot read recording {path}: {error}') from error
+    except OSError as error:
+        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
 
 
 def _read_bag(path: Path) -> Trace:
@@ -177,8 +184,7 @@ def _read_messages(path: Path) -> tuple[dict[str, _Column], dict[str, Any]]:
     except (
         Exception
     ) as error:  # what the readers and decompressors trip over in a damaged file is not bounded
-        reason = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
-        raise TraceError(f'it was cut off or is damaged ({reason})') from error
+        raise TraceError(f'it was cut off or is damaged ({reason(error)})') from error
     return columns, meta
 
 
@@ -213,7 +219,11 @@ def _metadata(custom: Any) -> dict[str, Any]:
         raise TraceError(f'its metadata, custom_data {METADATA_KEY}, is no JSON object') from None
     for key in ('gear_ratio', 'torque_constant_n_m_a', 'cycle_time_s'):
         value = items.get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not 0.0 < value <= sys.float_info.max
+        ):
             raise TraceError(f'its metadata gives no positive {key}')
     if items['cycle_time_s'] not in CYCLE_TIMES_S:
         raise TraceError(
@@ -280,7 +290,7 @@ class _Column:
         the time of parsing each. What it finds in the first one must be what the parser finds.
         """
         first = messages[0]
-        if (parsed := self._parse(first)) is None:
+        if (parsed := self._parse(first)) is None or not first.startswith(LITTLE_ENDIAN):
             return messages
         octets = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), len(first))
         spans = self._topic.spans(len(first))

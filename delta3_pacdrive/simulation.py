@@ -9,10 +9,9 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.kernel import mark_compiled
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.checks import check_move
-from delta3_pacdrive.motion.plan import Plan
-from delta3_pacdrive.motion.program import Dwell, Program
+from delta3_pacdrive.motion import planning
+from delta3_pacdrive.motion.checks import Limits
+from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.mechanism import Plant
 from delta3_pacdrive.trace import SIGNALS, Trace
@@ -44,13 +43,15 @@ class Robot:
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
 
-    def cycle(self, commands: Floats, control: int, answers: Floats) -> list[int]:
+    def cycle(self, commands: Floats, control: int, payload_kg: float, answers: Floats) -> list[int]:
         """Run one bus cycle; fill ``answers`` (3 rows: position, speed, torque) and return the status words."""
         shafts = self.plant.shafts()
         status = []
         for i, drive in enumerate(self.drives):
             status.append(
-                drive.begin_cycle(float(commands[i]), control, shafts[i], shafts[3 + i], shafts[6 + i])
+                drive.begin_cycle(
+                    float(commands[i]), control, payload_kg, shafts[i], shafts[3 + i], shafts[6 + i]
+                )
             )
             answers[:, i] = drive.answer
         for exchange in range(self._exchanges):
@@ -59,7 +60,7 @@ class Robot:
             for i, drive in enumerate(self.drives):
                 self._brakes[i] = drive.run_period(shafts[i], shafts[3 + i], shafts[6 + i])
                 self._currents[:, i] = drive.currents
-            self.plant.advance(self._currents, self._brakes)
+            self.plant.advance(self._currents, self._brakes, self.drives[0].payload)
         return status
 
 
@@ -78,7 +79,8 @@ def run(program: Program, parameters: Parameters) -> Trace:
     robot = Robot(parameters)
     task = Transformation(parameters)
     tcp = task.locate(robot.encoder_positions())
-    task.load(Plan.of(programs.plan(program, tcp, parameters)))
+    planned = planning.plan(program, tcp, parameters)
+    task.load(planned.plan)
     motion = parameters.motion
     if motion.enable_cycle < 0 or motion.start_cycle < 0:
         raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
@@ -93,7 +95,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
         columns['motor_command'][k] = commands
         columns['shaft_position'][k], columns['shaft_speed'][k] = shafts[:3], shafts[3:6]
         columns['coupling_torque'][k] = shafts[6:]
-        status = robot.cycle(commands, task.control(k), answers)
+        status = robot.cycle(commands, task.control(k), task.payload, answers)
         if k >= motion.start_cycle:
             _require_torque(robot, status, k)
         columns['motor_position'][k], columns['motor_speed'][k], columns['current'][k] = answers
@@ -106,25 +108,34 @@ def run(program: Program, parameters: Parameters) -> Trace:
     return Trace(
         np.arange(cycles, dtype=np.float64) * parameters.bus.cycle_time_s,
         columns,
-        _meta(program, parameters, task),
+        _meta(planned, parameters, task),
     )
 
 
 def rehearse(parameters: Parameters) -> None:
     """Run every kernel once, so that none is compiled or loaded in the middle of a cycle."""
-    program = Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),))
     quick = parameters.replace(motion__enable_cycle=-1)
     robot, task = Robot(quick), Transformation(quick)
     tcp = task.locate(robot.encoder_positions())
-    moves = programs.plan(program, tcp, quick)
-    check_move(moves[0], quick)
-    task.load(Plan.of(moves))
+    plan = planning.plan(_rehearsal(parameters), tcp, quick).plan
+    task.load(plan)
     task.start(0)
     answers = np.empty((3, 3))
-    robot.cycle(task.command(0), task.control(0), answers)
+    robot.cycle(task.command(0), task.control(0), task.payload, answers)
     task.receive(0, answers[0], answers[2])
+    task.hold()
     robot.drives[0].phase_currents()
     mark_compiled()
+
+
+def _rehearsal(parameters: Parameters) -> Program:
+    """Return a program that asks for everything the planner knows."""
+    limits = Limits(1.0, 10.0, 500.0)
+    up, along = Target((0.0, 0.0, -0.01), relative=True), Target((0.02, 0.0, 0.0), relative=True)
+    return Program(
+        'rehearsal',
+        (MoveL(up, limits, blend_m=0.004), MoveL(along, limits), MoveC(along, up, limits), Dwell(0.01)),
+    )
 
 
 def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:
@@ -135,10 +146,11 @@ def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:
             )
 
 
-def _meta(program: Program, parameters: Parameters, task: Transformation) -> dict[str, Any]:
+def _meta(planned: planning.Planned, parameters: Parameters, task: Transformation) -> dict[str, Any]:
     figures = task.figures()
     return {
-        'program': program.name,
+        'program': planned.name,
+        'notices': list(planned.notices),
         'checksum': parameters.checksum,
         'gear_ratio': parameters.dynamics.gear_ratio,
         'cycle_time_s': parameters.bus.cycle_time_s,

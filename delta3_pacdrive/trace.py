@@ -1,11 +1,10 @@
 """Traces: every signal of a run, cycle by cycle, from the simulation or from a recording."""
 
 import json
-import zlib
+import textwrap
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -52,7 +51,9 @@ class Trace:
         try:
             return self.signals[name]
         except KeyError:
-            raise TraceError(f'the recording has no signal {name}, only {", ".join(self.signals)}') from None
+            raise TraceError(
+                f'the recording has no signal {name}, only {", ".join(self.signals) or "none"}'
+            ) from None
 
     def save(self, path: str | Path) -> None:
         """Write to a ``.npz`` file."""
@@ -75,9 +76,29 @@ class Trace:
         try:
             with np.load(path, allow_pickle=False) as file:
                 columns = {name: file[name] for name in file.files}
+            if absent := {'time_s', 'meta'} - columns.keys():
+                raise ValueError(f'it has no {" and no ".join(sorted(absent))}')
             meta = json.loads(str(columns.pop('meta')))
-            return Trace(columns.pop('time_s'), columns, meta)
+            trace = Trace(columns.pop('time_s'), columns, meta)
+            trace._check()
         except OSError as error:
             raise TraceError(f'cannot read trace {path}: {error.strerror or error}') from error
-        except (KeyError, ValueError, EOFError, BadZipFile, zlib.error) as error:
-            raise TraceError(f'{path} is not a trace file: {error}') from error
+        except Exception as error:  # what zipfile and numpy trip over in a damaged file is not bounded
+            raise TraceError(f'{path} is not a trace file: {reason(error)}') from error
+        return trace
+
+    def _check(self) -> None:
+        """Raise ValueError for what no run writes."""
+        if not isinstance(self.meta, dict):
+            raise ValueError('its meta is no JSON object')
+        for name, values in {'time_s': self.time_s, **self.signals}.items():
+            shape = self.time_s.shape[:1] + (3,) * (name != 'time_s')
+            if values.dtype != np.float64 or values.shape != shape or not values.ndim:
+                raise ValueError(f'its {name} is of type {values.dtype} and shape {values.shape}')
+        if not (np.isfinite(self.time_s).all() and (np.diff(self.time_s) > 0.0).all()):
+            raise ValueError('its time_s does not increase')
+
+
+def reason(error: Exception) -> str:
+    """Return the message of somebody else's error as part of a sentence: short, on one line."""
+    return textwrap.shorten(str(error), 160, placeholder=' ...').rstrip('.') or type(error).__name__

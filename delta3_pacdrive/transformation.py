@@ -13,16 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.bus.increments import on_grid
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON, payload_on_grid
+from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats, arm_angles, geometry, plate_position
-from delta3_pacdrive.motion.plan import MOVE, Plan, plan_at
+from delta3_pacdrive.motion.curves import point
+from delta3_pacdrive.motion.master import rest
+from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, plan_path_at
+from delta3_pacdrive.motion.timeline import NEVER, Course, MasterState, Timeline, course_at
 from delta3_pacdrive.parameters import Parameters
 
 HISTORY = 64  # cycles of commands kept for the answers that are still on their way
 SETTLE_CYCLES = 100  # after the end of a program, before the final position is taken
-NEVER = 2**62
 
 STATE = np.dtype(
     [
@@ -31,6 +33,9 @@ STATE = np.dtype(
         ('move', 'i8'),
         ('master', 'f8'),  # [m]
         ('master_speed', 'f8'),  # [m/s]
+        ('event', 'i8'),  # next of the present move
+        ('outputs', 'i8'),  # bit n = output n
+        ('payload', 'f8'),  # gripped [kg]
         ('tcp', 'f8', (3,)),  # commanded [m]
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
@@ -67,12 +72,14 @@ ANSWER_COLUMNS = 15
 
 
 @kernel
-def _command(cycle, moves, phases, segments, motors, state, constants, geometry_record):
+def _command(cycle, course, table, tables, motors, state, constants, geometry_record):
     """Fill the motor commands [rad] of a cycle; nan where the TCP is out of reach."""
     s, c = state[0], constants[0]
     if cycle >= s.start_cycle:
-        time = (cycle - s.start_cycle) * c.cycle_time
-        p, s.master, s.master_speed, s.move = plan_at(time, s.move, moves, phases, segments)
+        time = (cycle - course[0].cycle) * c.cycle_time
+        number, s.master, s.master_speed, _ = course_at(time, s.move, course, table, tables)
+        _switch_outputs(number, cycle >= s.end_cycle and course[0].held == 0, tables, s)
+        p = plan_path_at(s.master, number, tables)
         for axis in range(3):
             s.tcp[axis] = p[axis]
     theta = arm_angles((s.tcp[0], s.tcp[1], s.tcp[2]), geometry_record[0])
@@ -81,6 +88,29 @@ def _command(cycle, moves, phases, segments, motors, state, constants, geometry_
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
         motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
+
+
+@kernel
+def _switch_outputs(number, over, tables, s):
+    """Carry out every event that the master has passed, in order; all that are left when a move is over."""
+    while True:
+        move = tables.moves[tables.order[s.move]]
+        while s.event < move.events:
+            row = move.first_event + s.event
+            if s.move == number and not over and tables.events[row, 0] > s.master:
+                return
+            bit = int(tables.events[row, 1])
+            if bit >= 0:
+                s.outputs &= ~(1 << bit)
+                if tables.events[row, 2] != 0.0:
+                    s.outputs |= 1 << bit
+            if tables.events[row, 3] >= 0.0:
+                s.payload = tables.events[row, 3]
+            s.event += 1
+        if s.move >= number:
+            return
+        s.move += 1
+        s.event = 0
 
 
 @kernel
@@ -149,8 +179,11 @@ class Transformation:
         self._constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
         self.state: NDArray[Any] = np.zeros(1, STATE)
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
-        self._plan: Plan | None = None
-        self._tables: tuple[Any, Floats, Floats] | None = None
+        self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
+        self._timeline = Timeline(_NO_PLAN, bus.cycle_time_s)
+        self._coming: Course | None = None
+        self._cycle = 0  # of the next command
+        self.loaded = False
         self.enable_cycle = NEVER
         self.motors: Floats = np.zeros(3)
         self.answer: Floats = np.zeros(ANSWER_COLUMNS)
@@ -167,38 +200,93 @@ class Transformation:
 
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``."""
-        self._plan = plan
-        self._tables = (plan.moves, plan.phases, plan.segments)
+        self._timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        self._coming = None
+        self.loaded = True
         state = self.state[0]
         state['start_cycle'] = state['end_cycle'] = NEVER
-        state['move'] = 0
+        state['move'] = state['event'] = 0
 
-    def start(self, cycle: int) -> int:
-        """Start the loaded program at a cycle; return the first cycle in which the TCP stands at its end."""
-        if self._plan is None:
+    def start(self, cycle: int, rate: float = 1.0) -> int:
+        """Start the loaded program at a cycle that is still to come; return the first one in which the TCP has arrived."""
+        if not self.loaded:
             raise RunError('no program is loaded')
-        end = cycle + math.ceil(self._plan.duration_s / self._parameters.bus.cycle_time_s - 1e-9)
+        if cycle < self._cycle:
+            raise RunError(f'bus cycle {cycle} is over, the next one is {self._cycle}')
+        self._timeline.start(cycle, rate)
         state = self.state[0]
-        state['start_cycle'], state['end_cycle'], state['move'] = cycle, end, 0
+        state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
+        state['end_cycle'] = self._timeline.end_cycle
+        state['payload'] = payload_on_grid(self._timeline.plan.move(0).payload_kg)
         for name in ('measured_cycles', 'error_max', 'error_square_sum', 'following_error_max'):
             state[name] = 0
         for name in ('current_peak', 'current_square_sum'):
             state[name] = 0.0
-        return end
+        return self.end_cycle
+
+    def hold(self) -> Course:
+        """Stop the master on its path from the next cycle on; return the course of the stop."""
+        self._coming = None
+        course = self._timeline.stop(max(self._cycle, self._timeline.start_cycle))
+        self._follow(course)
+        return course
+
+    def change(self, course: Course) -> None:
+        """Go over to another course at its cycle, which is still to come; raises ProgramError."""
+        if course.cycle < self._cycle:
+            raise ProgramError(f'bus cycle {course.cycle} is over, the next one is {self._cycle}')
+        self._timeline.check(course)
+        self._coming = course
 
     @property
-    def loaded(self) -> bool:
-        """Whether a program was loaded."""
-        return self._plan is not None
+    def coming_last_cycle(self) -> int:
+        """Last cycle whose answer counts, once the course that is still to come is followed."""
+        if self._coming is None:
+            return self.last_cycle
+        return self._timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
+
+    def _follow(self, course: Course) -> None:
+        self._timeline.change(course)
+        self.state['end_cycle'] = self._timeline.end_cycle
+
+    def unload(self) -> None:
+        """Forget the program; the TCP stays where it is commanded to be."""
+        self._coming = None
+        self.loaded = False
+        self.state['start_cycle'] = self.state['end_cycle'] = NEVER
+
+    @property
+    def course(self) -> Course | None:
+        """What the master follows, ``None`` before a start."""
+        return self._timeline.course
+
+    @property
+    def held(self) -> bool:
+        """Whether the master stops, or stands, on its path."""
+        return self.course is not None and self.course.held
+
+    def master(self, cycle: int) -> MasterState:
+        """Return the master in a cycle of the present course."""
+        return self._timeline.at(cycle)
 
     @property
     def moves(self) -> int:
-        """Number of moves of the loaded program."""
-        return 0 if self._plan is None else len(self._plan.moves)
+        """Number of moves of the last program that was loaded."""
+        return len(self._timeline.plan) if self._timeline.plan is not _NO_PLAN else 0
+
+    @property
+    def outputs(self) -> int:
+        """Outputs as bits: bit n = output n."""
+        return int(self.state['outputs'][0])
+
+    @property
+    def payload(self) -> float:
+        """Payload [kg] that the outputs have gripped."""
+        return float(self.state['payload'][0])
 
     @property
     def end_cycle(self) -> int:
-        """First cycle in which the TCP stands at the end of the program."""
+        """First cycle in which the TCP stands at the end of the program, or of a stop."""
         return int(self.state['end_cycle'][0])
 
     @property
@@ -212,11 +300,21 @@ class Transformation:
 
     def command(self, cycle: int) -> Floats:
         """Motor shaft commands [rad] of a cycle, on the increment grid; cycles are asked for in order."""
-        if cycle < self.state['start_cycle'][0] or self._tables is None:
-            moves, phases, segments = _NO_TABLES
-        else:
-            moves, phases, segments = self._tables
-        _command(cycle, moves, phases, segments, self.motors, self.state, self._constants, self._geometry)
+        if self._coming is not None and cycle >= self._coming.cycle:
+            course, self._coming = self._coming, None
+            self._follow(course)
+        timeline = self._timeline
+        _command(
+            cycle,
+            timeline.record,
+            timeline.table,
+            timeline.tables,
+            self.motors,
+            self.state,
+            self._constants,
+            self._geometry,
+        )
+        self._cycle = cycle + 1
         return self.motors
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
@@ -244,9 +342,5 @@ class Transformation:
         )
 
 
-def _no_tables() -> tuple[Any, Floats, Floats]:
-    """Tables of an empty plan, of the types that the compiled code knows."""
-    return np.zeros(1, MOVE), np.zeros((1, 5)), np.zeros((1, 13))
-
-
-_NO_TABLES = _no_tables()
+# before the first program: the types that the compiled code knows
+_NO_PLAN = Plan.of([Move(MoveKind.DWELL, rest(1.0), point((0.0, 0.0, 0.0)).segments)])

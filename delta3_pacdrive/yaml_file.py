@@ -39,8 +39,14 @@ def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
         raise error(f'cannot read {what} {path}: {reason}') from failure
     if len(content) > SIZE_MAX_BYTES:
         raise error(f'{what} {path} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
+    return parse(content, f'{what} {path}', error)
+
+
+def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
+    """Return the document in a text."""
     try:
-        return yaml.load(content.decode('utf-8'), Loader=_Loader)  # noqa: S506 (a safe loader)
+        text = content.decode('utf-8') if isinstance(content, bytes) else content
+        return yaml.load(text, Loader=_Loader)  # noqa: S506 (a safe loader)
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError, TypeError) as failure:
         reason = ' '.join(str(failure).split()) or type(failure).__name__
-        raise error(f'{what} {path} is not valid YAML: {reason}') from failure
+        raise error(f'{what} is not valid YAML: {reason}') from failure

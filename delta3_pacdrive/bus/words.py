@@ -45,3 +45,11 @@ _IN_TORQUE = int(Status.IN_TORQUE)
 def in_torque(status: int) -> bool:
     """Whether a status word reports an enabled drive without error."""
     return status & _READINESS_AND_ERROR == _IN_TORQUE
+
+
+PAYLOAD_MAX_KG = 999.0
+
+
+def payload_on_grid(payload_kg: float) -> float:
+    """Payload as telegrams carry it, in steps of 0.1 g."""
+    return round(payload_kg, 4)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from delta3_pacdrive.bus.increments import to_increments
+from delta3_pacdrive.bus.words import payload_on_grid
 from delta3_pacdrive.drive.cascade import current_feedforward, current_loop, position_loop, velocity_loop
 from delta3_pacdrive.drive.observer import advance_observer, reset_observer
 from delta3_pacdrive.drive.record import STATE, DriveFault, DriveState, drive_constants
@@ -83,6 +84,8 @@ class MC4:
         the increment grid, speed [rad/s], torque K_m I_eff [N m].
     currents
         I_eff [A] at the end of each current-loop period of the last ``run_period``.
+    payload
+        Payload [kg] that the controller's outputs have gripped; like a command, it is that of the MDT before.
 
     """
 
@@ -92,20 +95,22 @@ class MC4:
         self.state = np.zeros(1, STATE)
         self.answer: Floats = np.zeros(3)
         self.currents: Floats = np.zeros(int(self._constants['steps_per_exchange'][0]))
+        self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
 
     def begin_cycle(
-        self, command: float, control: int, position: float, speed: float, coupling: float
+        self, command: float, control: int, payload: float, position: float, speed: float, coupling: float
     ) -> int:
         """Synchronise to the MDT of a cycle, fill ``answer`` and return the status word S-0-0135.
 
         Parameters
         ----------
-        command, control
+        command, control, payload
             Of the MDT of this cycle; they take effect in the next one.
         position, speed, coupling
             True shaft at the start of the cycle: [rad], [rad/s], d [N m].
 
         """
+        self.payload, self._next_payload = self._next_payload, payload
         return int(
             _begin_cycle(
                 command, control, position, speed, coupling, self.answer, self.state, self._constants

@@ -1,108 +1,157 @@
-"""Checks of a planned move against the robot's limits, before anything moves."""
+"""Checks of a path and of a timed motion against the robot's limits, before anything moves."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.errors import ProgramError, UnreachableError
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.master import sample_master
-from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import Move
+from delta3_pacdrive.motion.demand import PARALLEL, SERIAL, SWING, THETA, Demand
 from delta3_pacdrive.parameters import Parameters
 
-SAMPLES_MIN, SAMPLES_MAX = 33, 20_001  # of a move; in between once per bus cycle
 ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit
+AXES = 3
 
 
 @dataclass(frozen=True)
-class Demand:
-    """What a move asks of the robot at its samples; arrays (n,) or (n, 3)."""
+class Limits:
+    """TCP limits of a move."""
 
-    time_s: Floats
-    distance_m: Floats
-    position_m: Floats
-    arm_angle_rad: Floats
-    arm_speed_rad_s: Floats
-    arm_acceleration_rad_s2: Floats
-    motor_speed_rad_s: Floats
-    motor_current_a: Floats
+    speed_m_s: float
+    acceleration_m_s2: float
+    jerk_m_s3: float
 
 
-def _sample_times(move: Move, parameters: Parameters) -> Floats:
-    cycles = int(np.ceil(move.duration_s / parameters.bus.cycle_time_s)) + 1
-    return np.linspace(0.0, move.duration_s, min(max(cycles, SAMPLES_MIN), SAMPLES_MAX))
+def check_workspace(distance_m: Floats, position_m: Floats, parameters: Parameters) -> None:
+    """Refuse a path that leaves the workspace cylinder; shapes (n,), (n, 3); raises ProgramError."""
+    k = parameters.kinematics
+    radius = np.hypot(position_m[:, 0], position_m[:, 1])
+    z = position_m[:, 2]
+    _require_below(
+        radius, 0.5 * k.workspace_diameter_m, 'the distance from the z axis', 'm', distance_m, position_m
+    )
+    _require_below(z, k.workspace_top_m, 'z', 'm', distance_m, position_m)
+    _require_above(z, k.workspace_bottom_m, 'z', 'm', distance_m, position_m)
 
 
-def demand(move: Move, parameters: Parameters) -> Demand:
-    """Sample a move and solve inverse kinematics and dynamics, friction included; raises UnreachableError."""
-    k, motor = parameters.kinematics, parameters.motor
-    times = _sample_times(move, parameters)
-    s, speed, acceleration = sample_master(times, move.master).T
-    p, tangent, curvature = np.moveaxis(sample_path(s, move.segments), 1, 0)
-    velocity = tangent * speed[:, None]
-    tcp_acceleration = tangent * acceleration[:, None] + curvature * (speed**2)[:, None]
-    theta = kinematics.inverse(p, k)
-    j = kinematics.jacobian(theta, p, k)
-    rate = np.linalg.solve(j, velocity[..., None])[..., 0]
-    j_dot = kinematics.jacobian_dot(theta, rate, p, velocity, k)
-    bias = (j_dot @ rate[..., None])[..., 0]
-    arm_acceleration = np.linalg.solve(j, (tcp_acceleration - bias)[..., None])[..., 0]
-    motor_speed = rate * parameters.dynamics.gear_ratio
-    friction = motor.static_friction_n_m * np.tanh(motor_speed / motor.friction_smoothing_rad_s)
-    friction += motor.viscous_friction_n_m_s_rad * motor_speed
-    torque = dynamics.inverse(theta, rate, arm_acceleration, parameters) / parameters.dynamics.gear_ratio
-    current = (torque + friction) / motor.torque_constant_n_m_a
-    return Demand(times, s, p, theta, rate, arm_acceleration, motor_speed, current)
+def check_arms(distance_m: Floats, position_m: Floats, coefficients: Floats, parameters: Parameters) -> None:
+    """Refuse a path on which an arm leaves its limits; raises ProgramError with axis, value, limit and place."""
+    k = parameters.kinematics
+    place = (distance_m, position_m)
+    theta = np.degrees(coefficients[:, THETA])
+    _require_below(theta, k.arm_angle_max_deg, 'the angle of arm', 'deg', *place)
+    _require_above(theta, k.arm_angle_min_deg, 'the angle of arm', 'deg', *place)
+    swing = np.degrees(coefficients[:, SWING])
+    _require_below(swing, k.forearm_swing_max_deg, 'the forearm swing of arm', 'deg', *place)
+    _require_above(
+        coefficients[:, SERIAL],
+        k.serial_singularity_min,
+        'the distance from the serial singularity of arm',
+        '',
+        *place,
+    )
+    _require_above(
+        coefficients[:, PARALLEL],
+        k.parallel_singularity_min,
+        'the distance from the parallel singularity',
+        '',
+        *place,
+    )
 
 
-def check_move(move: Move, parameters: Parameters) -> None:
-    """Refuse a move that leaves the workspace or asks too much of arms or motors.
+def _require_below(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
+    """Raise if a value (n,) or (n, 3) exceeds its limit anywhere; report the worst place."""
+    if not (values <= limit + ROUNDING).all():
+        _refuse(values, int(np.nanargmax(values)), limit, what, unit, s, p)
 
-    Raises
-    ------
-    ProgramError
-        Names quantity, axis, value, limit and place on the path.
+
+def _require_above(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
+    if not (values >= limit - ROUNDING).all():
+        _refuse(values, int(np.nanargmin(values)), limit, what, unit, s, p)
+
+
+def _refuse(values: Floats, worst: int, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
+    index = np.unravel_index(worst, values.shape)
+    axis = f' {int(index[1]) + 1}' if len(index) > 1 else ''
+    unit = f' {unit}' if unit else ''
+    raise ProgramError(
+        f'{what}{axis} is {values[index]:.4g}{unit} {place_text(s, p, int(index[0]))}, the limit is {limit:.4g}{unit}'
+    )
+
+
+def place_text(distance_m: Floats, position_m: Floats, n: int) -> str:
+    """Say where on the path sample ``n`` is."""
+    x, y, z = position_m[n]
+    return f'at s = {distance_m[n]:.4f} m, ({x:.4f}, {y:.4f}, {z:.4f}) m'
+
+
+@dataclass(frozen=True)
+class Excess:
+    """How far a timed motion exceeds its limits.
+
+    Attributes
+    ----------
+    stretch
+        Factor of time that each sample needs to keep every limit, shape (n,); inf where no slowness helps.
+    text
+        The worst excess in words: quantity, axis, value, limit and place.
 
     """
-    k, motor = parameters.kinematics, parameters.motor
-    # the kinematic limits first, on a point outside of which nothing else has a value
-    s = sample_master(_sample_times(move, parameters), move.master)[:, 0]
-    p = sample_path(s, move.segments)[:, 0]
-    radius = np.hypot(p[:, 0], p[:, 1])
-    _require(radius, 0.5 * k.workspace_diameter_m, 'distance from the z axis', 'm', s, p)
-    _require(p[:, 2], k.workspace_top_m, 'z', 'm', s, p)
-    _require(-p[:, 2], -k.workspace_bottom_m, '-z', 'm', s, p)
-    try:
-        d = demand(move, parameters)
-    except UnreachableError as error:
-        raise ProgramError(str(error)) from None
-    theta = np.degrees(d.arm_angle_rad)
-    _require(theta, k.arm_angle_max_deg, 'angle of arm', 'deg', s, p)
-    _require(-theta, -k.arm_angle_min_deg, 'negative angle of arm', 'deg', s, p)
-    swing = np.degrees(kinematics.forearm_swing(d.position_m, k))
-    _require(swing, k.forearm_swing_max_deg, 'forearm swing of arm', 'deg', s, p)
-    serial, parallel = kinematics.singularity(d.arm_angle_rad, d.position_m, k)
-    _require(
-        -serial, -k.serial_singularity_min, 'negative distance from the serial singularity of arm', '', s, p
-    )
-    _require(
-        -parallel, -k.parallel_singularity_min, 'negative distance from the parallel singularity', '', s, p
-    )
-    rpm = np.abs(d.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
-    _require(rpm, motor.max_speed_rpm, 'speed of motor', 'rpm', s, p)
-    _require(np.abs(d.motor_current_a), motor.peak_current_a, 'current of motor', 'A', s, p)
+
+    stretch: Floats
+    text: str
+
+    @property
+    def worst(self) -> float:
+        """Largest factor of time that a sample needs."""
+        return float(self.stretch.max())
 
 
-def _require(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
-    """Raise if a value (n,) or (n, 3) exceeds its limit anywhere; report the worst place."""
-    if (values <= limit + ROUNDING).all():
-        return
-    worst = np.unravel_index(int(np.nanargmax(values)), values.shape)
-    n = int(worst[0])
-    axis = f' {int(worst[1]) + 1}' if len(worst) > 1 else ''
-    place = ', '.join(f'{value:.4f}' for value in p[n])
-    raise ProgramError(
-        f'{what}{axis} is {values[worst]:.4g} {unit} at s = {s[n]:.4f} m, ({place}) m, the limit is {limit:.4g} {unit}'
-    )
+def excess(
+    demand: Demand, limits: tuple[Floats, Floats, Floats], parameters: Parameters, motors_only: bool = False
+) -> Excess:
+    """Compare a demand with the limits of motors and, unless ``motors_only``, with TCP limits (speed, acceleration, jerk)."""
+    entries = list(_motor_stretches(demand, parameters))
+    if not motors_only:
+        tcp = (demand.tcp_speed_m_s, demand.tcp_acceleration_m_s2, demand.tcp_jerk_m_s3)
+        names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
+        for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
+            stretch = (value / limit) ** (1.0 / power)
+            entries.append((stretch, name, unit, value, limit))
+    total = np.maximum.reduce([entry[0] for entry in entries])
+    worst = int(np.argmax(total))
+    for stretch, name, unit, value, limit in entries:
+        if stretch[worst] == total[worst]:
+            bound = limit[worst] if np.ndim(limit) else limit
+            where = place_text(demand.distance_m, demand.position_m, worst)
+            text = f'{name} would be {value[worst]:.4g} {unit} {where}, the limit is {bound:.4g} {unit}'
+            break
+    return Excess(total, text)
+
+
+def _motor_stretches(demand: Demand, parameters: Parameters) -> list[tuple[Floats, str, str, Floats, float]]:
+    motor = parameters.motor
+    entries = []
+    rpm = np.abs(demand.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
+    voltage_max = parameters.drive.dc_link_voltage_v / np.sqrt(6.0)
+    standing = demand.standing_current_a
+    moving = demand.motor_current_a - standing
+    with np.errstate(divide='ignore', invalid='ignore'):
+        room = motor.peak_current_a - np.abs(standing)
+        current_stretch = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
+    for axis in range(AXES):
+        name = f'motor {axis + 1}'
+        entries.append(
+            (rpm[:, axis] / motor.max_speed_rpm, f'speed of {name}', 'rpm', rpm[:, axis], motor.max_speed_rpm)
+        )
+        volts = np.abs(demand.phase_voltage_v[:, axis])
+        entries.append((volts / voltage_max, f'voltage of {name}', 'V', volts, voltage_max))
+        amperes = np.abs(demand.motor_current_a[:, axis])
+        # what exceeds only because moving and standing share were counted with the same sign does not
+        stretch = np.where(
+            amperes > motor.peak_current_a,
+            np.maximum(current_stretch[:, axis], 1.0),
+            amperes / motor.peak_current_a,
+        )
+        entries.append((stretch, f'current of {name}', 'A', amperes, motor.peak_current_a))
+    return entries

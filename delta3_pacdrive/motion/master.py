@@ -44,14 +44,22 @@ def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk
         raise ProgramError(
             f'no profile over {length_m} m within {speed_max} m/s, {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'
         )
+    rows = profile_rows(trajectory)
+    rows[-1] = rows[-1, 0], length_m, 0.0, 0.0, 0.0
+    return rows
+
+
+def profile_rows(trajectory: Trajectory) -> Floats:
+    """Phases (n, 5) of a calculated profile, those without duration left out; the last row is the end, without jerk."""
     profile = trajectory.profiles[0][0]
     rows = []
     time = 0.0
-    for n, duration in enumerate(profile.t):
-        if duration > 0.0:
-            rows.append((time, profile.p[n], profile.v[n], profile.a[n], profile.j[n]))
-        time += duration
-    rows.append((time, length_m, 0.0, 0.0, 0.0))
+    for part in (profile.brake, profile):
+        for n, duration in enumerate(part.t):
+            if duration > 0.0:
+                rows.append((time, part.p[n], part.v[n], part.a[n], part.j[n]))
+                time += duration
+    rows.append((time, profile.p[-1], profile.v[-1], profile.a[-1], 0.0))
     return np.array(rows)
 
 
@@ -60,13 +68,17 @@ def rest(duration_s: float) -> Floats:
     return np.array([[0.0] * 5, [duration_s, 0.0, 0.0, 0.0, 0.0]])
 
 
+def end_acceleration(phases: Floats) -> float:
+    """Acceleration with which a master reaches its end."""
+    time, _, _, acceleration, jerk = phases[-2]
+    return float(acceleration + jerk * (phases[-1, 0] - time))
+
+
 @kernel
 def master_at(time, phases, first, count):
-    """Master position, speed and acceleration at a time after the start of a move."""
+    """Master position, speed and acceleration at a time after the start of a move; at rest after its end."""
     last = first + count - 1
-    n = first
-    while n < last and time >= phases[n + 1, 0]:
-        n += 1
+    n = _phase_index(time, phases, first, last)
     t = time - phases[n, 0]
     if n == last or t < 0.0:
         return phases[n, 1], 0.0, 0.0
@@ -76,14 +88,67 @@ def master_at(time, phases, first, count):
 
 
 @kernel
+def _phase_index(time, phases, first, last):
+    """Row of the phase at a time; bisection."""
+    low, high = first, last
+    while low < high:
+        middle = (low + high + 1) // 2
+        if phases[middle, 0] <= time:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@kernel
 def _sample(times, phases, out):
+    last = phases.shape[0] - 1
     for n in range(times.shape[0]):
         out[n, 0], out[n, 1], out[n, 2] = master_at(times[n], phases, 0, phases.shape[0])
+        row = _phase_index(times[n], phases, 0, last)
+        out[n, 3] = phases[row, 4] if times[n] >= phases[0, 0] else 0.0
 
 
 def sample_master(times_s: ArrayLike, phases: Floats) -> Floats:
-    """Master position, speed and acceleration at times of shape (n,): shape (n, 3)."""
+    """Master position, speed, acceleration and jerk at times of shape (n,): shape (n, 4)."""
     times = np.ascontiguousarray(times_s, dtype=np.float64)
-    out = np.empty((len(times), 3))
+    out = np.empty((len(times), 4))
     _sample(times, phases, out)
+    return out
+
+
+@kernel
+def _sample_at_distances(distances, phases, out):
+    last = phases.shape[0] - 1
+    n = 0
+    for i in range(distances.shape[0]):
+        s = distances[i]
+        while n < last and phases[n + 1, 1] <= s:
+            n += 1
+        if n == last:
+            out[i, 0] = phases[last, 0]
+            out[i, 1] = phases[last, 1]
+            out[i, 2] = out[i, 3] = out[i, 4] = 0.0
+            continue
+        a, j = phases[n, 3], phases[n, 4]
+        low, high = 0.0, phases[n + 1, 0] - phases[n, 0]
+        for _ in range(48):
+            t = 0.5 * (low + high)
+            if phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0)) < s:
+                low = t
+            else:
+                high = t
+        t = 0.5 * (low + high)
+        out[i, 0] = phases[n, 0] + t
+        out[i, 1] = s
+        out[i, 2] = phases[n, 2] + t * (a + t * j / 2.0)
+        out[i, 3] = a + t * j
+        out[i, 4] = j
+
+
+def master_at_distances(distances_m: ArrayLike, phases: Floats) -> Floats:
+    """Time and master (distance, speed, acceleration, jerk) where it passes distances in rising order: shape (n, 5)."""
+    distances = np.ascontiguousarray(distances_m, dtype=np.float64)
+    out = np.empty((len(distances), 5))
+    _sample_at_distances(distances, phases, out)
     return out

@@ -1,4 +1,8 @@
-"""Paths: the slaves x(s), y(s), z(s) as cubic pieces over the distance s (6)."""
+"""Paths: the slaves x(s), y(s), z(s) as pieces of at most fifth degree over the distance s (6).
+
+A path is a table of pieces, shape (n, 19): the distance s [m] at which the piece starts, then c0..c5 of x, of y and of
+z in powers of s minus that start. ``curves`` makes the pieces; whoever evaluates a path needs only this module.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,25 +10,9 @@ from numpy.typing import ArrayLike
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 
-SEGMENT_COLUMNS = (
-    13  # s [m] at the start of the piece, then c0..c3 of x, of y and of z in powers of s - s_start
-)
-
-
-def line(start: ArrayLike, end: ArrayLike) -> tuple[Floats, float]:
-    """One straight piece between two points [m]: (segments (1, 13), length [m])."""
-    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    length = float(np.linalg.norm(b - a))
-    segment = np.zeros((1, SEGMENT_COLUMNS))
-    for axis in range(3):
-        segment[0, 1 + 4 * axis] = a[axis]
-        segment[0, 2 + 4 * axis] = (b[axis] - a[axis]) / length if length > 0.0 else 0.0
-    return segment, length
-
-
-def point(position: ArrayLike) -> Floats:
-    """One piece that stays at a point [m]."""
-    return line(position, position)[0]
+DEGREE = 5
+SEGMENT_COLUMNS = 1 + 3 * (DEGREE + 1)
+DERIVATIVES = 4  # position and three derivatives by the distance
 
 
 @kernel
@@ -41,34 +29,40 @@ def segment_index(s, segments, first, count):
 
 
 @kernel
+def _value(c, n, u, segments):
+    return segments[n, c] + u * (
+        segments[n, c + 1]
+        + u
+        * (segments[n, c + 2] + u * (segments[n, c + 3] + u * (segments[n, c + 4] + u * segments[n, c + 5])))
+    )
+
+
+@kernel
 def path_at(s, segments, first, count):
     """Position [m] at distance ``s``."""
     n = segment_index(s, segments, first, count)
     u = s - segments[n, 0]
-    return (
-        segments[n, 1] + u * (segments[n, 2] + u * (segments[n, 3] + u * segments[n, 4])),
-        segments[n, 5] + u * (segments[n, 6] + u * (segments[n, 7] + u * segments[n, 8])),
-        segments[n, 9] + u * (segments[n, 10] + u * (segments[n, 11] + u * segments[n, 12])),
-    )
+    return (_value(1, n, u, segments), _value(7, n, u, segments), _value(13, n, u, segments))
 
 
 @kernel
 def _sample(distances, segments, out):
     for i in range(distances.shape[0]):
-        s = distances[i]
-        n = segment_index(s, segments, 0, segments.shape[0])
-        u = s - segments[n, 0]
-        position = path_at(s, segments, 0, segments.shape[0])
+        n = segment_index(distances[i], segments, 0, segments.shape[0])
+        u = distances[i] - segments[n, 0]
         for axis in range(3):
-            c = 2 + 4 * axis
-            out[i, 0, axis] = position[axis]
-            out[i, 1, axis] = segments[n, c] + u * (2.0 * segments[n, c + 1] + u * 3.0 * segments[n, c + 2])
-            out[i, 2, axis] = 2.0 * segments[n, c + 1] + u * 6.0 * segments[n, c + 2]
+            c = 1 + 6 * axis
+            c1, c2, c3 = segments[n, c + 1], segments[n, c + 2], segments[n, c + 3]
+            c4, c5 = segments[n, c + 4], segments[n, c + 5]
+            out[i, 0, axis] = _value(c, n, u, segments)
+            out[i, 1, axis] = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+            out[i, 2, axis] = 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
+            out[i, 3, axis] = 6.0 * c3 + u * (24.0 * c4 + u * 60.0 * c5)
 
 
 def sample_path(distances_m: ArrayLike, segments: Floats) -> Floats:
-    """Position, first and second derivative by s at distances of shape (n,): shape (n, 3, 3)."""
+    """Position and its first three derivatives by s at distances of shape (n,): shape (n, 4, 3)."""
     distances = np.ascontiguousarray(distances_m, dtype=np.float64)
-    out = np.empty((len(distances), 3, 3))
+    out = np.empty((len(distances), DERIVATIVES, 3))
     _sample(distances, segments, out)
     return out

@@ -1,12 +1,13 @@
-"""The plan: what UnitRobot hands to the transformation task, as coefficient tables, one move at a time.
+"""The plan: what UnitRobot hands to the transformation task, as coefficient tables.
 
-A move is a virtual master over time (``master``) and the slaves over the master (``path``). The plan strings moves
-together in continuous time: a move starts where and when the one before it ends, between bus cycles if need be.
+A move is a virtual master over time (``master``) and the slaves over the master (``segments``), with events at places on
+the path. A plan is a set of different moves and the order in which they are driven, in continuous time: a move starts
+where and when the one before it ends, between bus cycles if need be.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +15,30 @@ from numpy.typing import ArrayLike, NDArray
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at
+from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, sample_master
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
 
-VERSION = 1
-HEADER = 6  # version, move number, number of moves, kind, phases, segments
+VERSION = 2
+# version, number of the move, number of moves, kind, phases, segments, events, acceleration and jerk of stops, payload
+HEADER = 10
 MOVES_MAX = 20_000
+ROWS_MAX = 200_000  # phases, segments or events of one move
+CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
+OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')
 
 MOVE = np.dtype(
-    [('start', 'f8'), ('first_phase', 'i8'), ('phases', 'i8'), ('first_segment', 'i8'), ('segments', 'i8')],
+    [
+        ('duration', 'f8'),
+        ('first_phase', 'i8'),
+        ('phases', 'i8'),
+        ('first_segment', 'i8'),
+        ('segments', 'i8'),
+        ('first_event', 'i8'),
+        ('events', 'i8'),
+    ],
     align=True,
 )
+EVENT_COLUMNS = 4  # distance [m], number of the output, its value, payload from there on [kg] (-1: as it is)
 
 
 class MoveKind(IntEnum):
@@ -32,15 +46,42 @@ class MoveKind(IntEnum):
 
     DWELL = 0
     LINE = 1
+    ARC = 2
+    SPLINE = 3
+    BLENDED = 4  # several moves with rounded corners
+    CUBIC = 5  # the path's parameter is the time, the master runs at 1 s/s (chapter 5)
+
+
+def _no_events() -> Floats:
+    return np.zeros((0, EVENT_COLUMNS))
 
 
 @dataclass(frozen=True)
 class Move:
-    """One move: master phases (n, 5), path segments (m, 13)."""
+    """One move, rest to rest.
+
+    Attributes
+    ----------
+    master
+        Phases (n, 5): time [s], distance [m], speed, acceleration at the start of a phase, and its jerk.
+    segments
+        Path pieces (m, 19) over the distance.
+    events
+        Rows (k, 4) in order of their distance: distance [m], number of an output (-1: none), its value, payload [kg].
+    stop_acceleration, stop_jerk
+        Limits of the master when it is held or speeds up again [m/s^2, m/s^3].
+    payload_kg
+        Payload from the start of the move on.
+
+    """
 
     kind: MoveKind
     master: Floats
     segments: Floats
+    stop_acceleration: float = 1.0
+    stop_jerk: float = np.inf
+    payload_kg: float = 0.0
+    events: Floats = field(default_factory=_no_events)
 
     @property
     def duration_s(self) -> float:
@@ -57,10 +98,12 @@ class Move:
         return np.asarray(sample_path([self.length_m], self.segments)[0, 0])
 
     def to_array(self, number: int, count: int) -> Floats:
-        """Return the move as one row of numbers, the ``number``-th of ``count`` (for a message)."""
-        header = [VERSION, number, count, self.kind, len(self.master), len(self.segments)]
+        """Return the move as one row of numbers, the ``number``-th of ``count`` different ones (for a message)."""
+        jerk = self.stop_jerk if np.isfinite(self.stop_jerk) else 0.0
+        header = [VERSION, number, count, self.kind, len(self.master), len(self.segments), len(self.events)]
+        values = [self.stop_acceleration, jerk, self.payload_kg]
         return np.concatenate(
-            [np.array(header, dtype=np.float64), self.master.ravel(), self.segments.ravel()]
+            [np.array([*header, *values]), self.master.ravel(), self.segments.ravel(), self.events.ravel()]
         )
 
     @staticmethod
@@ -70,71 +113,182 @@ class Move:
         Raises
         ------
         ProgramError
-            The row is no move of this version, or holds a number that is not finite.
+            The row is no move of this version, holds a number that is not finite, or jumps somewhere.
 
         """
         row = np.asarray(values, dtype=np.float64)
         if row.ndim != 1 or len(row) < HEADER or not np.isfinite(row).all():
-            raise ProgramError('a plan message must be a row of finite numbers with a header of 6')
-        if (row[:HEADER] != np.floor(row[:HEADER])).any() or (row[:HEADER] < 0).any():
+            raise ProgramError(f'a plan message must be a row of finite numbers with a header of {HEADER}')
+        whole = row[:7]
+        if (whole != np.floor(whole)).any() or (row[:HEADER] < 0).any():
             raise ProgramError('the header of a plan message must hold whole numbers')
-        version, number, count, kind, phases, segments = (int(value) for value in row[:HEADER])
+        version, number, count, kind, phases, segments, events = (int(value) for value in whole)
+        acceleration, jerk, payload = row[7:HEADER].tolist()
         if version != VERSION or kind not in tuple(MoveKind):
             raise ProgramError(f'plan message of version {version} and kind {kind} is unknown')
-        if not number < count <= MOVES_MAX or phases < 2 or segments < 1:
-            raise ProgramError(
-                f'plan message {number} of {count} with {phases} phases and {segments} segments is invalid'
-            )
-        split = HEADER + phases * PHASE_COLUMNS
-        if len(row) != split + segments * SEGMENT_COLUMNS:
-            raise ProgramError(
-                f'plan message {number} of {count} has {len(row)} numbers, which does not fit its header'
-            )
-        master = row[HEADER:split].reshape(phases, PHASE_COLUMNS).copy()
-        path = row[split:].reshape(segments, SEGMENT_COLUMNS).copy()
+        what = f'plan message {number} of {count}'
+        if not number < count <= MOVES_MAX or not 2 <= phases <= ROWS_MAX or not 1 <= segments <= ROWS_MAX:
+            raise ProgramError(f'{what} with {phases} phases and {segments} segments is invalid')
+        sizes = [phases * PHASE_COLUMNS, segments * SEGMENT_COLUMNS, events * EVENT_COLUMNS]
+        if len(row) != HEADER + sum(sizes):
+            raise ProgramError(f'{what} has {len(row)} numbers, which does not fit its header')
+        master, path, happenings = np.split(row[HEADER:].copy(), np.cumsum(sizes)[:2])
+        move = Move(
+            MoveKind(kind),
+            master.reshape(phases, PHASE_COLUMNS),
+            path.reshape(segments, SEGMENT_COLUMNS),
+            acceleration,
+            jerk or np.inf,
+            payload,
+            happenings.reshape(events, EVENT_COLUMNS),
+        )
+        move._require_continuous(what)
+        return move, number, count
+
+    def _require_continuous(self, what: str) -> None:
+        """Refuse a move that does not start at rest at 0, end at rest, or jumps."""
+        master, path = self.master, self.segments
         if (np.diff(master[:, 0]) < 0.0).any() or (np.diff(path[:, 0]) <= 0.0).any():
-            raise ProgramError(f'plan message {number} of {count}: times or distances do not increase')
-        return Move(MoveKind(kind), master, path), number, count
+            raise ProgramError(f'{what}: times or distances do not increase')
+        if not (self.stop_acceleration > 0.0 and master[0, 0] == 0.0 and path[0, 0] == 0.0):
+            raise ProgramError(f'{what}: it does not start at 0, or cannot be stopped')
+        runs_evenly = self.kind == MoveKind.CUBIC
+        if not runs_evenly and (master[0, 1] != 0.0 or master[0, 2] != 0.0 or master[-1, 2:].any()):
+            raise ProgramError(f'{what}: its master is not at rest at both ends')
+        check_phases(master, what)
+        joints = path[1:, 0]
+        before = np.array([_end_of(path[n], joint) for n, joint in enumerate(joints)]).reshape(-1, 3)
+        jumps = np.abs(before - path[1:, 1::6]).max(initial=0.0)
+        if jumps > CONTINUOUS:
+            raise ProgramError(f'{what}: its path jumps by {jumps:.3g} m')
+        bits = self.events[:, 1]
+        if len(bits) and (
+            (np.diff(self.events[:, 0]) < 0.0).any() or (bits < -1).any() or (bits >= len(OUTPUTS)).any()
+        ):
+            raise ProgramError(f'{what}: its events are out of order, or for an unknown output')
+
+
+def check_phases(master: Floats, what: str) -> None:
+    """Refuse phases (n, 5) whose distances or speeds jump; raises ProgramError."""
+    t = np.diff(master[:, 0])
+    _, s, v, a, j = master[:-1].T
+    length, speed = max(float(np.abs(master[:, 1]).max()), 1e-3), max(float(np.abs(master[:, 2]).max()), 1e-3)
+    jump_s = np.abs(s + t * (v + t * (a / 2.0 + t * j / 6.0)) - master[1:, 1]).max(initial=0.0)
+    jump_v = np.abs(v + t * (a + t * j / 2.0) - master[1:, 2])[:-1].max(initial=0.0)
+    if jump_s > CONTINUOUS * length or jump_v > CONTINUOUS * speed:
+        raise ProgramError(f'{what}: its master jumps')
+
+
+def _end_of(segment: Floats, distance: float) -> list[float]:
+    u = distance - segment[0]
+    return [float(np.polyval(segment[1 + 6 * axis : 7 + 6 * axis][::-1], u)) for axis in range(3)]
+
+
+class Tables(NamedTuple):
+    """A plan as the arrays that the compiled code reads."""
+
+    order: NDArray[np.int64]  # number of the different move driven n-th
+    starts: Floats  # [s], when it begins
+    moves: NDArray[Any]  # MOVE
+    phases: Floats
+    segments: Floats
+    events: Floats
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All moves of a program in the tables that the 1 kHz task reads."""
+    """Different moves and the order in which they are driven."""
 
-    moves: NDArray[Any]
-    phases: Floats
-    segments: Floats
-    duration_s: float
+    moves: tuple[Move, ...]
+    tables: Tables
 
     @staticmethod
-    def of(moves: list[Move]) -> 'Plan':
-        """Join moves; the next one starts at the time at which the last one ends."""
-        if not moves:
+    def of(moves: list[Move], order: ArrayLike | None = None) -> 'Plan':
+        """Join moves; the next one starts at the time at which the last one ends.
+
+        Raises
+        ------
+        ProgramError
+            There is no move, too many, or the order names one that does not exist.
+
+        """
+        numbers = np.arange(len(moves)) if order is None else np.asarray(order, dtype=np.int64)
+        if not len(moves) or not len(numbers):
             raise ProgramError('a program needs at least one move')
+        if numbers.min() < 0 or numbers.max() >= len(moves):
+            raise ProgramError('the order of a plan names a move that does not exist')
         table = np.zeros(len(moves), MOVE)
-        start, phase, segment = 0.0, 0, 0
-        for row, move in zip(table, moves, strict=True):
-            row['start'], row['first_phase'], row['first_segment'] = start, phase, segment
-            row['phases'], row['segments'] = len(move.master), len(move.segments)
-            start += move.duration_s
-            phase += len(move.master)
-            segment += len(move.segments)
+        table['duration'] = [move.duration_s for move in moves]
+        for name, sizes in (
+            ('phase', [len(move.master) for move in moves]),
+            ('segment', [len(move.segments) for move in moves]),
+            ('event', [len(move.events) for move in moves]),
+        ):
+            table[f'{name}s'] = sizes
+            table[f'first_{name}'] = np.cumsum([0, *sizes[:-1]])
+        durations = table['duration'][numbers]
+        starts = np.concatenate([[0.0], np.cumsum(durations)])
         return Plan(
-            table,
-            np.concatenate([move.master for move in moves]),
-            np.concatenate([move.segments for move in moves]),
-            start,
+            tuple(moves),
+            Tables(
+                numbers.astype(np.int64),
+                starts,
+                table,
+                np.concatenate([move.master for move in moves]),
+                np.concatenate([move.segments for move in moves]),
+                np.concatenate([move.events for move in moves]),
+            ),
         )
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the start of the first move to the end of the last [s]."""
+        return float(self.tables.starts[-1])
+
+    def __len__(self) -> int:
+        """Return the number of moves driven."""
+        return len(self.tables.order)
+
+    def move(self, number: int) -> Move:
+        """Return the move driven ``number``-th."""
+        return self.moves[int(self.tables.order[number])]
+
+    def start_m(self) -> Floats:
+        """Point at which the plan begins, shape (3,)."""
+        return self.move(0).segments[0, 1::6].copy()
 
 
 @kernel
-def plan_at(time, number, moves, phases, segments):
-    """Position (x, y, z), master position and speed, and number of the move at a time since the program's start.
-
-    ``number`` is that of the last call: time only moves forward.
-    """
-    while number + 1 < moves.shape[0] and time >= moves[number + 1].start:
+def advance_number(time, number, tables):
+    """Return the number of the move at a time since the start; ``number`` is that of an earlier time."""
+    last = tables.order.shape[0] - 1
+    while number < last and time >= tables.starts[number + 1]:
         number += 1
-    move = moves[number]
-    s, speed, _ = master_at(time - move.start, phases, move.first_phase, move.phases)
-    return path_at(s, segments, move.first_segment, move.segments), s, speed, number
+    return number
+
+
+@kernel
+def plan_master_at(time, number, tables):
+    """Master distance, speed and acceleration of the move ``number`` at a time since the start of the plan."""
+    move = tables.moves[tables.order[number]]
+    return master_at(time - tables.starts[number], tables.phases, move.first_phase, move.phases)
+
+
+@kernel
+def plan_path_at(s, number, tables):
+    """Position (x, y, z) at a distance on the move ``number``."""
+    move = tables.moves[tables.order[number]]
+    return path_at(s, tables.segments, move.first_segment, move.segments)
+
+
+def sample_plan(plan: Plan, times_s: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Positions (n, 3), master (n, 4) and numbers of the moves (n,) at times since the start; not for cyclic use."""
+    times = np.asarray(times_s, dtype=np.float64)
+    numbers = np.clip(np.searchsorted(plan.tables.starts, times, side='right') - 1, 0, len(plan) - 1)
+    positions, master = np.empty((len(times), 3)), np.empty((len(times), 4))
+    for number in np.unique(numbers):
+        chosen = numbers == number
+        move = plan.move(int(number))
+        master[chosen] = sample_master(times[chosen] - plan.tables.starts[number], move.master)
+        positions[chosen] = sample_path(master[chosen, 0], move.segments)[:, 0]
+    return positions, master, numbers

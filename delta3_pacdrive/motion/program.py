@@ -1,12 +1,21 @@
-"""Motion programs: a strict reader of YAML files, and the planning of their moves.
+"""Motion programs: a strict reader of YAML files.
 
 name: pick and place            # optional
 start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
 repeat: 1                       # optional
+payload_kg: 0.0                 # optional: carried at the start
 limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each
+points: {pick: [0.15, 0.0, -0.85]}                                    # optional: names for points
 moves:
-- move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0}                    # limits may stand in each move
+- move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0, blend_m: 0.02}     # limits may stand in each move
+- move_l: {to_m: pick}                                                # a named point
+- move_l: {to_m: {by_m: [0.0, 0.0, 0.02]}}                            # relative to where the robot stands
+- move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; refused, not slowed down
+- move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
+- move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
+- cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
 - dwell: {time_s: 0.1}
+- output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
 """
 
 import math
@@ -19,38 +28,67 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from delta3_pacdrive import yaml_file
+from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, payload_on_grid
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.motion.checks import check_move
-from delta3_pacdrive.motion.master import plan_master, rest
-from delta3_pacdrive.motion.path import line, point
-from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind
-from delta3_pacdrive.parameters import Motion, Parameters, config_directory
+from delta3_pacdrive.motion.checks import Limits
+from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
+from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
+from delta3_pacdrive.parameters import Motion, config_directory
 
-START_TOLERANCE_M = (
-    1e-3  # how far the robot may stand from the start of a program; the first move begins there
-)
-COINCIDENT_M = 1e-6
 REPEAT_MAX = 10_000
-MOVE_MAX_S = 3600.0
+TIME_MAX_S = 3600.0  # of a dwell or a cubic
+BLEND_MAX_M = 1.0
+REACH_M = 10.0
 
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Limits:
-    """TCP limits of a move."""
+class Target:
+    """A point [m], or a step from where the robot stands."""
 
-    speed_m_s: float
-    acceleration_m_s2: float
-    jerk_m_s3: float
+    point_m: Point
+    relative: bool = False
 
 
 @dataclass(frozen=True)
 class MoveL:
     """Straight line to a point (6.1)."""
 
-    to_m: Point
+    to: Target
     limits: Limits
+    blend_m: float = 0.0
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class MoveC:
+    """Circle through a circle point to an end (6.2)."""
+
+    via: Target
+    to: Target
+    limits: Limits
+    blend_m: float = 0.0
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class MoveSB:
+    """Cubic spline through points (6.3)."""
+
+    through: tuple[Target, ...]
+    limits: Limits
+    blend_m: float = 0.0
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class Cubic:
+    """Cubic in time with prescribed end velocity; its start velocity is the end velocity of the cubic before it (5.1)."""
+
+    to: Target
+    duration_s: float
+    end_velocity_m_s: Point = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -60,7 +98,17 @@ class Dwell:
     time_s: float
 
 
-Statement = MoveL | Dwell
+@dataclass(frozen=True)
+class Output:
+    """An output that changes at the end of the move before it, or a distance before that; with it may come a payload."""
+
+    name: str
+    value: float
+    before_m: float = 0.0
+    payload_kg: float | None = None
+
+
+Statement = MoveL | MoveC | MoveSB | Cubic | Dwell | Output
 
 
 @dataclass(frozen=True)
@@ -71,6 +119,7 @@ class Program:
     statements: tuple[Statement, ...]
     start_m: Point | None = None
     repeat: int = 1
+    payload_kg: float | None = None
 
 
 def load(path: str | Path, motion: Motion) -> Program:
@@ -99,11 +148,25 @@ def packaged_names() -> list[str]:
     return sorted(file.stem for file in (config_directory() / 'programs').glob('*.yaml'))
 
 
+@dataclass(frozen=True)
+class _Context:
+    """What a statement may refer to."""
+
+    limits: Limits
+    points: dict[str, Point]
+
+
+_LIMIT_KEYS = {'speed_m_s', 'acceleration_m_s2', 'jerk_m_s3'}
+_PATH_KEYS = _LIMIT_KEYS | {'blend_m', 'strict'}
+
+
 def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     """Build a program from a parsed YAML document; raises ProgramError."""
-    fields = _mapping(document, 'the program', {'name', 'start_m', 'repeat', 'limits', 'moves'}, {'moves'})
+    allowed = {'name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves'}
+    fields = _mapping(document, 'the program', allowed, {'moves'})
     defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
     limits = _limits(_mapping(fields.get('limits', {}), 'limits', _LIMIT_KEYS, set()), defaults, 'limits')
+    points = _points(fields.get('points', {}))
     repeat = fields.get('repeat', 1)
     if isinstance(repeat, bool) or not isinstance(repeat, int) or not 1 <= repeat <= REPEAT_MAX:
         raise ProgramError(
@@ -114,15 +177,23 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
         raise ProgramError('moves must be a list of at least one move')
     if len(moves) * repeat > MOVES_MAX:
         raise ProgramError(f'the program has {len(moves) * repeat} moves, the limit is {MOVES_MAX}')
-    statements = tuple(_statement(item, f'moves[{n}]', limits) for n, item in enumerate(moves))
-    start = _point(fields['start_m'], 'start_m') if 'start_m' in fields else None
+    context = _Context(limits, points)
+    statements = tuple(_statement(item, f'moves[{n}]', context) for n, item in enumerate(moves))
+    start = _point(fields['start_m'], 'start_m', points) if 'start_m' in fields else None
+    payload = _payload(fields['payload_kg'], 'payload_kg') if 'payload_kg' in fields else None
     title = fields.get('name', name)
     if not isinstance(title, str):
         raise ProgramError(f'name must be a text, not {shown(title)}')
-    return Program(title, statements, start, repeat)
+    return Program(title, statements, start, repeat, payload)
 
 
-_LIMIT_KEYS = {'speed_m_s', 'acceleration_m_s2', 'jerk_m_s3'}
+def _points(value: Any) -> dict[str, Point]:
+    if not isinstance(value, dict):
+        raise ProgramError(f'points must be a mapping, not {shown(value)}')
+    for key in value:
+        if not isinstance(key, str):
+            raise ProgramError(f'points: the name of a point must be a text, not {shown(key)}')
+    return {key: _point(item, f'points.{key}', {}) for key, item in value.items()}
 
 
 def _mapping(value: Any, where: str, allowed: set[str], required: set[str]) -> dict[str, Any]:
@@ -150,15 +221,48 @@ def _number(value: Any, where: str) -> float:
     return number
 
 
-def _point(value: Any, where: str) -> Point:
+def _within(value: Any, where: str, low: float, high: float) -> float:
+    """Return a number above ``low`` (or equal to it, if it is 0 and may be) and up to ``high``."""
+    number = _number(value, where)
+    if not low <= number <= high:
+        raise ProgramError(f'{where} is {number:g}, but must be between {low:g} and {high:g}')
+    return number
+
+
+def _payload(value: Any, where: str) -> float:
+    return payload_on_grid(_within(value, where, 0.0, PAYLOAD_MAX_KG))
+
+
+def _vector(value: Any, where: str, unit: str) -> Point:
     if not isinstance(value, list) or len(value) != 3:
-        raise ProgramError(f'{where} must be a list of 3 numbers [m], not {shown(value)}')
+        raise ProgramError(f'{where} must be a list of 3 numbers [{unit}], not {shown(value)}')
     x, y, z = (_number(item, f'{where}[{n}]') for n, item in enumerate(value))
     if not all(math.isfinite(item) for item in (x, y, z)):
         raise ProgramError(f'{where} must be finite, not {shown(value)}')
-    if max(abs(x), abs(y), abs(z)) > 10.0:
-        raise ProgramError(f'{where} is {shown(value)} m, farther than 10 m: are these millimetres?')
     return x, y, z
+
+
+def _point(value: Any, where: str, points: dict[str, Point]) -> Point:
+    if isinstance(value, str):
+        if value not in points:
+            known = ', '.join(sorted(points)[:10]) or 'none'
+            raise ProgramError(f'{where}: unknown point {shown(value)}, the points are: {known}')
+        return points[value]
+    point = _vector(value, where, 'm')
+    if max(abs(item) for item in point) > REACH_M:
+        raise ProgramError(f'{where} is {shown(value)} m, farther than {REACH_M:g} m: are these millimetres?')
+    return point
+
+
+def _target(value: Any, where: str, points: dict[str, Point]) -> Target:
+    if not isinstance(value, dict):
+        return Target(_point(value, where, points))
+    fields = _mapping(value, where, {'point', 'by_m'}, {'by_m'})
+    step = _point(fields['by_m'], f'{where}.by_m', {})
+    if 'point' not in fields:
+        return Target(step, relative=True)
+    x, y, z = _point(fields['point'], f'{where}.point', points)
+    return Target((x + step[0], y + step[1], z + step[2]))
 
 
 def _limits(fields: dict[str, Any], defaults: Limits, where: str) -> Limits:
@@ -171,79 +275,100 @@ def _limits(fields: dict[str, Any], defaults: Limits, where: str) -> Limits:
     return Limits(**values)
 
 
-def _parse_move_l(value: Any, where: str, limits: Limits) -> Statement:
-    fields = _mapping(value, where, {'to_m', *_LIMIT_KEYS}, {'to_m'})
-    return MoveL(_point(fields['to_m'], f'{where}.to_m'), _limits(fields, limits, where))
+def _path_options(fields: dict[str, Any], context: _Context, where: str) -> dict[str, Any]:
+    strict = fields.get('strict', False)
+    if not isinstance(strict, bool):
+        raise ProgramError(f'{where}.strict must be true or false, not {shown(strict)}')
+    return {
+        'limits': _limits(fields, context.limits, where),
+        'blend_m': _within(fields.get('blend_m', 0.0), f'{where}.blend_m', 0.0, BLEND_MAX_M),
+        'strict': strict,
+    }
 
 
-def _parse_dwell(value: Any, where: str, _: Limits) -> Statement:
+def _parse_move_l(value: Any, where: str, context: _Context) -> Statement:
+    fields = _mapping(value, where, {'to_m', *_PATH_KEYS}, {'to_m'})
+    return MoveL(
+        _target(fields['to_m'], f'{where}.to_m', context.points), **_path_options(fields, context, where)
+    )
+
+
+def _parse_move_c(value: Any, where: str, context: _Context) -> Statement:
+    fields = _mapping(value, where, {'via_m', 'to_m', *_PATH_KEYS}, {'via_m', 'to_m'})
+    return MoveC(
+        _target(fields['via_m'], f'{where}.via_m', context.points),
+        _target(fields['to_m'], f'{where}.to_m', context.points),
+        **_path_options(fields, context, where),
+    )
+
+
+def _parse_move_sb(value: Any, where: str, context: _Context) -> Statement:
+    fields = _mapping(value, where, {'through_m', *_PATH_KEYS}, {'through_m'})
+    through = fields['through_m']
+    if not isinstance(through, list) or not through:
+        raise ProgramError(f'{where}.through_m must be a list of at least one point')
+    if len(through) > SPLINE_POINTS_MAX:
+        raise ProgramError(f'{where}.through_m has {len(through)} points, the limit is {SPLINE_POINTS_MAX}')
+    targets = tuple(
+        _target(item, f'{where}.through_m[{n}]', context.points) for n, item in enumerate(through)
+    )
+    return MoveSB(targets, **_path_options(fields, context, where))
+
+
+def _parse_cubic(value: Any, where: str, context: _Context) -> Statement:
+    fields = _mapping(value, where, {'to_m', 'duration_s', 'end_velocity_m_s'}, {'to_m', 'duration_s'})
+    return Cubic(
+        _target(fields['to_m'], f'{where}.to_m', context.points),
+        _duration(fields['duration_s'], f'{where}.duration_s'),
+        _vector(fields.get('end_velocity_m_s', [0.0, 0.0, 0.0]), f'{where}.end_velocity_m_s', 'm/s'),
+    )
+
+
+def _duration(value: Any, where: str) -> float:
+    time = _number(value, where)
+    if not 1e-3 <= time <= TIME_MAX_S:
+        raise ProgramError(f'{where} is {time:g}, but must be between 0.001 and {TIME_MAX_S:g}')
+    return time
+
+
+def _parse_dwell(value: Any, where: str, _: _Context) -> Statement:
     fields = _mapping(value, where, {'time_s'}, {'time_s'})
     time = _number(fields['time_s'], f'{where}.time_s')
-    if not 0.0 < time <= MOVE_MAX_S:
-        raise ProgramError(f'{where}.time_s is {time}, but must be positive and at most {MOVE_MAX_S:g}')
+    if not 0.0 < time <= TIME_MAX_S:
+        raise ProgramError(f'{where}.time_s is {time}, but must be positive and at most {TIME_MAX_S:g}')
     return Dwell(time)
 
 
-_PARSERS: dict[str, Callable[[Any, str, Limits], Statement]] = {
+def _parse_output(value: Any, where: str, _: _Context) -> Statement:
+    fields = _mapping(value, where, {'name', 'value', 'before_m', 'payload_kg'}, {'name', 'value'})
+    name, state = fields['name'], fields['value']
+    if name not in OUTPUTS:
+        raise ProgramError(f'{where}.name is {shown(name)}, but must be one of {", ".join(OUTPUTS)}')
+    if not isinstance(state, bool):
+        raise ProgramError(f'{where}.value must be true or false, not {shown(state)}')
+    before = _within(fields.get('before_m', 0.0), f'{where}.before_m', 0.0, REACH_M)
+    payload = _payload(fields['payload_kg'], f'{where}.payload_kg') if 'payload_kg' in fields else None
+    return Output(name, float(state), before, payload)
+
+
+_PARSERS: dict[str, Callable[[Any, str, _Context], Statement]] = {
     'move_l': _parse_move_l,
+    'move_c': _parse_move_c,
+    'move_sb': _parse_move_sb,
+    'cubic': _parse_cubic,
     'dwell': _parse_dwell,
+    'output': _parse_output,
 }
 
 
-def _statement(value: Any, where: str, limits: Limits) -> Statement:
+def _statement(value: Any, where: str, context: _Context) -> Statement:
     fields = _mapping(value, where, set(_PARSERS), set())
     if len(fields) != 1:
         raise ProgramError(f'{where} must hold exactly one of {", ".join(_PARSERS)}')
     ((kind, content),) = fields.items()
-    return _PARSERS[kind](content, f'{where}.{kind}', limits)
+    return _PARSERS[kind](content, f'{where}.{kind}', context)
 
 
-def plan(program: Program, position_m: ArrayLike, parameters: Parameters) -> list[Move]:
-    """Plan and check every move of a program for a robot that stands at ``position_m``.
-
-    Raises
-    ------
-    ProgramError
-        The robot stands elsewhere than the program starts, or a move breaks a limit; says which, how and where.
-
-    """
-    here = np.array(position_m, dtype=np.float64)
-    if program.start_m is not None:
-        distance = float(np.linalg.norm(here - program.start_m))
-        if distance > START_TOLERANCE_M:
-            raise ProgramError(
-                f'program "{program.name}" starts at {_text(program.start_m)} m, but the robot stands at '
-                f'{_text(here)} m, {distance * 1e3:.1f} mm away'
-            )
-    moves: list[Move] = []
-    known: dict[tuple[Point, Statement], Move] = {}
-    for _ in range(program.repeat):
-        for n, statement in enumerate(program.statements):
-            key = (tuple(here.tolist()), statement)
-            if key not in known:
-                known[key] = _plan_statement(here, statement, f'moves[{n}]', parameters)
-            moves.append(known[key])
-            here = np.array(statement.to_m) if isinstance(statement, MoveL) else here
-    return moves
-
-
-def _plan_statement(here: Any, statement: Statement, where: str, parameters: Parameters) -> Move:
-    if isinstance(statement, Dwell):
-        return Move(MoveKind.DWELL, rest(statement.time_s), point(here))
-    segments, length = line(here, statement.to_m)
-    if length < COINCIDENT_M:
-        raise ProgramError(f'{where}.move_l: the robot already stands at {_text(statement.to_m)} m')
-    limits = statement.limits
-    try:
-        master = plan_master(length, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
-        move = Move(MoveKind.LINE, master, segments)
-        if move.duration_s > MOVE_MAX_S:
-            raise ProgramError(f'it would take {move.duration_s:.3g} s, the limit is {MOVE_MAX_S:g} s')
-        check_move(move, parameters)
-    except ProgramError as error:
-        raise ProgramError(f'{where}.move_l to {_text(statement.to_m)} m: {error}') from None
-    return move
-
-
-def _text(point_m: ArrayLike) -> str:
+def point_text(point_m: ArrayLike) -> str:
+    """Write a point as people do."""
     return '(' + ', '.join(f'{value:g}' for value in np.round(np.asarray(point_m), 6)) + ')'

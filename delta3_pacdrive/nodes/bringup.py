@@ -26,6 +26,7 @@ from std_srvs.srv import SetBool
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.child import Child, Schedule, end_all, spawn
@@ -65,7 +66,7 @@ class _Monitor(Node):
         self.planner = ''
         self.recorder = ''
         self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
-        self.create_subscription(String, 'unit_robot/state', self._on_planner, LATCHED)
+        self.create_subscription(String, 'unit_robot/answer', self._on_planner, LATCHED)
         self.create_subscription(String, 'recorder/state', self._on_recorder, LATCHED)
         self.enable = self.create_client(SetBool, 'enable')
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
@@ -206,8 +207,8 @@ class Bringup:
                 raise RunError(f'{child.ending()} in bus cycle {monitor.progress.get("cycles", 0)}')
         if monitor.progress.get('fault'):
             raise RunError(monitor.progress['fault'])
-        if monitor.planner.startswith('error: '):
-            raise RunError(monitor.planner.removeprefix('error: '))
+        if monitor.planner.startswith('refused: '):
+            raise RunError(monitor.planner.removeprefix('refused: '))
         return monitor.progress
 
     def _stop(self) -> None:
@@ -273,7 +274,7 @@ def _check(options: Options) -> tuple[core.Parameters, programs.Program]:
         raise RunError(f'cannot record into {options.bag}: it exists already')
     program = programs.load(options.program, robot.motion)
     robot = simulation.placed(robot, program)
-    programs.plan(program, robot.motion.home_m, robot)
+    planning.plan(program, robot.motion.home_m, robot)
     return robot, program
 
 

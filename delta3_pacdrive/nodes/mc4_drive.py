@@ -38,8 +38,9 @@ class MC4DriveNode(Node):
         self._exchanges = Clock(bus.exchange_period_s)
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._exchange = 0
-        self._frame, self._control = b'', 0  # of the last MDT: they rarely change
-        self._commands: dict[int, tuple[float, int]] = {}
+        self._frame, self._words = b'', (0, 0.0)  # of the last MDT: they rarely change
+        self._current_frames: dict[tuple[bool, float], bytes] = {}
+        self._commands: dict[int, tuple[float, int, float]] = {}
         self._shafts: dict[int, tuple[float, float, float]] = {}
         self._resting_position: float | None = None
         self._reported_fault = DriveFault.NONE
@@ -73,13 +74,14 @@ class MC4DriveNode(Node):
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
             if frame != self._frame:
-                _, self._control = telegram.parse_mdt_frame(frame, self._index)
+                _, *words = telegram.parse_mdt_frame(frame, self._index)
+                self._words = words[0], words[1]
                 self._frame = frame
         except TelegramError as error:
             self._refuse(error)
             return
         if cycle >= 0:
-            self._commands[cycle] = (values[self._index], self._control)
+            self._commands[cycle] = (values[self._index], *self._words)
             self._advance()
         elif self._resting_position is not None:
             position = self._drive.encoder_position(self._resting_position)
@@ -99,7 +101,9 @@ class MC4DriveNode(Node):
         else:
             self._resting_position = values[i]
             silence = (0.0,) * len(self._drive.currents)
-            self._publish_current(self._current.encode((ACYCLIC_SEC, 0), telegram.BRAKE_HELD, silence))
+            self._publish_current(
+                self._current.encode((ACYCLIC_SEC, 0), telegram.current_frame(False, 0.0), silence)
+            )
 
     def _advance(self) -> None:
         """Run every exchange whose telegrams are there, in the order of their stamps."""
@@ -121,11 +125,17 @@ class MC4DriveNode(Node):
                 if self._phases.wanted:
                     self._publish_phase_currents(cycle)
             del self._shafts[exchange]
-            brake = telegram.BRAKE_FREE if drive.run_period(*shaft) else telegram.BRAKE_HELD
+            frame = self._current_frame(drive.run_period(*shaft), drive.payload)
             self._publish_current(
-                self._current.encode(self._exchanges.stamp(exchange), brake, drive.currents.tolist())
+                self._current.encode(self._exchanges.stamp(exchange), frame, drive.currents.tolist())
             )
             self._exchange = exchange + 1
+
+    def _current_frame(self, released: bool, payload: float) -> bytes:
+        frame = self._current_frames.get((released, payload))
+        if frame is None:
+            frame = self._current_frames[released, payload] = telegram.current_frame(released, payload)
+        return frame
 
     def _publish_phase_currents(self, cycle: int) -> None:
         message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self._drive.phase_currents())

@@ -38,7 +38,7 @@ class PlantNode(Node):
         self._exchange = 0
         samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._matrix = np.zeros((samples, 3))
-        self._currents: list[dict[int, tuple[bool, tuple[float, ...]]]] = [{}, {}, {}]
+        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{}, {}, {}]
         self._heard: set[str] = set()
         self._cyclic = False
         self._refused = 0
@@ -60,17 +60,21 @@ class PlantNode(Node):
 
     def _on_current(self, index: int) -> Callable[[bytes], None]:
         codec, waiting, axis = self._codecs[index], self._currents[index], DRIVES[index]
+        known: dict[bytes, tuple[bool, float]] = {}
 
         def receive(data: bytes) -> None:
             try:
-                sec, nanosec, brake, values = codec.decode(data)
+                sec, nanosec, frame, values = codec.decode(data)
                 exchange = self._exchanges.count(sec, nanosec)
+                if frame not in known:
+                    known.clear()
+                    known[frame] = telegram.parse_current_frame(frame)
             except TelegramError as error:
                 self._refused += 1
                 self.get_logger().warning(f'plant: {error}', throttle_duration_sec=1.0)
                 return
             if exchange >= 0:
-                waiting[exchange] = (brake == telegram.BRAKE_FREE, values)
+                waiting[exchange] = (*known[frame], values)
                 self._advance()
             elif axis not in self._heard:
                 self._heard.add(axis)
@@ -92,10 +96,12 @@ class PlantNode(Node):
         first, second, third = self._currents
         while self._exchange in first and self._exchange in second and self._exchange in third:
             brakes = []
+            payload = 0.0
             for index, waiting in enumerate(self._currents):
-                released, self._matrix[:, index] = waiting.pop(self._exchange)
+                # all three drives pass on the same payload, that of the MDT before
+                released, payload, self._matrix[:, index] = waiting.pop(self._exchange)
                 brakes.append(released)
-            self._plant.advance(self._matrix, brakes)
+            self._plant.advance(self._matrix, brakes, payload)
             self._exchange += 1
             self._publish_shafts(self._exchanges.stamp(self._exchange))
 

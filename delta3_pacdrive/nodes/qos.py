@@ -14,8 +14,14 @@ CYCLIC_SUBSCRIPTION = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EF
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-# Every move of a program, all at once; kept for a task that joins later.
-PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Every move of a program, all at once, and changes of its course; who joins later must not take an old one for new.
+PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+
+# Requests of operators, in the order in which they were made.
+REQUEST = QoSProfile(depth=10)
+
+# A topic of which only the newest message counts.
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # Slow topics for people and tools.
 REPORT = QoSProfile(depth=10)

@@ -43,15 +43,19 @@ CYCLIC: dict[str, type] = {
     'tcp/command': PointStamped,
     'tcp/actual': PointStamped,
     'tcp/error': Vector3Stamped,
+    'motion/master': Vector3Stamped,
 }
 OTHER: dict[str, tuple[type, QoSProfile]] = {
     'joint_states': (JointState, RECORDER),
     'motion/plan': (Float64MultiArray, PLAN),
     'motion/located': (PointStamped, LATCHED),
     'motion/progress': (String, RECORDER),
+    'motion/course': (Float64MultiArray, LATCHED),
+    'motion/state': (String, LATCHED),
+    'outputs': (JointState, LATCHED),
     'sercos/phase': (UInt8, LATCHED),
     'sercos/participants': (DiagnosticStatus, LATCHED_FROM_MANY),
-    'unit_robot/state': (String, LATCHED),
+    'unit_robot/answer': (String, LATCHED),
 }
 
 

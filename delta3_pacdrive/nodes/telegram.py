@@ -15,6 +15,7 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG
 from delta3_pacdrive.errors import TelegramError
 
 _ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
@@ -180,12 +181,14 @@ def raw_publish(publisher: Publisher) -> Callable[[bytes], None]:
 AXES = ('axis1', 'axis2', 'axis3')
 BASE_FRAME = b'base'
 
-# MDT: frame = communication phase and the control words S-0-0134 of the three drives, "CP4 e000 e000 e000"
-MDT_FRAME_LENGTH = 18
+# MDT: frame = communication phase, the control words S-0-0134 of the three drives and the payload that the controller's
+# outputs have gripped [kg], "CP4 e000 e000 e000 000.5000"
+MDT_FRAME_LENGTH = 27
 # AT: frame = status word S-0-0135, "c008"
 AT_FRAME_LENGTH = 4
-# motor current: frame = brake output, "free" or "held"
-BRAKE_FREE, BRAKE_HELD = b'free', b'held'
+# motor current: frame = brake output and gripped payload [kg], "free 000.5000" or "held 000.5000"
+CURRENT_FRAME_LENGTH = 13
+BRAKE_FREE, BRAKE_HELD = 'free', 'held'
 
 
 def mdt_codec() -> JointStateCodec:
@@ -200,7 +203,7 @@ def at_codec(axis: str) -> JointStateCodec:
 
 def current_codec(axis: str, samples: int) -> JointStateCodec:
     """Codec of ``axisN/motor_current``: I_eff [A] at the end of each current-loop period, in ``effort``."""
-    return JointStateCodec((axis,), (0, 0, samples), len(BRAKE_FREE))
+    return JointStateCodec((axis,), (0, 0, samples), CURRENT_FRAME_LENGTH)
 
 
 def shafts_codec() -> JointStateCodec:
@@ -218,21 +221,48 @@ def joint_states_codec() -> JointStateCodec:
     return JointStateCodec(AXES, (3, 3, 3), len(BASE_FRAME))
 
 
-def mdt_frame(phase: int, control: int) -> bytes:
+def mdt_frame(phase: int, control: int, payload_kg: float) -> bytes:
     """Frame of an MDT that gives all drives the same control word."""
     word = f'{control:04x}'
-    return f'CP{phase} {word} {word} {word}'.encode()
+    return f'CP{phase} {word} {word} {word} {payload_kg:08.4f}'.encode()
 
 
-def parse_mdt_frame(frame: bytes, axis_index: int) -> tuple[int, int]:
-    """Return (phase, control word of an axis); raises TelegramError."""
+def parse_mdt_frame(frame: bytes, axis_index: int) -> tuple[int, int, float]:
+    """Return (phase, control word of an axis, payload [kg]); raises TelegramError."""
     try:
-        head, *words = frame.decode('ascii').split()
+        head, *words, payload = frame.decode('ascii').split()
         if len(words) != len(AXES) or not head.startswith('CP'):
             raise ValueError
-        return int(head[2:]), int(words[axis_index], 16)
+        return int(head[2:]), int(words[axis_index], 16), _payload(payload)
     except ValueError:
-        raise TelegramError(f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww"') from None
+        raise TelegramError(
+            f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww ppp.pppp"'
+        ) from None
+
+
+def current_frame(released: bool, payload_kg: float) -> bytes:
+    """Frame of a motor current."""
+    return f'{BRAKE_FREE if released else BRAKE_HELD} {payload_kg:08.4f}'.encode()
+
+
+def parse_current_frame(frame: bytes) -> tuple[bool, float]:
+    """Return (whether the brake is released, payload [kg]); raises TelegramError."""
+    try:
+        brake, payload = frame.decode('ascii').split()
+        if brake not in (BRAKE_FREE, BRAKE_HELD):
+            raise ValueError
+        return brake == BRAKE_FREE, _payload(payload)
+    except ValueError:
+        raise TelegramError(
+            f'frame_id {frame!r:.60} of a motor current is not "free" or "held" and a payload'
+        ) from None
+
+
+def _payload(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= PAYLOAD_MAX_KG:
+        raise ValueError
+    return value
 
 
 def parse_status(frame: bytes) -> int:

@@ -1,12 +1,13 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
-In: ``motion/plan`` (moves of a program), ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``,
-``sercos/phase``, ``following_error``, ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz),
-``motion/master`` (distance and speed along the path, on request), ``motion/located`` (where the robot stands, when it
-can take a program), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``, ``start``.
+In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
+``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along the
+path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Service: ``enable``. Programs, holds and
+outputs: see ``motion_server``.
 """
 
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -17,24 +18,24 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String, UInt8
-from std_srvs.srv import SetBool, Trigger
+from std_msgs.msg import String, UInt8
+from std_srvs.srv import SetBool
 
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
 from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, Status, in_torque
-from delta3_pacdrive.errors import ProgramError, TelegramError, UnreachableError
-from delta3_pacdrive.motion.plan import Move, Plan
+from delta3_pacdrive.errors import TelegramError, UnreachableError
+from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
 from delta3_pacdrive.nodes.output import Output, TelegramOutput
 from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.polling import PollingNode, Taken
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, PLAN, REPORT
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.transformation import (
     FOLLOWING_ERROR,
-    NEVER,
     TCP_ACTUAL,
     TCP_COMMAND,
     TCP_ERROR,
@@ -47,7 +48,6 @@ PROGRESS_S = 0.2
 DIAGNOSTICS_EVERY = 5  # progress reports
 JOINT_STATES_S = 0.01  # of bus time
 SILENCE_S = 1.0
-STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 
 
 class TransformationTaskNode(PollingNode):
@@ -73,6 +73,8 @@ class TransformationTaskNode(PollingNode):
         bus, motion = parameters.bus, parameters.motion
         self._task = Transformation(parameters)
         self._task.enable_cycle = motion.enable_cycle if motion.enable_cycle >= 0 else NEVER
+        enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
+        self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
         self._identity = Identity.of(parameters)
         self._cycles = Clock(bus.cycle_time_s)
         self._factor = factor
@@ -80,11 +82,7 @@ class TransformationTaskNode(PollingNode):
         self._phase = Phase.CP0
         self._waiting = ''
         self._fault = ''
-        self._plan_parts: list[Move | None] = []
-        self._program_starts = NEVER
-        self._program_ends: int | None = None
         self._supervised: list[int] = []
-        self._finished = False
 
         self._cycle = 0  # next to start
         self._answered = 0  # next to be complete
@@ -105,7 +103,7 @@ class TransformationTaskNode(PollingNode):
         self._create_outputs()
         self._create_inputs(poll=factor > 0.0)
         self.create_service(SetBool, 'enable', self._on_enable)
-        self.create_service(Trigger, 'start', self._on_start)
+        self._motion = MotionServer(self, self._task, self._cycles, self._earliest)
         self._set_phase(Phase.CP0)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(PROGRESS_S, self._report)
@@ -132,13 +130,11 @@ class TransformationTaskNode(PollingNode):
         self._joint_states = TelegramOutput(self, JointState, 'joint_states', telegram.joint_states_codec())
         self._master = point(Vector3Stamped, 'motion/master')
         self._phase_publisher = self.create_publisher(UInt8, 'sercos/phase', LATCHED)
-        self._located = self.create_publisher(PointStamped, 'motion/located', LATCHED)
         self._progress = Output(self, String, 'motion/progress', REPORT)
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
 
     def _create_inputs(self, poll: bool) -> None:
         self._roll = Roll(self)
-        self.create_subscription(Float64MultiArray, 'motion/plan', self._on_plan, PLAN)
         self._pollers: list[tuple[Callable[[], Taken | None], Callable[..., None]]] = []
         for index, axis in enumerate(DRIVES):
             topic, receive = f'sercos/at/{axis}', self._on_at(index, telegram.at_codec(axis))
@@ -191,15 +187,16 @@ class TransformationTaskNode(PollingNode):
                 self._prepare()
         elif self._phase == Phase.CP3:
             self._greet()
-            if not self._wait_for_program or self._program_ends is not None:
+            if not self._wait_for_program or self._motion.starts != NEVER:
                 self._begin_cyclic_operation()
 
     def _greet(self) -> None:
-        frame = telegram.mdt_frame(self._phase, CONTROL_OFF)
+        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0)
         self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
         for output, _ in self._answers:
             # who records knows by this that nothing of cyclic operation will pass it by
             output.send((ACYCLIC_SEC, 0), [0.0] * 3)
+        self._master.send((ACYCLIC_SEC, 0), [0.0] * 3)
 
     def _prepare(self) -> None:
         try:
@@ -208,14 +205,7 @@ class TransformationTaskNode(PollingNode):
             self._fail(str(error))
             return
         self._set_phase(Phase.CP3)
-        self._publish_located(tcp, (0, 0))
-
-    def _publish_located(self, tcp: Any, stamp: tuple[int, int]) -> None:
-        message = PointStamped()
-        message.header.frame_id = telegram.BASE_FRAME.decode()
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        message.point.x, message.point.y, message.point.z = (float(value) for value in tcp)
-        self._located.publish(message)
+        self._motion.locate(tcp, (0, 0))
 
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
@@ -248,7 +238,7 @@ class TransformationTaskNode(PollingNode):
             self._lateness.add(self._pacing.lateness_s(cycle, now))
             self._outstanding[outstanding] += 1
             commands = self._task.command(cycle)
-            frame = _frame_of(self._task.control(cycle))
+            frame = _frame_of(self._task.control(cycle), self._task.payload)
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
             self._sent_ns[cycle % len(self._sent_ns)] = time.time_ns()
             self._publish_mdt(data)
@@ -256,6 +246,7 @@ class TransformationTaskNode(PollingNode):
                 move, distance, speed = self._task.progress()
                 self._master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self._cycle = cycle + 1
+            self._motion.commanded(cycle)
 
     def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[..., None]:
         inbox = self._inbox[index]
@@ -300,24 +291,23 @@ class TransformationTaskNode(PollingNode):
                     output.send(stamp, answer[columns].tolist())
             if self._joint_states.wanted and cycle % self._joint_states_every == 0:
                 self._send_joint_states(stamp)
-            if self._program_ends is not None:
+            if self._motion.state != MotionState.IDLE:
                 self._supervise(cycle)
         if not self._pacing.period_s and self._phase == Phase.CP4:
             self._start_cycles()
 
     def _supervise(self, cycle: int) -> None:
-        if self._status != self._supervised or cycle == self._program_starts:
+        motion = self._motion
+        if self._status != self._supervised or cycle == motion.starts:
             self._supervised = list(self._status)
             for axis, status in zip(DRIVES, self._status, strict=True):
                 if status & Status.ERROR:
                     self._fail(f'{axis} reports a fault in bus cycle {cycle}')
-                elif cycle >= self._program_starts and not in_torque(status):
+                elif cycle >= motion.starts and not in_torque(status):
                     self._fail(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
-        if cycle == self._program_ends:
-            self._program_ends = None
-            self._finished = True
+        if cycle == motion.ends:
+            motion.answered(cycle)
             self._report()
-            self._publish_located(self._task.state['tcp'][0], self._cycles.stamp(cycle))
 
     def _send_joint_states(self, stamp: tuple[int, int]) -> None:
         theta = self._task.answer[THETA].tolist()
@@ -325,59 +315,17 @@ class TransformationTaskNode(PollingNode):
         speeds = [speed / ratio for speed in self._speeds]
         self._joint_states.send(stamp, [*theta, *speeds, *self._torques.tolist()])
 
-    # programs and requests --------------------------------------------------------------------------------------------
+    # requests ---------------------------------------------------------------------------------------------------------
 
-    def _on_plan(self, message: Float64MultiArray) -> None:
-        try:
-            if self._phase < Phase.CP3 or self._program_ends is not None:
-                raise ProgramError('a program runs or is loaded already')
-            move, number, count = Move.from_array(np.asarray(message.data))
-            if number == 0:
-                self._plan_parts = []
-            if number != len(self._plan_parts):
-                raise ProgramError(
-                    f'plan message {number} of {count} came where {len(self._plan_parts)} was due'
-                )
-            self._plan_parts.append(move)
-            if len(self._plan_parts) == count:
-                self._load_program()
-        except ProgramError as error:
-            self.get_logger().error(f'plan refused: {error}')
-
-    def _load_program(self) -> None:
-        moves = [move for move in self._plan_parts if move is not None]
-        self._plan_parts = []
-        start = moves[0].segments[0, 1::4]
-        away = float(np.linalg.norm(start - self._task.state['tcp'][0]))
-        if away > STANDING_M:
-            raise ProgramError(f'it starts {away * 1e3:.3f} mm away from where the robot stands')
-        self._task.load(Plan.of(moves))
-        self._finished = False
-        if self._robot.motion.start_cycle >= 0:
-            self._schedule(self._robot.motion.start_cycle)
-        self.get_logger().info(f'program of {len(moves)} moves loaded')
-
-    def _schedule(self, cycle: int) -> int:
-        """Start the loaded program at a cycle, at the earliest when all outstanding cycles are over."""
-        earliest = self._cycle + self._robot.bus.outstanding_cycles_max + 1 if self._cycle else 0
-        start = max(cycle, earliest)
-        self._task.start(start)
-        self._program_starts = start
-        self._program_ends = self._task.last_cycle
-        return start
+    def _earliest(self) -> int:
+        """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
+        follow = self._task.enable_cycle + self._enabling_cycles if self._task.enable_cycle < NEVER else 0
+        return max(self._cycle + self._robot.bus.outstanding_cycles_max + 1, follow) if self._cycle else follow
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._task.enable_cycle = self._cycle if request.data else NEVER
         response.success = True
         response.message = f'effective in bus cycle {self._cycle + 1}'
-        return response
-
-    def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self._task.loaded or self._program_ends is not None:
-            response.message = 'no program waits for its start'
-        else:
-            response.success = True
-            response.message = f'the program starts in bus cycle {self._schedule(0)}'
         return response
 
     # reports ----------------------------------------------------------------------------------------------------------
@@ -386,7 +334,7 @@ class TransformationTaskNode(PollingNode):
         if not self._fault:
             self._fault = reason
             self.get_logger().error(reason)
-            self._program_ends = None
+            self._motion.fail()
             self._report()
 
     def _check_silence(self) -> None:
@@ -404,20 +352,29 @@ class TransformationTaskNode(PollingNode):
 
     def progress(self) -> dict[str, Any]:
         """Return the present state of bus and program, as published in ``motion/progress``."""
-        move, distance, _ = self._task.progress()
+        move, distance, speed = self._task.progress()
+        cycle_time = self._robot.bus.cycle_time_s
+        end = self._task.end_cycle
+        remaining = max(end - self._answered, 0) if end < NEVER else 0
         return {
             'phase': self._phase.name,
             'waiting': self._waiting,
             'fault': self._fault,
-            'finished': self._finished,
+            'state': str(self._motion.state),
+            'finished': self._motion.finished,
             'in_torque': any(in_torque(status) for status in self._status),
             'cycles': self._answered,
-            'bus_time_s': self._answered * self._robot.bus.cycle_time_s,
+            'bus_time_s': self._answered * cycle_time,
             'wall_time_s': self._last_answer_s - self._wall_start_s,
             'move': move,
             'moves': self._task.moves,
-            'end_s': (self._program_ends or self._answered) * self._robot.bus.cycle_time_s,
+            'end_s': (self._motion.ends if self._motion.ends < NEVER else self._answered) * cycle_time,
+            'remaining_s': remaining * cycle_time,
             'master_m': distance,
+            'master_speed_m_s': speed,
+            'rate': 1.0 if self._task.course is None else self._task.course.rate,
+            'outputs': self._task.outputs,
+            'payload_kg': self._task.payload,
             'following_error_rad': max(abs(value) for value in self._task.answer[FOLLOWING_ERROR].tolist()),
             'overruns': self._pacing.overruns,
             'lost_telegrams': self._lost,
@@ -438,7 +395,7 @@ class TransformationTaskNode(PollingNode):
         self._check_silence()
         if self._progress.wanted:
             facts = self.progress()
-            if self._finished or self._fault:
+            if self._motion.finished or self._fault:
                 facts |= self.statistics()
             self._progress.publish(String(data=json.dumps(facts)))
         self._reports += 1
@@ -456,14 +413,15 @@ class TransformationTaskNode(PollingNode):
         self._diagnostics.publish(array)
 
 
-_FRAMES: dict[int, bytes] = {}
+_FRAMES: dict[tuple[int, float], bytes] = {}
 
 
-def _frame_of(control: int) -> bytes:
-    """Frame of a cyclic MDT; made once per control word."""
-    if control not in _FRAMES:
-        _FRAMES[control] = telegram.mdt_frame(Phase.CP4, control)
-    return _FRAMES[control]
+def _frame_of(control: int, payload_kg: float) -> bytes:
+    """Frame of a cyclic MDT; made once per control word and payload."""
+    frame = _FRAMES.get((control, payload_kg))
+    if frame is None:
+        frame = _FRAMES[control, payload_kg] = telegram.mdt_frame(Phase.CP4, control, payload_kg)
+    return frame
 
 
 def main() -> int:

@@ -173,6 +173,7 @@ class Plant:
         self._constants = _constants(parameters)
         self._geometry = geometry(parameters.kinematics)
         self._inertia = inertia(parameters)
+        self._payload = parameters.dynamics.payload_mass_kg
         self._motor = motor(parameters)
         self.state = np.zeros(1, STATE)
         self.state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
@@ -193,7 +194,7 @@ class Plant:
             self._motor,
         )
 
-    def advance(self, currents: Floats, brakes_released: Sequence[bool]) -> None:
+    def advance(self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float) -> None:
         """Integrate one exchange period.
 
         Parameters
@@ -202,8 +203,13 @@ class Plant:
             Shape (steps, 3): I_eff [A rms] of each motor at the end of each current-loop period.
         brakes_released
             Brake outputs of the three drives, valid from the start of the period.
+        payload_kg
+            What hangs at the plate from the start of the period on; a gripped part takes the plate's speed at once.
 
         """
+        if payload_kg != self._payload:
+            self._inertia['plate'] += payload_kg - self._payload
+            self._payload = payload_kg
         self._brakes[:] = brakes_released
         self._advance_through(currents)
 

@@ -1,0 +1,285 @@
+"""Curves of the moves: line, arc, spline, their blends, and the cubic of chapter 5; all as tables of pieces (``path``).
+
+Every curve is parametrised by its arc length and C2, where it is cut from a spline up to the fifth order of the pieces'
+length: each piece is the quintic that has the curve's place, unit tangent and curvature at both of its ends.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion.path import DEGREE, SEGMENT_COLUMNS, sample_path
+
+COINCIDENT_M = 1e-6  # points closer than this are one
+ARC_POINT_RAD = 0.05  # angle between the points of a circle: the cubic is within R 2e-8 of it
+ARC_POINT_M = 0.02
+COLLINEAR = 1e-6  # sine of the angle at the circle point below which three points are on a line
+ARC_RADIUS_MAX_M = 100.0
+UNEVEN = 2e-4  # allowed deviation of |dp/ds| from 1
+HALVINGS_MAX = 9
+SPLINE_POINTS_MAX = 100
+TURN_MAX_RAD = np.radians(175.0)  # sharpest corner that can be blended
+# speed of a blend's parameter at its ends over the blend radius: a straight corner, and less for each rad of turn; found by
+# trial as a fair balance of curvature and its change
+BLEND_REACH, BLEND_REACH_PER_RAD = 1.9, 0.25
+
+Curve3 = Callable[[Floats], tuple[Floats, Floats, Floats]]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A path and its length [m]; the parameter is the distance."""
+
+    segments: Floats
+    length_m: float
+
+    def at(self, distance_m: float) -> Floats:
+        """Position and its first three derivatives at a distance, shape (4, 3)."""
+        return np.asarray(sample_path([distance_m], self.segments)[0])
+
+    def part(self, start_m: float, end_m: float) -> 'Curve':
+        """Return the stretch between two distances."""
+        if start_m == 0.0 and end_m == self.length_m:
+            return self
+        inside = (self.segments[:, 0] > start_m) & (self.segments[:, 0] < end_m)
+        first = np.searchsorted(self.segments[:, 0], start_m, side='right') - 1
+        rows = np.vstack([_shifted(self.segments[first], start_m), self.segments[inside]])
+        rows[:, 0] -= start_m
+        return Curve(rows, end_m - start_m)
+
+
+def _shifted(segment: Floats, start: float) -> Floats:
+    """Return the same polynomial with its origin at another distance."""
+    row = segment.copy()
+    row[0] = start
+    u = start - segment[0]
+    # c_k' = sum over n of (n over k) c_n u^(n - k)
+    powers = [
+        [comb(n, k) * u ** (n - k) if n >= k else 0.0 for n in range(DEGREE + 1)] for k in range(DEGREE + 1)
+    ]
+    for axis in range(3):
+        columns = slice(1 + 6 * axis, 7 + 6 * axis)
+        row[columns] = np.array(powers) @ segment[columns]
+    return row
+
+
+def joined(curves: list[Curve]) -> Curve:
+    """String curves together."""
+    tables, length = [], 0.0
+    for curve in curves:
+        table = curve.segments.copy()
+        table[:, 0] += length
+        tables.append(table)
+        length += curve.length_m
+    return Curve(np.vstack(tables), length)
+
+
+def line(start: ArrayLike, end: ArrayLike) -> Curve:
+    """Straight line between two points [m] (6.1)."""
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    length = float(np.linalg.norm(b - a))
+    segment = np.zeros((1, SEGMENT_COLUMNS))
+    segment[0, 1::6] = a
+    if length > 0.0:
+        segment[0, 2::6] = (b - a) / length
+    return Curve(segment, length)
+
+
+def point(position: ArrayLike) -> Curve:
+    """Return a curve of no length that stays at a point [m]."""
+    return line(position, position)
+
+
+def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike) -> Curve:
+    """Circle from a start through a circle point to an end [m] (6.2): points on it, joined by a cubic spline.
+
+    Raises
+    ------
+    ProgramError
+        Two of the points coincide or all three are on a line.
+
+    """
+    a, c, b = (np.asarray(p, dtype=np.float64) for p in (start, via, end))
+    for name, p, q in (
+        ('start and end', a, b),
+        ('start and circle point', a, c),
+        ('circle point and end', c, b),
+    ):
+        if np.linalg.norm(p - q) < COINCIDENT_M:
+            raise ProgramError(f'{name} of the circle coincide')
+    u, v = c - a, b - a
+    normal = np.cross(u, v)
+    sine = np.linalg.norm(normal) / (np.linalg.norm(u) * np.linalg.norm(v))
+    if sine < COLLINEAR:
+        raise ProgramError('start, circle point and end are on a line, which no circle goes through')
+    to_centre = np.cross(np.dot(u, u) * v - np.dot(v, v) * u, normal) / (2.0 * np.dot(normal, normal))
+    centre, radius = a + to_centre, float(np.linalg.norm(to_centre))
+    if radius > ARC_RADIUS_MAX_M:
+        raise ProgramError(f'the circle has a radius of {radius:.4g} m, the limit is {ARC_RADIUS_MAX_M:g} m')
+    e1 = -to_centre / radius
+    e2 = np.cross(normal / np.linalg.norm(normal), e1)
+    # the normal is that of a, c, b in this order, so that both angles lie in (0, 2 pi)
+    sweep = float(np.arctan2(np.dot(b - centre, e2), np.dot(b - centre, e1))) % (2.0 * np.pi)
+    pieces = int(np.ceil(max(sweep / ARC_POINT_RAD, min(sweep * radius / ARC_POINT_M, 64.0), 4.0)))
+    angles = np.linspace(0.0, sweep, pieces + 1)[:, None]
+    points = centre + radius * (np.cos(angles) * e1 + np.sin(angles) * e2)
+    points[0], points[-1] = a, b
+    tangents = -np.sin(angles) * e1 + np.cos(angles) * e2
+    spline = CubicSpline(angles[:, 0] * radius, points, bc_type=((1, tangents[0]), (1, tangents[-1])))
+    return Curve(_cubic_pieces(spline), sweep * radius)
+
+
+def _cubic_pieces(spline: CubicSpline) -> Floats:
+    segments = np.zeros((len(spline.x) - 1, SEGMENT_COLUMNS))
+    segments[:, 0] = spline.x[:-1]
+    for axis in range(3):
+        segments[:, 1 + 6 * axis : 5 + 6 * axis] = spline.c[::-1, :, axis].T
+    return segments
+
+
+def spline(points: ArrayLike) -> Curve:
+    """Cubic spline through points [m] of shape (n, 3), n from 2 to 101, in arc length (6.3).
+
+    The points are joined by a natural cubic spline over their chords.
+
+    Raises
+    ------
+    ProgramError
+        There are too many points, two neighbours coincide, or the curve turns back at one.
+
+    """
+    p = np.asarray(points, dtype=np.float64)
+    if len(p) > SPLINE_POINTS_MAX + 1:
+        raise ProgramError(f'it goes through {len(p) - 1} points, the limit is {SPLINE_POINTS_MAX}')
+    chords = np.linalg.norm(np.diff(p, axis=0), axis=1)
+    if chords.min() < COINCIDENT_M:
+        raise ProgramError(f'points {np.argmin(chords)} and {np.argmin(chords) + 1} of the spline coincide')
+    if len(p) == 2:
+        return line(p[0], p[1])
+    u = np.concatenate([[0.0], np.cumsum(chords)])
+    cubic = CubicSpline(u, p, bc_type='natural')
+    derivatives = [cubic, cubic.derivative(1), cubic.derivative(2)]
+    return by_arc_length(lambda t: tuple(d(t) for d in derivatives), u, 'spline')  # type: ignore[arg-type, return-value]
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
+def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
+    """Parametrise a C2 curve p(t), given with two derivatives, by its arc length.
+
+    Intervals between knots are halved until every piece keeps |dp/ds| within ``UNEVEN`` of 1.
+
+    Raises
+    ------
+    ProgramError
+        The curve stands still or turns back somewhere, so that it has no tangent there.
+
+    """
+    t = np.asarray(knots, dtype=np.float64)
+    for _ in range(HALVINGS_MAX):
+        p, first, second = curve(t)
+        speed = np.linalg.norm(first, axis=1)
+        if speed.min() > 0.0:
+            middle, half = 0.5 * (t[1:] + t[:-1]), 0.5 * np.diff(t)
+            inner = curve((middle[:, None] + half[:, None] * _NODES).ravel())[1]
+            lengths = half * (np.linalg.norm(inner, axis=1).reshape(len(half), -1) @ _WEIGHTS)
+            tangent = first / speed[:, None]
+            along = (second * tangent).sum(axis=1, keepdims=True)
+            curvature = (second - along * tangent) / speed[:, None] ** 2
+            segments = _hermite(p, tangent, curvature, lengths)
+            bad = _unevenness(segments, lengths) > UNEVEN
+            if not bad.any():
+                return Curve(segments, float(lengths.sum()))
+        else:
+            bad = np.ones(len(t) - 1, dtype=bool)
+        t = np.sort(np.concatenate([t, 0.5 * (t[1:] + t[:-1])[bad]]))
+    x, y, z = curve(t[:-1][bad][:1])[0][0]
+    raise ProgramError(f'the {what} turns too sharply near ({x:.4f}, {y:.4f}, {z:.4f}) m')
+
+
+def _hermite(p: Floats, first: Floats, second: Floats, lengths: Floats) -> Floats:
+    """Quintic pieces with the given place and two derivatives at both ends, over their lengths."""
+    h = lengths[:, None]
+    p0, p1, v0, v1 = p[:-1], p[1:], first[:-1] * h, first[1:] * h
+    a0, a1 = second[:-1] * h**2, second[1:] * h**2
+    d = p1 - p0
+    coefficients = [
+        p0,
+        v0 / h,
+        0.5 * a0 / h**2,
+        (10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1) / h**3,
+        (-15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1) / h**4,
+        (6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)) / h**5,
+    ]
+    segments = np.empty((len(lengths), SEGMENT_COLUMNS))
+    segments[:, 0] = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    for power, c in enumerate(coefficients):
+        segments[:, 1 + power :: DEGREE + 1] = c
+    return segments
+
+
+def _unevenness(segments: Floats, lengths: Floats) -> Floats:
+    """Largest deviation of |dp/ds| from 1 of each piece."""
+    share = np.array([0.15, 0.3, 0.5, 0.7, 0.85])
+    distances = (segments[:, :1] + lengths[:, None] * share).ravel()
+    speed = np.linalg.norm(sample_path(distances, segments)[:, 1], axis=1)
+    return np.asarray(np.abs(speed - 1.0).reshape(len(lengths), -1).max(axis=1))
+
+
+def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
+    """Round the corner between two curves: leave the first and join the second at a distance from the corner.
+
+    Place, tangent and curvature are those of the curves at both ends (C2).
+
+    Raises
+    ------
+    ProgramError
+        The corner turns back on itself.
+
+    """
+    start, end = before.at(before.length_m - radius_m), after.at(radius_m)
+    corner_before, corner_after = before.at(before.length_m)[1], after.at(0.0)[1]
+    turn = np.arccos(np.clip(np.dot(corner_before, corner_after), -1.0, 1.0))
+    if turn > TURN_MAX_RAD:
+        raise ProgramError('the path turns back at this corner, which cannot be rounded; use blend_m: 0')
+    reach = (BLEND_REACH - BLEND_REACH_PER_RAD * turn) * radius_m
+    coefficients = _hermite(
+        np.array([start[0], end[0]]),
+        np.array([start[1], end[1]]) * reach,
+        np.array([start[2], end[2]]) * reach**2,
+        np.ones(1),
+    )[0]
+    polynomials = [np.polynomial.Polynomial(coefficients[1 + 6 * axis : 7 + 6 * axis]) for axis in range(3)]
+    derivatives = [[q.deriv(order) if order else q for q in polynomials] for order in range(3)]
+    return by_arc_length(
+        lambda t: tuple(np.stack([q(t) for q in row], axis=1) for row in derivatives),  # type: ignore[arg-type, return-value]
+        np.linspace(0.0, 1.0, 3),
+        'blend',
+    )
+
+
+def cubic_coefficients(
+    start: Floats, end: Floats, start_speed: Floats, end_speed: Floats, duration_s: float
+) -> Floats:
+    """a_0..a_3 of X(t) = a_0 + a_1 t + a_2 t^2 + a_3 t^3 with prescribed ends (5.7, its a_2 corrected); shape (4, 3)."""
+    x0, x1, v0, v1 = (np.asarray(a, dtype=np.float64) for a in (start, end, start_speed, end_speed))
+    a2 = (3.0 * (x1 - x0) - (2.0 * v0 + v1) * duration_s) / duration_s**2
+    a3 = (2.0 * (x0 - x1) + (v0 + v1) * duration_s) / duration_s**3
+    return np.array([x0, v0, a2, a3])
+
+
+def timed_cubic(
+    start: Floats, end: Floats, start_speed: Floats, end_speed: Floats, duration_s: float
+) -> Curve:
+    """Return the cubic of chapter 5 as a curve whose parameter is the time [s]; its "length" is the duration."""
+    segments = np.zeros((1, SEGMENT_COLUMNS))
+    for power, c in enumerate(cubic_coefficients(start, end, start_speed, end_speed, duration_s)):
+        segments[0, 1 + power :: DEGREE + 1] = c
+    return Curve(segments, duration_s)
