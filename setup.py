@@ -26,6 +26,7 @@ EXECUTABLES = {
 }
 ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazzy-rmw-fastrtps-cpp>=8.4.3']
 TEST = [
+    'toppra>=0.6',
     'hypothesis>=6.170',
     'mujoco>=4.0',
     'mypy>=2.4',
@@ -81,6 +82,8 @@ if 'bdist_wheel' in sys.argv or 'dist_info' in sys.argv or sys.argv[1:] == ['egg
     options = {'build': {'build_base': str(scratch / 'build')}, 'egg_info': {'egg_base': str(scratch)}}
     data_files.append((f'lib/{PACKAGE}', launchers(scratch)))
     scripts = COMMAND_LINE
+if 'editable_wheel' in sys.argv:
+    scripts = COMMAND_LINE
 
 setup(
     name=PACKAGE,
@@ -104,6 +107,7 @@ setup(
         'rich>=15.0',
         'rosbags>=0.11.9',
         'ruckig>=0.19.4',
+        'scipy>=1.14',
     ],
     extras_require={
         'ros': ROS,

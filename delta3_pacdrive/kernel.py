@@ -5,10 +5,13 @@ folder is therefore named after a digest of every core file: a changed formula o
 Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
 """
 
+import fcntl
 import hashlib
 import os
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,7 +54,9 @@ def cache_directory() -> Path:
 
 
 CACHE_DIRECTORY = cache_directory()
-_COMPLETE = CACHE_DIRECTORY / 'complete'
+# numba's files are good for one place of the sources and one interpreter; so is the note that all are there
+_MAKER = hashlib.sha256(f'{_PACKAGE} {sys.version} {numba.__version__}'.encode()).hexdigest()[:8]
+_COMPLETE = CACHE_DIRECTORY / f'complete_{_MAKER}'
 
 
 def all_compiled() -> bool:
@@ -62,6 +67,17 @@ def all_compiled() -> bool:
 def mark_compiled() -> None:
     """Note that every kernel has been compiled."""
     _COMPLETE.touch()
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Keep other processes from compiling the same kernels meanwhile; no lock once all are compiled."""
+    if all_compiled():
+        yield
+        return
+    with (CACHE_DIRECTORY / 'lock').open('w') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def kernel(function: _Function) -> _Function:

@@ -208,7 +208,7 @@ class Transformation:
         state['move'] = state['event'] = 0
 
     def start(self, cycle: int, rate: float = 1.0) -> int:
-        """Start the loaded program at a cycle that is still to come; return the first one in which the TCP has arrived."""
+        """Start the loaded program at a cycle to come; return the first one in which the TCP has arrived."""
         if not self.loaded:
             raise RunError('no program is loaded')
         if cycle < self._cycle:

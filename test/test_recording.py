@@ -124,10 +124,22 @@ def test_messages_belong_to_the_cycle_of_their_stamp_in_whatever_order_they_came
     assert_holds(recording.read_bag(bag))
 
 
-@pytest.mark.parametrize('batch', [1, 3, CYCLES, CYCLES + 1])
-def test_a_recording_longer_than_a_batch_is_read_whole(batch, tmp_path, monkeypatch):
+@pytest.mark.parametrize('batch', [1, 3, CYCLES, CYCLES + 2])
+def test_a_recording_longer_than_a_batch_is_read_whole_and_once(batch, tmp_path, monkeypatch):
     monkeypatch.setattr(recording, 'BATCH', batch)
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', messages()[::-1])))
+    trace = recording.read_bag(record(tmp_path / 'bag', [('tcp/error', b'noise'), *messages()[::-1]]))
+    assert_holds(trace)
+    assert trace.meta['refused'] == {'tcp/error': 1}
+
+
+def test_messages_of_one_layout_are_not_parsed_one_by_one(tmp_path, monkeypatch):
+    parsed = []
+    parse = recording._Column._parse
+    monkeypatch.setattr(
+        recording._Column, '_parse', lambda self, data: parsed.append(data) or parse(self, data)
+    )
+    assert_holds(recording.read_bag(record(tmp_path / 'bag', messages())))
+    assert len(parsed) == len(TYPES)
 
 
 @pytest.mark.parametrize('storage', StoragePlugin)
@@ -267,6 +279,12 @@ def test_the_frame_does_not_matter(frame, tmp_path):
     assert_holds(recording.read_bag(record(tmp_path / 'bag', arrivals)))
 
 
+@pytest.mark.parametrize('padding', [1, 2, 3])
+def test_messages_padded_to_whole_words_are_read(padding, tmp_path):
+    arrivals = [(topic, data + bytes(padding)) for topic, data in messages()]
+    assert_holds(recording.read_bag(record(tmp_path / 'bag', arrivals)))
+
+
 def test_messages_of_the_other_byte_order_are_read(tmp_path):
     arrivals = messages(range(4), little_endian=False) + messages(range(4, CYCLES))
     assert_holds(recording.read_bag(record(tmp_path / 'bag', arrivals)))
@@ -314,10 +332,9 @@ def test_one_robot_is_found_in_any_namespace(namespace, tmp_path):
 
 
 def test_other_topics_beside_the_robot_do_not_matter(tmp_path):
-    types = TYPES | {'camera/command': POINT, 'axis1/motor_current': JOINT_STATE}
-    data = messages([0], ['tcp/command'])[0][1]
-    arrivals = [('camera/command', data), ('axis1/motor_current', b'noise'), *messages()]
-    assert_holds(recording.load(record(tmp_path / 'bag', arrivals, types=types)))
+    others = dict.fromkeys(('camera/command', 'axis1/motor_current', 'the_following_error'), JOINT_STATE)
+    arrivals = [*((topic, b'noise') for topic in others), *messages()]
+    assert_holds(recording.load(record(tmp_path / 'bag', arrivals, types=TYPES | others)))
 
 
 def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):

@@ -72,14 +72,15 @@ def _program_file(seconds: float, folder: str) -> Path:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import yaml_file
     from delta3_pacdrive.errors import ProgramError
+    from delta3_pacdrive.motion import planning
     from delta3_pacdrive.motion import program as programs
 
     robot = core.load()
     source = programs.find('experiment1')
     once = programs.load(source, robot.motion)
-    moves = programs.plan(once, once.start_m or robot.motion.home_m, robot)
+    planned = planning.plan(once, once.start_m or robot.motion.home_m, robot)
     document = yaml_file.read(source, 'program file', ProgramError)
-    document['repeat'] = max(1, round(seconds / sum(move.duration_s for move in moves)))
+    document['repeat'] = max(1, round(seconds / planned.plan.duration_s))
     path = Path(folder) / 'benchmark.yaml'
     path.write_text(yaml.safe_dump(document), encoding='utf-8')
     return path
@@ -196,7 +197,7 @@ def _measure_bare(seconds: float) -> dict[str, Any]:
             meter.look()
             figures = json.loads(report.read_text())
         finally:
-            end_all(children, 2.0)
+            end_all(children)
     return dict(figures) | meter.figures(figures['cycles'])
 
 

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 COMMANDS = {
     'run': 'start a robot, run a program, stop everything',
+    'up': 'start a robot and keep it up for moves, until Ctrl-C',
+    'move': 'send moves and programs to a robot that is up; hold, resume, override, abort',
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
     'plot': 'draw the figures of a bag or a trace',

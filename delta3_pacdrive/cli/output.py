@@ -24,6 +24,11 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
         return action()
     except Delta3Error as error:
         return fail(error, as_json)
+    except ModuleNotFoundError as error:
+        if error.name != 'rclpy':
+            raise
+        text = 'ROS 2 is not installed here: pip install "delta3_pacdrive[ros]", or source a ROS 2 Jazzy'
+        return fail(Delta3Error(text), as_json)
 
 
 def parser_for(command: str, description: str) -> argparse.ArgumentParser:
@@ -40,6 +45,11 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'program', nargs='?', default='experiment1', help='program file, or the name of a packaged program'
     )
+    add_parameter_options(parser)
+
+
+def add_parameter_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that describe a robot."""
     parser.add_argument('--parameters', metavar='FILE', help='parameter file instead of the packaged one')
     parser.add_argument(
         '--exchange-period',

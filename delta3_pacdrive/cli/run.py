@@ -22,6 +22,14 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         'run', 'Start every node of a robot, run a program, print a summary, stop everything.'
     )
     add_robot_options(parser)
+    add_graph_options(parser)
+    result = parser.parse_args(arguments)
+    check_graph_options(parser, result)
+    return result
+
+
+def add_graph_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how the nodes of a robot run."""
     parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
     parser.add_argument(
         '--real-time-factor',
@@ -35,13 +43,15 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--ordinary-priority', action='store_true', help='no real-time scheduling even where it is permitted'
     )
     parser.add_argument('--bag', metavar='DIR', help='record every cyclic topic into a new rosbag2 folder')
-    result = parser.parse_args(arguments)
-    if not 0.0 <= result.real_time_factor <= 1000.0:
-        parser.error(f'--real-time-factor is {result.real_time_factor}, but must be between 0 and 1000')
-    return result
 
 
-class _Display:
+def check_graph_options(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End the program with a usage error if an option is out of range."""
+    if not 0.0 <= options.real_time_factor <= 1000.0:
+        parser.error(f'--real-time-factor is {options.real_time_factor}, but must be between 0 and 1000')
+
+
+class Display:
     """A bar and a line that tell how the run goes; silent where nobody looks."""
 
     def __init__(self, quiet: bool) -> None:
@@ -90,22 +100,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     # ROS and numba are imported after the options are known to be good
     from delta3_pacdrive.motion import program as programs
-    from delta3_pacdrive.nodes.bringup import Bringup, Options
+    from delta3_pacdrive.nodes.bringup import Bringup
 
     announce_compilation()
-    bringup = Bringup(
-        Options(
-            program=programs.find(options.program).absolute(),
-            parameters=Path(options.parameters) if options.parameters else None,
-            namespace='/' + options.namespace.strip('/'),
-            real_time_factor=options.real_time_factor,
-            bag=Path(options.bag).absolute() if options.bag else None,
-            single_process=options.single_process,
-            exchange_period_s=options.exchange_period,
-            real_time_priority=not options.ordinary_priority,
-        )
-    )
-    display = _Display(quiet=options.json)
+    bringup = Bringup(options_of(options, programs.find(options.program).absolute()))
+    display = Display(quiet=options.json)
     try:
         result = bringup.run(display.show)
     finally:
@@ -116,6 +115,22 @@ def _run(options: argparse.Namespace) -> int:
         print(f'{result["program"]}: done, ready after {result["ready_s"]:.2f} s')
         print_figures(result)
     return 0
+
+
+def options_of(options: argparse.Namespace, program: Path | None) -> Any:
+    """Return the options of a bring-up from those of the command line."""
+    from delta3_pacdrive.nodes.bringup import Options
+
+    return Options(
+        program=program,
+        parameters=Path(options.parameters) if options.parameters else None,
+        namespace='/' + options.namespace.strip('/'),
+        real_time_factor=options.real_time_factor,
+        bag=Path(options.bag).absolute() if options.bag else None,
+        single_process=options.single_process,
+        exchange_period_s=options.exchange_period,
+        real_time_priority=not options.ordinary_priority,
+    )
 
 
 def bringup() -> int:

@@ -110,28 +110,28 @@ class Excess:
 def excess(
     demand: Demand, limits: tuple[Floats, Floats, Floats], parameters: Parameters, motors_only: bool = False
 ) -> Excess:
-    """Compare a demand with the limits of motors and, unless ``motors_only``, with TCP limits (speed, acceleration, jerk)."""
+    """Compare a demand with the limits of motors and, unless ``motors_only``, of the TCP: speed, acceleration, jerk."""
     entries = list(_motor_stretches(demand, parameters))
     if not motors_only:
         tcp = (demand.tcp_speed_m_s, demand.tcp_acceleration_m_s2, demand.tcp_jerk_m_s3)
         names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
         for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
-            stretch = (value / limit) ** (1.0 / power)
-            entries.append((stretch, name, unit, value, limit))
+            entries.append((np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
     total = np.maximum.reduce([entry[0] for entry in entries])
     worst = int(np.argmax(total))
-    for stretch, name, unit, value, limit in entries:
-        if stretch[worst] == total[worst]:
-            bound = limit[worst] if np.ndim(limit) else limit
-            where = place_text(demand.distance_m, demand.position_m, worst)
-            text = f'{name} would be {value[worst]:.4g} {unit} {where}, the limit is {bound:.4g} {unit}'
-            break
-    return Excess(total, text)
+    _, name, unit, value, bounds = next(entry for entry in entries if entry[0][worst] == total[worst])
+    bound = np.broadcast_to(bounds, total.shape)[worst]
+    where = place_text(demand.distance_m, demand.position_m, worst)
+    return Excess(
+        total, f'{name} would be {value[worst]:.4g} {unit} {where}, the limit is {bound:.4g} {unit}'
+    )
 
 
-def _motor_stretches(demand: Demand, parameters: Parameters) -> list[tuple[Floats, str, str, Floats, float]]:
+def _motor_stretches(
+    demand: Demand, parameters: Parameters
+) -> list[tuple[Floats, str, str, Floats, Floats | float]]:
     motor = parameters.motor
-    entries = []
+    entries: list[tuple[Floats, str, str, Floats, Floats | float]] = []
     rpm = np.abs(demand.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
     voltage_max = parameters.drive.dc_link_voltage_v / np.sqrt(6.0)
     standing = demand.standing_current_a

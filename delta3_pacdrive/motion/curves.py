@@ -25,8 +25,8 @@ UNEVEN = 2e-4  # allowed deviation of |dp/ds| from 1
 HALVINGS_MAX = 9
 SPLINE_POINTS_MAX = 100
 TURN_MAX_RAD = np.radians(175.0)  # sharpest corner that can be blended
-# speed of a blend's parameter at its ends over the blend radius: a straight corner, and less for each rad of turn; found by
-# trial as a fair balance of curvature and its change
+# speed of a blend's parameter at its ends over the blend radius: in a straight corner, and less for each rad of turn;
+# found by trial as a fair balance of curvature and its change
 BLEND_REACH, BLEND_REACH_PER_RAD = 1.9, 0.25
 
 Curve3 = Callable[[Floats], tuple[Floats, Floats, Floats]]
@@ -165,7 +165,7 @@ def spline(points: ArrayLike) -> Curve:
     u = np.concatenate([[0.0], np.cumsum(chords)])
     cubic = CubicSpline(u, p, bc_type='natural')
     derivatives = [cubic, cubic.derivative(1), cubic.derivative(2)]
-    return by_arc_length(lambda t: tuple(d(t) for d in derivatives), u, 'spline')  # type: ignore[arg-type, return-value]
+    return by_arc_length(lambda t: tuple(d(t) for d in derivatives), u, 'spline')
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -199,8 +199,9 @@ def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
                 return Curve(segments, float(lengths.sum()))
         else:
             bad = np.ones(len(t) - 1, dtype=bool)
+        worst = t[:-1][bad][:1]
         t = np.sort(np.concatenate([t, 0.5 * (t[1:] + t[:-1])[bad]]))
-    x, y, z = curve(t[:-1][bad][:1])[0][0]
+    x, y, z = curve(worst)[0][0]
     raise ProgramError(f'the {what} turns too sharply near ({x:.4f}, {y:.4f}, {z:.4f}) m')
 
 
@@ -268,7 +269,7 @@ def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
 def cubic_coefficients(
     start: Floats, end: Floats, start_speed: Floats, end_speed: Floats, duration_s: float
 ) -> Floats:
-    """a_0..a_3 of X(t) = a_0 + a_1 t + a_2 t^2 + a_3 t^3 with prescribed ends (5.7, its a_2 corrected); shape (4, 3)."""
+    """a_0..a_3 of X(t) = a_0 + a_1 t + a_2 t^2 + a_3 t^3 for prescribed ends (5.7, a_2 corrected); shape (4, 3)."""
     x0, x1, v0, v1 = (np.asarray(a, dtype=np.float64) for a in (start, end, start_speed, end_speed))
     a2 = (3.0 * (x1 - x0) - (2.0 * v0 + v1) * duration_s) / duration_s**2
     a3 = (2.0 * (x0 - x1) + (v0 + v1) * duration_s) / duration_s**3

@@ -1,8 +1,8 @@
 """The plan: what UnitRobot hands to the transformation task, as coefficient tables.
 
-A move is a virtual master over time (``master``) and the slaves over the master (``segments``), with events at places on
-the path. A plan is a set of different moves and the order in which they are driven, in continuous time: a move starts
-where and when the one before it ends, between bus cycles if need be.
+A move is a virtual master over time (``master``) and the slaves over the master (``segments``), with events at places
+on the path. A plan is a set of different moves and the order in which they are driven, in continuous time: a move
+starts where and when the one before it ends, between bus cycles if need be.
 """
 
 from dataclasses import dataclass, field
@@ -161,10 +161,8 @@ class Move:
         jumps = np.abs(before - path[1:, 1::6]).max(initial=0.0)
         if jumps > CONTINUOUS:
             raise ProgramError(f'{what}: its path jumps by {jumps:.3g} m')
-        bits = self.events[:, 1]
-        if len(bits) and (
-            (np.diff(self.events[:, 0]) < 0.0).any() or (bits < -1).any() or (bits >= len(OUTPUTS)).any()
-        ):
+        places, bits = self.events[:, 0], self.events[:, 1]
+        if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(OUTPUTS)).any():
             raise ProgramError(f'{what}: its events are out of order, or for an unknown output')
 
 

@@ -203,8 +203,8 @@ def _whole(program: Program, drafts: list[_Draft], order: list[int], parameters:
         moves = [_slower(move, 1.0 / rate) for move in moves]
         axis = int(np.argmax(effort.rms(1.0)))
         notices.append(
-            f'all moves take {1.0 / rate:.3g} times as long: the rms current of motor {axis + 1} over the program would '
-            f'be {effort.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
+            f'all moves take {1.0 / rate:.3g} times as long: the rms current of motor {axis + 1} over the program '
+            f'would be {effort.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
         )
     rate_max = min(effort.rate_max / rate, RATE_MAX)
     while rate_max > 1.0 and effort.rms(rate * rate_max).max() > nominal:
@@ -220,11 +220,10 @@ def _rate_for_rms(effort: Effort, nominal: float, program: Program) -> float:
             f'program "{program.name}": the weight alone asks for an rms current of {effort.rms(0.0).max():.4g} A, '
             f'the limit is {nominal:g} A'
         )
-    if any(
-        statement.strict for statement in program.statements if isinstance(statement, MoveL | MoveC | MoveSB)
-    ):
+    if any(getattr(statement, 'strict', False) for statement in program.statements):
+        rms = effort.rms(1.0).max()
         raise ProgramError(
-            f'program "{program.name}": the rms current would be {effort.rms(1.0).max():.4g} A, the limit is {nominal:g} A'
+            f'program "{program.name}": the rms current would be {rms:.4g} A, the limit is {nominal:g} A (strict)'
         )
     low, high = 0.0, 1.0
     for _ in range(40):
@@ -260,9 +259,8 @@ class _Round:
                 self._take(statement, where)
             except (ProgramError, UnreachableError) as error:
                 text = str(error)
-                raise ProgramError(
-                    text if text.startswith('moves[') else f'{where}.{_name(statement)}: {text}'
-                ) from None
+                named = text.startswith('moves[')
+                raise ProgramError(text if named else f'{where}.{_name(statement)}: {text}') from None
         self._end_cubics()
         if self._legs and self._legs[-1].blend_m > 0.0:
             raise ProgramError(f'{self._legs[-1].name}: blend_m needs a move that follows')

@@ -84,7 +84,7 @@ class MoveSB:
 
 @dataclass(frozen=True)
 class Cubic:
-    """Cubic in time with prescribed end velocity; its start velocity is the end velocity of the cubic before it (5.1)."""
+    """Cubic in time with prescribed end velocity; it starts with the end velocity of the cubic before it (5.1)."""
 
     to: Target
     duration_s: float
@@ -100,7 +100,7 @@ class Dwell:
 
 @dataclass(frozen=True)
 class Output:
-    """An output that changes at the end of the move before it, or a distance before that; with it may come a payload."""
+    """An output, and perhaps the payload, that changes at the end of the move before it or a distance before that."""
 
     name: str
     value: float

@@ -1,8 +1,9 @@
 """Where the virtual master is in each bus cycle of a plan that is started, held, resumed and overridden.
 
 A course is what happens from one bus cycle on: a table of master phases over the rest of the present move (none at the
-start of a plan), then the following moves at a rate (1 = as planned). To hold is a course whose table ends in standstill
-on the path. Planner and transformation task follow the same courses, so that both know the master in every cycle.
+start of a plan), then the following moves at a rate (1 = as planned). To hold is a course whose table ends in
+standstill on the path. Planner and transformation task follow the same courses, so that both know the master in every
+cycle.
 """
 
 import math
@@ -205,7 +206,7 @@ class Timeline:
 
     @property
     def end_cycle(self) -> int:
-        """First bus cycle in which the master stands at the end of the plan, or of the stop; ``NEVER`` before a start."""
+        """First bus cycle in which the master stands at the end of plan or stop; ``NEVER`` before a start."""
         return NEVER if self.course is None else self.end_cycle_of(self.course, float(self.record['time'][0]))
 
     def end_cycle_of(self, course: Course, plan_time_s: float | None = None) -> int:

@@ -61,7 +61,7 @@ def _acceleration_bounds(n, x, acceleration, curvature, inertial, centrifugal, w
 
 @kernel
 def _fastest(distance, square_max, acceleration, curvature, inertial, centrifugal, weight, torque, x):
-    """Fill ``x`` with the largest square of the speed at each grid point, rest to rest; return the first bad point or -1."""
+    """Fill ``x`` with the largest square of the speed, rest to rest; return a grid point where none is, or -1."""
     last = distance.shape[0] - 1
     # backward: the largest speed from which the rest of the path can still be driven
     x[last] = 0.0
@@ -203,9 +203,9 @@ def smoothed(distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: f
     acceleration = (padded[taps:] - padded[:-taps]) / window_s
     jerk = np.diff(acceleration) / step
     way = np.concatenate([[0.0], np.cumsum(0.5 * step * (padded[1:] + padded[:-1]))])
-    averaged = (way[taps:] - way[:-taps]) / window_s
+    averaged = np.asarray((way[taps:] - way[:-taps]) / window_s, dtype=np.float64)
     averaged[0] = averaged[-1] = 0.0
-    grid = step * np.arange(len(averaged))
+    grid = np.asarray(step * np.arange(len(averaged)), dtype=np.float64)
     phases = _phases(grid, averaged, acceleration[:-1], jerk, length)
     return phases, float(np.abs(phases[:, 4]).max())
 
@@ -233,7 +233,7 @@ def _merged(rows: Floats) -> Floats:
     goes_on = (np.abs(rows[1:-1, 4] - rows[:-2, 4]) < 1e-9 * (1.0 + np.abs(rows[1:-1, 4]))) & (
         np.abs(rows[:-2, 3] + rows[:-2, 4] * t - rows[1:-1, 3]) < 1e-12 * (1.0 + np.abs(rows[1:-1, 3]))
     )
-    return rows[np.concatenate([[True], ~goes_on, [True]])]
+    return np.asarray(rows[np.concatenate([[True], ~goes_on, [True]])])
 
 
 def slowed(phases: Floats, factor: float) -> Floats:

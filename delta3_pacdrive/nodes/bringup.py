@@ -40,14 +40,14 @@ from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
-END_PATIENCE_S = 1.0
+CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a bring-up is asked for."""
+    """What a bring-up is asked for; without a program the robot stays up for moves, until it is interrupted."""
 
-    program: Path
+    program: Path | None
     parameters: Path | None = None
     namespace: str = '/'
     real_time_factor: float = 1.0
@@ -116,7 +116,7 @@ class Bringup:
         options, program = self._options, self._options.program
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._interrupt)
-        task = {'real_time_factor': options.real_time_factor, 'wait_for_program': True}
+        task = {'real_time_factor': options.real_time_factor, 'wait_for_program': program is not None}
         nodes: dict[str, Callable[[], Node]] = {
             'plant': self._factory(PlantNode, {}),
             **{
@@ -128,9 +128,9 @@ class Bringup:
         # Without a clock the robot takes all the processor time there is; that must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
         schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
-        planner = self._factory(UnitRobotNode, {'program': str(program)})
+        planner = self._factory(UnitRobotNode, {'program': str(program or '')})
         if options.bag:
-            bag = {'bag': str(options.bag), 'program': self._program.name}
+            bag = {'bag': str(options.bag), 'program': self._program.name if self._program else 'moves'}
             self._spawn('recorder', [self._factory(RecorderNode, bag)], logs, Schedule.PREFERRED)
         if options.single_process:
             self._spawn('robot', [*nodes.values()], logs, schedule)
@@ -174,7 +174,10 @@ class Bringup:
                 return 0
             return runtime.run(factories, [])
 
-        self._children.append(spawn(name, main, logs / f'{name}.log', schedule))
+        child = spawn(name, main, logs / f'{name}.log', schedule)
+        if name == 'recorder':
+            child.patience_s = CLOSE_BAG_S
+        self._children.append(child)
 
     def _interrupt(self, *_: Any) -> None:
         self._interrupted = True
@@ -184,13 +187,15 @@ class Bringup:
         monitor = self._monitor
         deadline = time.monotonic() + READY_TIMEOUT_S
         released = False
-        while not (progress := self._look()).get('finished'):
+        while not (progress := self._look()).get('finished') or self._program is None:
             if not released and (monitor.recorder or not self._options.bag):
                 os.write(self._go, b'g')
                 released = True
             if progress.get('phase') == 'CP4':
                 self.ready_s = self.ready_s or _process_age_s()
                 show(progress)
+                if self._program is None and self._interrupted:
+                    return
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.planner or 'the transformation task to appear'
                 raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
@@ -200,14 +205,14 @@ class Bringup:
         """Spin a little, then raise if something went wrong; return the newest progress."""
         monitor = self._monitor
         self._process.spin_for(LOOK_S)
-        if self._interrupted:
+        if self._interrupted and (self._program is not None or monitor.progress.get('phase') != 'CP4'):
             raise RunError('interrupted')
         for child in self._children:
             if child.poll() is not None:
                 raise RunError(f'{child.ending()} in bus cycle {monitor.progress.get("cycles", 0)}')
         if monitor.progress.get('fault'):
             raise RunError(monitor.progress['fault'])
-        if monitor.planner.startswith('refused: '):
+        if self._program is not None and monitor.planner.startswith('refused: '):
             raise RunError(monitor.planner.removeprefix('refused: '))
         return monitor.progress
 
@@ -217,7 +222,7 @@ class Bringup:
             self._brake()
         if hasattr(self, '_go'):
             os.close(self._go)
-        self.killed = end_all(self._children, END_PATIENCE_S)
+        self.killed = end_all(self._children)
         if hasattr(self, '_process'):
             self._process.close()
         rclpy.try_shutdown()
@@ -235,15 +240,16 @@ class Bringup:
 
     def _result(self) -> dict[str, Any]:
         progress = self._monitor.progress
-        figures = progress['figures']
+        figures = progress.get('figures', {})
+        statistics = ('refused_telegrams', 'slip_s', 'lateness_ms', 'mdt_to_last_at_ms', 'outstanding')
         return {
             'ok': True,
-            'program': self._program.name,
+            'program': self._program.name if self._program else '',
             'ready_s': round(self.ready_s, 3),
             **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns')},
-            **{key: progress[key] for key in ('lost_telegrams', 'refused_telegrams', 'slip_s')},
+            'lost_telegrams': progress['lost_telegrams'],
             **figures,
-            **{key: progress[key] for key in ('lateness_ms', 'mdt_to_last_at_ms', 'outstanding')},
+            **{key: progress[key] for key in statistics if key in progress},
         }
 
     def processes(self) -> list[Child]:
@@ -257,7 +263,7 @@ def _process_age_s() -> float:
     return time.time() - started_s
 
 
-def _check(options: Options) -> tuple[core.Parameters, programs.Program]:
+def _check(options: Options) -> tuple[core.Parameters, programs.Program | None]:
     """Read and check everything before the first process starts."""
     robot = core.load(options.parameters)
     if options.exchange_period_s is not None:
@@ -272,6 +278,8 @@ def _check(options: Options) -> tuple[core.Parameters, programs.Program]:
         ) from None
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
+    if options.program is None:
+        return robot, None
     program = programs.load(options.program, robot.motion)
     robot = simulation.placed(robot, program)
     planning.plan(program, robot.motion.home_m, robot)

@@ -26,6 +26,8 @@ class Child:
         Its process number.
     log
         File that holds what it printed.
+    patience_s
+        How long it may take to end.
     status
         Exit status, negative for a signal; None while it runs.
 
@@ -34,6 +36,7 @@ class Child:
     name: str
     pid: int
     log: Path
+    patience_s: float = 1.0
     status: int | None = None
 
     def poll(self) -> int | None:
@@ -114,15 +117,19 @@ def _become_child(name: str, parent: int, log: Path) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
 
 
-def end_all(children: list[Child], patience_s: float) -> list[str]:
-    """Interrupt all children, kill those that stay longer than ``patience_s``; return the names of the killed."""
+def end_all(children: list[Child]) -> list[str]:
+    """Interrupt all children, kill those that stay longer than their patience; return the names of the killed."""
     for child in children:
         child.send(signal.SIGINT)
-    deadline = time.monotonic() + patience_s
-    while any(child.poll() is None for child in children) and time.monotonic() < deadline:
+    start = time.monotonic()
+    killed = []
+    running = list(children)
+    while running := [child for child in running if child.poll() is None]:
+        for child in running:
+            if time.monotonic() - start > child.patience_s:
+                child.send(signal.SIGKILL)
+                os.waitpid(child.pid, 0)
+                child.status = -signal.SIGKILL
+                killed.append(child.name)
         time.sleep(0.01)
-    killed = [child for child in children if child.poll() is None]
-    for child in killed:
-        child.send(signal.SIGKILL)
-        os.waitpid(child.pid, 0)
-    return [child.name for child in killed]
+    return killed

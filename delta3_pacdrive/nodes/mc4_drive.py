@@ -38,7 +38,8 @@ class MC4DriveNode(Node):
         self._exchanges = Clock(bus.exchange_period_s)
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._exchange = 0
-        self._frame, self._words = b'', (0, 0.0)  # of the last MDT: they rarely change
+        self._frame = b''  # of the last MDT: it rarely changes
+        self._words: tuple[int, float] = (0, 0.0)
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._commands: dict[int, tuple[float, int, float]] = {}
         self._shafts: dict[int, tuple[float, float, float]] = {}
@@ -74,8 +75,8 @@ class MC4DriveNode(Node):
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
             if frame != self._frame:
-                _, *words = telegram.parse_mdt_frame(frame, self._index)
-                self._words = words[0], words[1]
+                _, control, payload = telegram.parse_mdt_frame(frame, self._index)
+                self._words = control, payload
                 self._frame = frame
         except TelegramError as error:
             self._refuse(error)
@@ -161,7 +162,7 @@ class MC4DriveNode(Node):
 
 def main() -> int:
     """Run one drive process."""
-    return runtime.run([MC4DriveNode])
+    return runtime.run_single(MC4DriveNode)
 
 
 if __name__ == '__main__':

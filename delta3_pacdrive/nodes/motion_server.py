@@ -1,9 +1,9 @@
 """The side of the transformation task that faces planner and operator: programs, their course, holds and outputs.
 
-In: ``motion/plan`` (moves and their order), ``motion/change`` (courses from the planner). Out, all but ``motion/refusal`` latched:
+In: ``motion/plan`` (moves and their order), ``motion/change`` (courses from the planner). Out, latched:
 ``motion/state`` (idle, moving, stopping, stopped, error), ``motion/course`` (what the master follows from which cycle
-on), ``motion/refusal`` (why a plan or a course was refused), ``motion/located`` (where the robot stands, when it can take a
-program), ``outputs`` (digital outputs and payload). Services: ``hold``, ``abort``.
+on), ``motion/located`` (where the robot stands, when it can take a program), ``outputs`` (digital outputs and
+payload); not latched: ``motion/refusal`` (why a plan or a course was refused). Services: ``hold``, ``abort``.
 """
 
 from array import array

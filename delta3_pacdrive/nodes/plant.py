@@ -119,7 +119,7 @@ class PlantNode(Node):
 
 def main() -> int:
     """Run the plant process."""
-    return runtime.run([PlantNode])
+    return runtime.run_single(PlantNode)
 
 
 if __name__ == '__main__':

@@ -13,7 +13,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.kernel import all_compiled, alone
 
 SPIN_S = 0.1  # how long a signal may wait for the main thread
 
@@ -78,3 +80,23 @@ def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = N
             process.close()
         rclpy.try_shutdown()
     return 0
+
+
+def run_single(factory: Callable[[], Node]) -> int:
+    """Be the main function of a node that was started by itself; return the exit status.
+
+    The kernels are compiled, or loaded from the cache, before the node shows itself: in cyclic operation the bus would
+    take the silence of a drive that compiles for its end.
+    """
+    try:
+        if not all_compiled():
+            print(
+                'compiling the numerical kernels, once for this version (about 20 s) ...',
+                file=sys.stderr,
+                flush=True,
+            )
+        with alone():  # nodes that are started together compile once, not each for itself
+            simulation.rehearse(parameters.load())
+    except KeyboardInterrupt:
+        return 0
+    return run([factory])

@@ -1,9 +1,9 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
 In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
-``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along the
-path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Service: ``enable``. Programs, holds and
-outputs: see ``motion_server``.
+``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along
+the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Service: ``enable``. Programs,
+holds and outputs: see ``motion_server``.
 """
 
 import json
@@ -320,7 +320,9 @@ class TransformationTaskNode(PollingNode):
     def _earliest(self) -> int:
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
         follow = self._task.enable_cycle + self._enabling_cycles if self._task.enable_cycle < NEVER else 0
-        return max(self._cycle + self._robot.bus.outstanding_cycles_max + 1, follow) if self._cycle else follow
+        return (
+            max(self._cycle + self._robot.bus.outstanding_cycles_max + 1, follow) if self._cycle else follow
+        )
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._task.enable_cycle = self._cycle if request.data else NEVER
@@ -426,7 +428,7 @@ def _frame_of(control: int, payload_kg: float) -> bytes:
 
 def main() -> int:
     """Run the transformation task process."""
-    return runtime.run([TransformationTaskNode])
+    return runtime.run_single(TransformationTaskNode)
 
 
 if __name__ == '__main__':

@@ -1,9 +1,9 @@
-"""Node of UnitRobot, the planner: takes moves and programs, plans and checks them as a whole, starts and overrides them.
+"""Node of UnitRobot, the planner: takes moves and programs, plans and checks them as a whole, starts and overrides.
 
 In: ``motion/located`` (where the robot stands), ``motion/state``, ``motion/course``, ``motion/refusal`` of the
 transformation task; requests of operators: ``unit_robot/program`` (String: YAML, or the name of a packaged program),
-``unit_robot/move_l`` (PointStamped), ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of at
-most 100 poses), ``unit_robot/override`` (Float64, percent). Out: ``motion/plan``, ``motion/change``,
+``unit_robot/move_l`` (PointStamped), ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of
+at most 100 poses), ``unit_robot/override`` (Float64, percent). Out: ``motion/plan``, ``motion/change``,
 ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error), ``unit_robot/answer`` (latched: one sentence
 for each request). Services: ``start``, ``resume``, ``clear``.
 """
@@ -34,7 +34,9 @@ from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
-LEAD_CYCLES = 60  # how far ahead a change of course is planned; four times as far each time that it came too late
+LEAD_CYCLES = (
+    60  # how far ahead a change of course is planned; four times as far each time that it came too late
+)
 LEAD_CYCLES_MAX = 4000
 MATCH_S = 0.01  # between two looks whether the transformation task listens
 PROGRAM_MAX = 1_000_000  # characters
@@ -93,7 +95,9 @@ class UnitRobotNode(PollingNode):
 
         self.create_subscription(kind, topic, receive, qos)
 
-    def _service(self, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def _service(
+        self, action: Callable[[], str]
+    ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
         def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message = action()
@@ -228,10 +232,8 @@ class UnitRobotNode(PollingNode):
             raise ProgramError('no moves are in the queue')
         if not self._change.get_subscription_count():
             raise ProgramError('the transformation task does not listen yet')
-        if self._planned is None:
-            self._plan_queue(self._queue)
-        planned, self._queue, self._planned = self._planned, None, None
-        assert planned is not None
+        planned = self._planned or planning.plan(self._queue, self._require_rest(), self._robot)
+        self._queue = self._planned = None
         self._rate_max = planned.rate_max
         rate = min(self._rate, planned.rate_max)
         for number, move in enumerate(planned.plan.moves):
@@ -256,7 +258,10 @@ class UnitRobotNode(PollingNode):
                 f'override is {percent:g} %, but must be between {100 * RATE_MIN:g} and {100 * RATE_MAX:g} %'
             )
         rate = percent / 100.0
-        if self._motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED) and rate > self._rate_max:
+        if (
+            self._motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
+            and rate > self._rate_max
+        ):
             raise ProgramError(
                 f'override is {percent:g} %, but the motors bear at most {100 * self._rate_max:.0f} % in this program'
             )
@@ -303,7 +308,7 @@ def _points_of(message: Path) -> list[list[float]]:
 
 def main() -> int:
     """Run the planner process."""
-    return runtime.run([UnitRobotNode])
+    return runtime.run_single(UnitRobotNode)
 
 
 if __name__ == '__main__':

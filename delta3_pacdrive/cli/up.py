@@ -1,0 +1,64 @@
+"""``delta3 up``: bring a robot up and keep it up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from delta3_pacdrive.cli.output import add_parameter_options, announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.run import Display, add_graph_options, check_graph_options, options_of
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = parser_for('up', 'Start every node of a robot and keep it up for moves, until Ctrl-C.')
+    add_parameter_options(parser)
+    add_graph_options(parser)
+    options = parser.parse_args(arguments)
+    check_graph_options(parser, options)
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    options = _parse(arguments)
+    return guarded(lambda: _run(options), options.json)
+
+
+class _Announcement:
+    """Says once that the robot is ready, then leaves the line to the display."""
+
+    def __init__(self, display: Display, bringup: Any, quiet: bool) -> None:
+        self._display, self._bringup, self._quiet = display, bringup, quiet
+        self._told = False
+
+    def show(self, progress: dict[str, Any]) -> None:
+        if not self._told and progress['in_torque']:
+            self._told = True
+            if not self._quiet:
+                print(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends', file=sys.stderr, flush=True)
+        self._display.show(progress)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from delta3_pacdrive.nodes.bringup import Bringup
+
+    announce_compilation()
+    bringup = Bringup(options_of(options, None))
+    display = Display(quiet=options.json)
+    try:
+        result = bringup.run(_Announcement(display, bringup, options.json).show)
+    finally:
+        display.close()
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print(
+            f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
+            f'{result["lost_telegrams"]} lost telegrams'
+        )
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
