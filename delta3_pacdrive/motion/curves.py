@@ -199,9 +199,8 @@ def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
                 return Curve(segments, float(lengths.sum()))
         else:
             bad = np.ones(len(t) - 1, dtype=bool)
-        worst = t[:-1][bad][:1]
         t = np.sort(np.concatenate([t, 0.5 * (t[1:] + t[:-1])[bad]]))
-    x, y, z = curve(worst)[0][0]
+    x, y, z = p[np.argmin(speed)]
     raise ProgramError(f'the {what} turns too sharply near ({x:.4f}, {y:.4f}, {z:.4f}) m')
 
 

@@ -12,7 +12,8 @@ from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.timeline import Course, Timeline
 
 CANDIDATES = 200  # places of a move at which the plan may be joined
-OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
+OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place, on its sampled course
+ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
 END_M = 1e-7  # a master this close to the end of its move is there
 
 
@@ -88,8 +89,8 @@ def _connection(
     wish = InputParameter(1)
     wish.current_position, wish.current_velocity, wish.current_acceleration = ([value] for value in start)
     wish.target_position, wish.target_velocity, wish.target_acceleration = ([value] for value in end)
-    wish.max_velocity = [max(speed_max, start[1], end[1]) * OVER_PLAN]
-    wish.max_acceleration, wish.max_jerk = [acceleration_max * OVER_PLAN], [jerk_max]
+    wish.max_velocity = [max(speed_max, start[1], end[1]) * ROUNDING]
+    wish.max_acceleration, wish.max_jerk = [acceleration_max * ROUNDING], [jerk_max]
     if not math.isfinite(jerk_max):
         wish.current_acceleration = wish.target_acceleration = [0.0]
     trajectory = Trajectory(1)

@@ -6,10 +6,22 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip('rclpy', reason='these tests need the ROS wheels (extra "ros") or a sourced ROS 2')
+
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.nodes.plant import PlantNode
+from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+
+DEADLINE_S = 8.0
 
 DOMAIN = str(1 + os.getpid() % 100)  # below the ports that Linux hands out by itself
 
@@ -91,3 +103,84 @@ def start_delta3() -> Callable[..., subprocess.Popen[str]]:
         )
 
     return start
+
+
+class Graph:
+    """Nodes on one executor in a context of their own."""
+
+    def __init__(self) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self._executor = EventsExecutor(context=self.context)
+        self.nodes: list[Node] = []
+        self.listener = self.add(Node, 'listener')
+        self.listener.create_timer(0.05, lambda: None)
+
+    def add(self, kind: type[Node], *arguments: Any, **overrides: Any) -> Any:
+        """Create a node; keywords are parameters, dots written as double underscores."""
+        given = [Parameter(key.replace('__', '.'), value=value) for key, value in overrides.items()]
+        names = {}
+        if 'axis' in overrides:
+            names = {'cli_args': ['--ros-args', '-r', f'__node:=mc4_drive_{overrides["axis"]}']}
+        node = kind(*arguments, context=self.context, parameter_overrides=given, **names)
+        self.nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def robot(self, order: tuple[str, ...] = ('plant', '1', '2', '3', 'task'), **overrides: Any) -> Any:
+        """Start the nodes of a robot in an order; return the task."""
+        task = None
+        for name in order:
+            if name == 'plant':
+                self.add(PlantNode, **overrides)
+            elif name == 'task':
+                task = self.add(TransformationTaskNode, real_time_factor=0.0, **overrides)
+            else:
+                self.add(MC4DriveNode, axis=int(name), **overrides)
+        return task
+
+    def listen(self, kind: type, topic: str, qos: Any = 10) -> list[Any]:
+        """Return the list into which a topic's messages go."""
+        messages: list[Any] = []
+        self.listener.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        """Spin until a condition holds; fail at the deadline."""
+        deadline = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < deadline, f'not within {DEADLINE_S} s: {what}'
+            # one callback at a time: a robot without a clock keeps the executor busy for ever
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a while."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def call(self, kind: type, service: str, request: Any) -> Any:
+        """Call a service; return its response."""
+        client = self.listener.create_client(kind, service)
+        self.spin_until(client.service_is_ready, f'service {service}')
+        future = client.call_async(request)
+        self.spin_until(future.done, f'answer of {service}')
+        return future.result()
+
+    def close(self) -> None:
+        """Destroy everything."""
+        for node in self.nodes:
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self._executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    """Give an empty graph on one executor."""
+    made = Graph()
+    try:
+        yield made
+    finally:
+        made.close()

@@ -1,15 +1,11 @@
 """Nodes in one process over real DDS: start in any order, parameters, phases, bad telegrams."""
 
 import itertools
-import time
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -23,88 +19,12 @@ from delta3_pacdrive.nodes.qos import LATCHED
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 
-DEADLINE_S = 8.0
-
-
-class Graph:
-    """Nodes on one executor in a context of their own."""
-
-    def __init__(self) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self._executor = EventsExecutor(context=self.context)
-        self.nodes: list[Node] = []
-        self.listener = self.add(Node, 'listener')
-        self.listener.create_timer(0.05, lambda: None)
-
-    def add(self, kind: type[Node], *arguments: Any, **overrides: Any) -> Any:
-        """Create a node; keywords are parameters, dots written as double underscores."""
-        given = [Parameter(key.replace('__', '.'), value=value) for key, value in overrides.items()]
-        names = {}
-        if 'axis' in overrides:
-            names = {'cli_args': ['--ros-args', '-r', f'__node:=mc4_drive_{overrides["axis"]}']}
-        node = kind(*arguments, context=self.context, parameter_overrides=given, **names)
-        self.nodes.append(node)
-        self._executor.add_node(node)
-        return node
-
-    def robot(self, order: tuple[str, ...] = ('plant', '1', '2', '3', 'task'), **overrides: Any) -> Any:
-        """Start the nodes of a robot in an order; return the task."""
-        task = None
-        for name in order:
-            if name == 'plant':
-                self.add(PlantNode, **overrides)
-            elif name == 'task':
-                task = self.add(TransformationTaskNode, real_time_factor=0.0, **overrides)
-            else:
-                self.add(MC4DriveNode, axis=int(name), **overrides)
-        return task
-
-    def listen(self, kind: type, topic: str, qos: Any = 10) -> list[Any]:
-        """Return the list into which a topic's messages go."""
-        messages: list[Any] = []
-        self.listener.create_subscription(kind, topic, messages.append, qos)
-        return messages
-
-    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
-        """Spin until a condition holds; fail at the deadline."""
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f'not within {DEADLINE_S} s: {what}'
-            # one callback at a time: a robot without a clock keeps the executor busy for ever
-            self._executor.spin_once(timeout_sec=0.05)
-
-    def call(self, kind: type, service: str, request: Any) -> Any:
-        """Call a service; return its response."""
-        client = self.listener.create_client(kind, service)
-        self.spin_until(client.service_is_ready, f'service {service}')
-        future = client.call_async(request)
-        self.spin_until(future.done, f'answer of {service}')
-        return future.result()
-
-    def close(self) -> None:
-        """Destroy everything."""
-        for node in self.nodes:
-            self._executor.remove_node(node)
-            node.destroy_node()
-        self._executor.shutdown()
-        rclpy.shutdown(context=self.context)
-
-
-@pytest.fixture
-def graph() -> Iterator[Graph]:
-    made = Graph()
-    try:
-        yield made
-    finally:
-        made.close()
-
 
 @pytest.mark.parametrize(
     'order',
     [('plant', '1', '2', '3', 'task'), ('task', '3', '2', '1', 'plant'), ('2', 'task', 'plant', '1', '3')],
 )
-def test_nodes_started_in_any_order_reach_cyclic_operation(order: tuple[str, ...], graph: Graph) -> None:
+def test_nodes_started_in_any_order_reach_cyclic_operation(order: tuple[str, ...], graph: Any) -> None:
     phases = graph.listen(UInt8, 'sercos/phase', LATCHED)
     telegrams = graph.listen(JointState, 'sercos/at/axis2', 50)
     graph.robot(order)
@@ -116,7 +36,7 @@ def test_nodes_started_in_any_order_reach_cyclic_operation(order: tuple[str, ...
     assert all(later - earlier == 1_000_000 for earlier, later in itertools.pairwise(cyclic))
 
 
-def test_task_without_partners_names_them_and_stays_in_cp0(graph: Graph) -> None:
+def test_task_without_partners_names_them_and_stays_in_cp0(graph: Any) -> None:
     progress = graph.listen(String, 'motion/progress')
     graph.add(TransformationTaskNode)
     graph.add(MC4DriveNode, axis=2)
@@ -139,7 +59,7 @@ def test_task_without_partners_names_them_and_stays_in_cp0(graph: Graph) -> None
         ({'motor__rotor_inertia_kg_m2': 1e-4}, 'axis2 has parameter_checksum'),
     ],
 )
-def test_participants_that_disagree_do_not_leave_cp2(overrides: dict, expected: str, graph: Graph) -> None:
+def test_participants_that_disagree_do_not_leave_cp2(overrides: dict, expected: str, graph: Any) -> None:
     progress = graph.listen(String, 'motion/progress')
     phases = graph.listen(UInt8, 'sercos/phase', LATCHED)
     graph.robot(('plant', '1', '3', 'task'))
@@ -149,7 +69,7 @@ def test_participants_that_disagree_do_not_leave_cp2(overrides: dict, expected: 
 
 
 @pytest.mark.parametrize('kind', [PlantNode, MC4DriveNode, TransformationTaskNode, UnitRobotNode])
-def test_every_parameter_has_text_and_type_and_is_fixed_at_start(kind: type[Node], graph: Graph) -> None:
+def test_every_parameter_has_text_and_type_and_is_fixed_at_start(kind: type[Node], graph: Any) -> None:
     node = graph.add(kind)
     names = [
         name for name in node.get_parameters_by_prefix('') if not name.startswith(('use_sim', 'start_type'))
@@ -174,12 +94,12 @@ def test_every_parameter_has_text_and_type_and_is_fixed_at_start(kind: type[Node
         ({'axis': 4}, 'axis'),
     ],
 )
-def test_a_wrong_parameter_is_refused_by_name(overrides: dict, expected: str, graph: Graph) -> None:
+def test_a_wrong_parameter_is_refused_by_name(overrides: dict, expected: str, graph: Any) -> None:
     with pytest.raises(ParameterError, match=expected):
         graph.add(MC4DriveNode, **overrides)
 
 
-def test_strangers_on_the_cyclic_topics_change_nothing(graph: Graph) -> None:
+def test_strangers_on_the_cyclic_topics_change_nothing(graph: Any) -> None:
     task = graph.robot()
     telegrams = graph.listen(JointState, 'sercos/at/axis1', 50)
     stranger = graph.listener.create_publisher(JointState, 'sercos/at/axis1', 50)
@@ -199,15 +119,14 @@ def test_strangers_on_the_cyclic_topics_change_nothing(graph: Graph) -> None:
     assert task.progress()['fault'] == ''
 
 
-def test_program_on_request_and_enable_by_service(graph: Graph) -> None:
+def test_program_on_request_and_enable_by_service(graph: Any) -> None:
     located = graph.listen(PointStamped, 'motion/located', LATCHED)
+    answers = graph.listen(String, 'unit_robot/answer', LATCHED)
     task = graph.robot(motion__start_cycle=-1, motion__enable_cycle=-1)
-    graph.spin_until(lambda: task.progress()['cycles'] > 10, 'cyclic operation')
-    assert not graph.call(Trigger, 'start', Trigger.Request()).success
-    assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
     graph.add(UnitRobotNode, program='experiment1', motion__start_cycle=-1, motion__enable_cycle=-1)
-    graph.spin_until(lambda: task.progress()['moves'] == 7, 'the plan')
+    graph.spin_until(lambda: task.progress()['cycles'] > 10 and answers, 'cyclic operation and the plan')
+    assert answers[-1].data.startswith('accepted: planned "experiment 1')
+    assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
     assert graph.call(Trigger, 'start', Trigger.Request()).success
     graph.spin_until(lambda: task.progress()['finished'], 'the end')
     assert task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.0, 0.0, -0.75], abs=2e-5)
@@ -216,20 +135,33 @@ def test_program_on_request_and_enable_by_service(graph: Graph) -> None:
     graph.spin_until(lambda: not task.progress()['in_torque'], 'brakes')
 
 
-def test_a_refused_program_leaves_the_robot_ready(graph: Graph, tmp_path: Any) -> None:
+def test_a_program_without_enabled_drives_is_refused_and_can_be_started_later(graph: Any) -> None:
+    answers = graph.listen(String, 'unit_robot/answer', LATCHED)
+    task = graph.robot(motion__start_cycle=-1, motion__enable_cycle=-1)
+    graph.add(UnitRobotNode, program='experiment1', motion__start_cycle=-1, motion__enable_cycle=-1)
+    graph.spin_until(lambda: task.progress()['cycles'] > 10 and answers, 'cyclic operation and the plan')
+    graph.call(Trigger, 'start', Trigger.Request())
+    graph.spin_until(lambda: 'the drives are not enabled' in answers[-1].data, 'the refusal')
+    assert task.progress()['state'] == 'idle'
+    assert task.progress()['fault'] == ''
+
+
+def test_a_refused_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> None:
     program = tmp_path / 'far.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.7, 0, -0.8]}}]')
-    states = graph.listen(String, 'unit_robot/state', LATCHED)
+    answers = graph.listen(String, 'unit_robot/answer', LATCHED)
     task = graph.robot()
     graph.add(UnitRobotNode, program=str(program))
-    graph.spin_until(lambda: any(m.data.startswith('error: moves[0].move_l') for m in states), 'the refusal')
+    graph.spin_until(
+        lambda: any(m.data.startswith('refused: moves[0].move_l') for m in answers), 'the refusal'
+    )
     cycles = task.progress()['cycles']
     graph.spin_until(lambda: task.progress()['cycles'] > cycles + 100, 'operation to go on')
     assert task.progress()['moves'] == 0
     assert task.progress()['fault'] == ''
 
 
-def test_identity_is_announced_with_every_fact(graph: Graph) -> None:
+def test_identity_is_announced_with_every_fact(graph: Any) -> None:
     announced = graph.listen(DiagnosticStatus, 'sercos/participants', LATCHED)
     graph.add(PlantNode)
     graph.spin_until(lambda: announced, 'the announcement')

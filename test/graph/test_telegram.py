@@ -11,7 +11,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import telegram
 
 CODECS = {
-    'mdt': (telegram.mdt_codec(), telegram.mdt_frame(4, 0xE000), (3, 0, 0), list(telegram.AXES)),
+    'mdt': (telegram.mdt_codec(), telegram.mdt_frame(4, 0xE000, 0.5), (3, 0, 0), list(telegram.AXES)),
     'at': (telegram.at_codec('axis2'), b'c008', (1, 1, 1), ['axis2']),
     'current of 1 ms': (telegram.current_codec('axis3', 16), b'free', (0, 0, 16), ['axis3']),
     'current of 125 us': (telegram.current_codec('axis1', 2), b'held', (0, 0, 2), ['axis1']),
@@ -110,7 +110,16 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
 
 
 @pytest.mark.parametrize(
-    'frame', [b'', b'CP4', b'CP4 e000 e000', b'XX4 e000 e000 e000', b'CP4 e000 zzzz e000', b'\xff']
+    'frame',
+    [
+        b'',
+        b'CP4',
+        b'CP4 e000 e000',
+        b'XX4 e000 e000 e000 1',
+        b'CP4 e000 zzzz e000 1',
+        b'CP4 e000 e000 e000 nan',
+        b'\xff',
+    ],
 )
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
     with pytest.raises(TelegramError, match='is not "CPn wwww wwww wwww"'):
