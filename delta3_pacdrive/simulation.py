@@ -151,6 +151,8 @@ def _meta(planned: planning.Planned, parameters: Parameters, task: Transformatio
     return {
         'program': planned.name,
         'notices': list(planned.notices),
+        'program_s': planned.plan.duration_s,
+        'repeat': planned.repeat,
         'checksum': parameters.checksum,
         'gear_ratio': parameters.dynamics.gear_ratio,
         'cycle_time_s': parameters.bus.cycle_time_s,

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from delta3_pacdrive.cli.bench_motion import bench_motion
 from delta3_pacdrive.cli.output import guarded, parser_for
 
 CASES = ('machine', 'bare', 'separate', 'single', 'fast')
@@ -19,18 +20,20 @@ CASES = ('machine', 'bare', 'separate', 'single', 'fast')
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
     parser = parser_for(
-        'bench', 'Measure the graph (timing, processor time, memory) or the simulation (speed).'
+        'bench',
+        'Measure the graph (timing, processor time, memory), planning of motions, or the simulation (speed).',
     )
-    parser.add_argument('what', choices=['graph', 'simulate'])
+    parser.add_argument('what', choices=['graph', 'motion', 'simulate'])
     parser.add_argument('--seconds', type=float, default=60.0, help='bus time of motion per case')
     parser.add_argument(
         '--case', choices=CASES, action='append', help='only this case of graph (may be repeated)'
     )
+    parser.add_argument('--no-graph', action='store_true', help='motion: only what needs no running robot')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     options = parser.parse_args(arguments)
     if not 1.0 <= options.seconds <= 3600.0:
         parser.error(f'--seconds is {options.seconds}, but must be between 1 and 3600')
-    action = {'graph': _graph, 'simulate': _simulate}[options.what]
+    action = {'graph': _graph, 'motion': bench_motion, 'simulate': _simulate}[options.what]
     return guarded(lambda: action(options), options.json)
 
 
@@ -48,7 +51,7 @@ class _Meter:
         self.memory_mib: dict[str, float] = {}
 
     def _cpu(self) -> dict[str, float]:
-        times = {name: process.cpu_times() for name, process in self._processes.items()}
+        times = {name: process.cputimes_text() for name, process in self._processes.items()}
         return {name: item.user + item.system for name, item in times.items()}
 
     def look(self) -> None:
@@ -92,7 +95,7 @@ def _graph(options: argparse.Namespace) -> int:
     for case in options.case or CASES:
         if not options.json:
             print(f'measuring {case}: {options.seconds:g} s of motion ...', file=sys.stderr, flush=True)
-        results[case] = _in_child(partial(_measure, case, options.seconds))
+        results[case] = in_child(partial(_measure, case, options.seconds))
     if options.json:
         print(json.dumps(results))
     else:
@@ -100,7 +103,8 @@ def _graph(options: argparse.Namespace) -> int:
     return 0
 
 
-def _in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Run an action in a forked process and return its result: ROS can be started once in a process."""
     read_end, write_end = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -222,13 +226,14 @@ def _each(values: dict[str, float], digits: int) -> str:
     return ', '.join(f'{name} {value:.{digits}f}' for name, value in values.items())
 
 
-def _times(values: dict[str, float]) -> str:
+def times_text(values: dict[str, float]) -> str:
+    """Write percentiles of times."""
     return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms (p50 / p99 / p99.9 / max)'
 
 
 def _rows(result: dict[str, Any]) -> list[tuple[str, str]]:
     if 'cycles' not in result:
-        return [('wakes up late', _times(result['lateness_ms']))]
+        return [('wakes up late', times_text(result['lateness_ms']))]
     cycles, overruns = result['cycles'], result['overruns']
     rows = [
         (
@@ -244,7 +249,7 @@ def _rows(result: dict[str, Any]) -> list[tuple[str, str]]:
             ('outstanding', f'{_percentiles(result["outstanding"])} cycles (p50 / p99 / p99.9 / max)')
         )
     for key, name in (('lateness_ms', 'cycle start late'), ('mdt_to_last_at_ms', 'MDT to last AT')):
-        rows.append((name, _times(result[key])))
+        rows.append((name, times_text(result[key])))
     cores, memory = result['cores'], result['memory_mib']
     rows.append(('processor', f'{sum(cores.values()):.2f} cores: {_each(cores, 2)}'))
     rows.append(('', f'{result["us_per_cycle"]:.0f} us per cycle'))

@@ -12,7 +12,7 @@ COMMANDS = {
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
     'plot': 'draw the figures of a bag or a trace',
-    'bench': 'measure (graph, simulate)',
+    'bench': 'measure (graph, motion, simulate)',
 }
 
 

@@ -88,6 +88,10 @@ def print_figures(result: dict[str, Any]) -> None:
         ('current peak', f'{axes.format(*result["current_peak_a"])} A'),
         ('current rms', f'{axes.format(*result["current_rms_a"])} A'),
     ]
+    if result.get('repeat', 1) > 1:
+        rounds = 60.0 * result['repeat'] / result['program_s']
+        rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
+    rows += [('note', notice) for notice in result.get('notices', ())]
     if 'overruns' in result:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost telegrams'))
     for name, text in rows:

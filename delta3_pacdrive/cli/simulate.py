@@ -46,6 +46,7 @@ def _simulate(options: argparse.Namespace) -> int:
     result = {
         'ok': True,
         'program': program.name,
+        **{key: trace.meta[key] for key in ('notices', 'program_s', 'repeat')},
         'cycles': cycles,
         'bus_time_s': cycles * robot.bus.cycle_time_s,
         'wall_time_s': wall,

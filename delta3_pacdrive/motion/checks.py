@@ -4,13 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.demand import PARALLEL, SERIAL, SWING, THETA, Demand
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import Parameters
 
 ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit
 AXES = 3
+REACH_SAMPLES = 129
 
 
 @dataclass(frozen=True)
@@ -38,9 +42,7 @@ def check_arms(distance_m: Floats, position_m: Floats, coefficients: Floats, par
     """Refuse a path on which an arm leaves its limits; raises ProgramError with axis, value, limit and place."""
     k = parameters.kinematics
     place = (distance_m, position_m)
-    theta = np.degrees(coefficients[:, THETA])
-    _require_below(theta, k.arm_angle_max_deg, 'the angle of arm', 'deg', *place)
-    _require_above(theta, k.arm_angle_min_deg, 'the angle of arm', 'deg', *place)
+    _check_angles(distance_m, position_m, np.degrees(coefficients[:, THETA]), parameters)
     swing = np.degrees(coefficients[:, SWING])
     _require_below(swing, k.forearm_swing_max_deg, 'the forearm swing of arm', 'deg', *place)
     _require_above(
@@ -57,6 +59,25 @@ def check_arms(distance_m: Floats, position_m: Floats, coefficients: Floats, par
         '',
         *place,
     )
+
+
+def check_reach(move: Move, parameters: Parameters) -> None:
+    """Refuse a move from a stranger whose path leaves the workspace or the range of the arms; raises ProgramError."""
+    distance = np.linspace(0.0, move.length_m, REACH_SAMPLES)
+    position = sample_path(distance, move.segments)[:, 0]
+    check_workspace(distance, position, parameters)
+    try:
+        theta = np.degrees(kinematics.inverse(position, parameters.kinematics))
+    except UnreachableError as error:
+        raise ProgramError(str(error)) from None
+    _check_angles(distance, position, theta, parameters)
+
+
+def _check_angles(distance_m: Floats, position_m: Floats, theta_deg: Floats, parameters: Parameters) -> None:
+    k = parameters.kinematics
+    what = 'the angle of arm'
+    _require_below(theta_deg, k.arm_angle_max_deg, what, 'deg', distance_m, position_m)
+    _require_above(theta_deg, k.arm_angle_min_deg, what, 'deg', distance_m, position_m)
 
 
 def _require_below(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:

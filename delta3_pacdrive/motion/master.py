@@ -132,7 +132,7 @@ def _sample_at_distances(distances, phases, out):
             continue
         a, j = phases[n, 3], phases[n, 4]
         low, high = 0.0, phases[n + 1, 0] - phases[n, 0]
-        for _ in range(48):
+        for _ in range(36):
             t = 0.5 * (low + high)
             if phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0)) < s:
                 low = t

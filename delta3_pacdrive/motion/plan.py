@@ -156,10 +156,10 @@ class Move:
         if not runs_evenly and (master[0, 1] != 0.0 or master[0, 2] != 0.0 or master[-1, 2:].any()):
             raise ProgramError(f'{what}: its master is not at rest at both ends')
         check_phases(master, what)
-        joints = path[1:, 0]
-        before = np.array([_end_of(path[n], joint) for n, joint in enumerate(joints)]).reshape(-1, 3)
-        jumps = np.abs(before - path[1:, 1::6]).max(initial=0.0)
-        if jumps > CONTINUOUS:
+        u = np.diff(path[:, 0])[:, None] ** np.arange(6)
+        ends = np.einsum('nap,np->na', path[:-1, 1:].reshape(-1, 3, 6), u)
+        jumps = np.abs(ends - path[1:, 1::6]).max(initial=0.0)
+        if not jumps <= CONTINUOUS:
             raise ProgramError(f'{what}: its path jumps by {jumps:.3g} m')
         places, bits = self.events[:, 0], self.events[:, 1]
         if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(OUTPUTS)).any():
@@ -175,11 +175,6 @@ def check_phases(master: Floats, what: str) -> None:
     jump_v = np.abs(v + t * (a + t * j / 2.0) - master[1:, 2])[:-1].max(initial=0.0)
     if jump_s > CONTINUOUS * length or jump_v > CONTINUOUS * speed:
         raise ProgramError(f'{what}: its master jumps')
-
-
-def _end_of(segment: Floats, distance: float) -> list[float]:
-    u = distance - segment[0]
-    return [float(np.polyval(segment[1 + 6 * axis : 7 + 6 * axis][::-1], u)) for axis in range(3)]
 
 
 class Tables(NamedTuple):

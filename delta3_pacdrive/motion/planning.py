@@ -44,7 +44,8 @@ START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
 )
 MOVE_MAX_S = 3600.0
-GRID_MIN, GRID_MAX, GRID_M, GRID_PER_PIECE = 97, 4001, 2.5e-3, 4
+GRID_MIN, GRID_MAX, GRID_M, GRID_PER_PIECE = 97, 4001, 2.5e-3, 8
+BEFORE = 1e-9  # of a move's length: distance between both sides of a place
 END_REFINEMENTS = 7  # halvings of the grid towards both ends, where a master starts and stops
 KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
 NEARLY_KEPT = (
@@ -129,6 +130,8 @@ class Planned:
         Of each motor over the whole program.
     rate_max
         Largest override at which every motor still keeps its limits.
+    repeat
+        How many rounds of its statements the plan holds.
 
     """
 
@@ -137,6 +140,7 @@ class Planned:
     notices: tuple[str, ...]
     rms_current_a: tuple[float, float, float]
     rate_max: float
+    repeat: int
 
 
 @dataclass
@@ -210,7 +214,14 @@ def _whole(program: Program, drafts: list[_Draft], order: list[int], parameters:
     while rate_max > 1.0 and effort.rms(rate * rate_max).max() > nominal:
         rate_max = max(1.0, rate_max - 0.01)
     rms = effort.rms(rate).tolist()
-    return Planned(program.name, Plan.of(moves, order), tuple(notices), (rms[0], rms[1], rms[2]), rate_max)
+    return Planned(
+        program.name,
+        Plan.of(moves, order),
+        tuple(notices),
+        (rms[0], rms[1], rms[2]),
+        rate_max,
+        program.repeat,
+    )
 
 
 def _rate_for_rms(effort: Effort, nominal: float, program: Program) -> float:
@@ -468,12 +479,15 @@ def _lower(a: Limits, b: Limits) -> Limits:
 
 
 def _grid(curve: Curve) -> Floats:
-    """Distances at which a move is checked: even, finer towards both ends."""
-    pieces = len(curve.segments)
-    count = int(min(max(GRID_MIN, curve.length_m / GRID_M, GRID_PER_PIECE * pieces), GRID_MAX))
-    even = np.linspace(0.0, curve.length_m, count)
-    refined = even[1] * 0.5 ** np.arange(END_REFINEMENTS, 0, -1)
-    return np.concatenate([even[:1], refined, even[1:-1], curve.length_m - refined[::-1], even[-1:]])
+    """Distances at which a move is checked: even within each piece of the path, finer towards both ends of the move."""
+    edges = np.append(curve.segments[:, 0], curve.length_m)
+    lengths = np.diff(edges)
+    step = curve.length_m / min(max(GRID_MIN, curve.length_m / GRID_M), GRID_MAX)
+    counts = np.maximum(np.ceil(lengths / step), GRID_PER_PIECE).astype(int)
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    inner = (np.repeat(edges[:-1], counts) + number * np.repeat(lengths / counts, counts))[1:]
+    refined = min(inner[0], curve.length_m - inner[-1]) * 0.5 ** np.arange(END_REFINEMENTS, 0, -1)
+    return np.concatenate([edges[:1], refined, inner, curve.length_m - refined[::-1], edges[-1:]])
 
 
 def _check_legal_samples(distance: Floats, samples: Floats, parameters: Parameters) -> None:
@@ -512,7 +526,7 @@ def _event_rows(events: list[Event]) -> Floats:
     return np.array(sorted(rows, key=lambda row: row[0]), dtype=np.float64).reshape(-1, 4)
 
 
-class _Timing:
+class Timing:
     """Timing of one move: its grid, what the path asks there, and the limits that hold there."""
 
     def __init__(
@@ -525,22 +539,23 @@ class _Timing:
     ) -> None:
         self.curve, self._parameters = curve, parameters
         self.distance = _grid(curve)
-        self.samples = sample_path(self.distance, curve.segments)
+        self.places = _both_sides(self.distance)
+        self.samples = sample_path(self.places, curve.segments)
         changes = [e for e in sorted(events, key=lambda e: e.distance_m) if e.payload_kg is not None]
         self._payloads = (payload_kg, *[float(e.payload_kg) for e in changes if e.payload_kg is not None])
-        index = np.searchsorted([e.distance_m for e in changes], self.distance, side='right')
-        check_workspace(self.distance, self.samples[:, 0], parameters)
+        index = np.searchsorted([e.distance_m for e in changes], self.places, side='right')
+        check_workspace(self.places, self.samples[:, 0], parameters)
         self._coefficients = path_demand(self.samples, index, self._payloads, parameters)
-        check_arms(self.distance, self.samples[:, 0], self._coefficients, parameters)
-        where = np.searchsorted([end for end, _ in stretches], self.distance, side='left')
+        check_arms(self.places, self.samples[:, 0], self._coefficients, parameters)
+        where = np.searchsorted([end for end, _ in stretches], self.places, side='left')
         each = [stretches[min(n, len(stretches) - 1)][1] for n in where]
         self.speed = np.array([limits.speed_m_s for limits in each])
         self.acceleration = np.array([limits.acceleration_m_s2 for limits in each])
         self.jerk = np.array([limits.jerk_m_s3 for limits in each])
 
     def demand(self, phases: Floats) -> Demand:
-        """Evaluate a master at the places of the grid."""
-        passed = master_at_distances(self.distance, phases)
+        """Evaluate a master on both sides of the places of the grid."""
+        passed = master_at_distances(self.places, phases)
         master = np.ascontiguousarray(passed[:, 1:])
         # the end is reached, as the start is left, with the acceleration and the jerk of the phase beside it
         master[-1, 2], master[-1, 3] = end_acceleration(phases), phases[-2, 4]
@@ -552,14 +567,14 @@ class _Timing:
 
     def place_limits(self, with_motors: bool, speed: Floats, acceleration: Floats) -> timing.PlaceLimits:
         """Limits of every place for ``timing``."""
-        motor, coefficients = self._parameters.motor, self._coefficients
-        second = np.linalg.norm(self.samples[:, 2], axis=1)
-        third = np.linalg.norm(self.samples[:, 3], axis=1)
+        motor, coefficients = self._parameters.motor, self._coefficients[::2]
+        second = np.linalg.norm(self.samples[::2, 2], axis=1)
+        third = _worse(np.linalg.norm(self.samples[:, 3], axis=1))
         with np.errstate(divide='ignore'):
             caps = [
                 speed,
                 np.sqrt(CURVATURE_SHARE * acceleration / second),
-                (JERK_SHARE * self.jerk / third) ** (1.0 / 3.0),
+                (JERK_SHARE * self.jerk[::2] / third) ** (1.0 / 3.0),
             ]
         torque = np.full((len(speed), 3), np.inf)
         if with_motors:
@@ -586,7 +601,7 @@ class _Timing:
 
     def fastest(self, with_motors: bool) -> Floats:
         """Phases of the fastest master within the limits of every place."""
-        speed, acceleration = self.speed.copy(), self.acceleration.copy()
+        speed, acceleration = self.speed[::2].copy(), self.acceleration[::2].copy()
         jerk = float(self.jerk.min())
         window = float(acceleration.max()) / jerk
         best, chosen = math.inf, np.empty((0, 5))
@@ -611,7 +626,7 @@ class _Timing:
             if factor <= NEARLY_KEPT:
                 break
             window *= max(jerk_found / jerk, 1.0) if math.isfinite(jerk) else 1.0
-            relief = _spread(np.maximum(found.stretch, 1.0))
+            relief = _spread(np.maximum(_worse(found.stretch), 1.0))
             speed /= relief
             acceleration /= relief**2
         return timing.slowed(chosen, best)
@@ -632,6 +647,20 @@ class _Timing:
         d = self.demand(phases)
         weights = np.gradient(d.time_s) if len(d.time_s) > 1 else np.ones(1)
         return _effort(d, weights, float(phases[-1, 0]), self._parameters)
+
+
+def _both_sides(distance: Floats) -> Floats:
+    """Return every place of a grid and, but for the first, the place right before it.
+
+    Where a piece of the path or a phase of the master ends, acceleration and jerk differ on both sides.
+    """
+    before = np.maximum(distance[1:] - BEFORE * distance[-1], 0.5 * (distance[1:] + distance[:-1]))
+    return np.concatenate([distance[:1], np.stack([before, distance[1:]], axis=1).ravel()])
+
+
+def _worse(values: Floats) -> Floats:
+    """Return the larger of the values on both sides of each place of a grid."""
+    return np.concatenate([values[:1], np.maximum(values[1::2], values[2::2])])
 
 
 def _spread(relief: Floats) -> Floats:
@@ -670,7 +699,7 @@ def _plan_move(
     """Time one move and check it."""
     name = legs[0].name if len(legs) == 1 else f'{legs[0].name} to {legs[-1].name}'
     try:
-        plan_ = _Timing(curve, stretches, events, payload_kg, parameters)
+        plan_ = Timing(curve, stretches, events, payload_kg, parameters)
         wish = legs[0].limits
         if len(legs) == 1:
             phases = plan_master(curve.length_m, wish.speed_m_s, wish.acceleration_m_s2, wish.jerk_m_s3)

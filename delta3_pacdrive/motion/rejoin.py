@@ -12,7 +12,9 @@ from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.timeline import Course, Timeline
 
 CANDIDATES = 200  # places of a move at which the plan may be joined
-OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place, on its sampled course
+OVER_PLAN = (
+    1.0 + 1e-3
+)  # how far the speed may exceed that of the plan at the same place, on its sampled course
 ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
 END_M = 1e-7  # a master this close to the end of its move is there
 

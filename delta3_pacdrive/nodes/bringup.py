@@ -86,7 +86,7 @@ class Bringup:
 
     def __init__(self, options: Options) -> None:
         self._options = options
-        self._robot, self._program = _check(options)
+        self._robot, self._program, self._planned = _check(options)
         self._children: list[Child] = []
         self._interrupted = False
         self._monitor: _Monitor
@@ -244,13 +244,25 @@ class Bringup:
         statistics = ('refused_telegrams', 'slip_s', 'lateness_ms', 'mdt_to_last_at_ms', 'outstanding')
         return {
             'ok': True,
-            'program': self._program.name if self._program else '',
+            'program': self._planned.name if self._planned else '',
+            'notices': list(self._planned.notices) if self._planned else [],
+            'program_s': self._planned.plan.duration_s if self._planned else 0.0,
+            'repeat': self._planned.repeat if self._planned else 1,
             'ready_s': round(self.ready_s, 3),
             **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns')},
             'lost_telegrams': progress['lost_telegrams'],
             **figures,
             **{key: progress[key] for key in statistics if key in progress},
         }
+
+    @property
+    def node(self) -> Node:
+        """The node of this process, for whoever wants to take part."""
+        return self._monitor
+
+    def stop(self) -> None:
+        """End a bring-up without a program."""
+        self._interrupted = True
 
     def processes(self) -> list[Child]:
         """Child processes, for whoever measures them."""
@@ -263,7 +275,7 @@ def _process_age_s() -> float:
     return time.time() - started_s
 
 
-def _check(options: Options) -> tuple[core.Parameters, programs.Program | None]:
+def _check(options: Options) -> tuple[core.Parameters, programs.Program | None, planning.Planned | None]:
     """Read and check everything before the first process starts."""
     robot = core.load(options.parameters)
     if options.exchange_period_s is not None:
@@ -279,11 +291,10 @@ def _check(options: Options) -> tuple[core.Parameters, programs.Program | None]:
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
     if options.program is None:
-        return robot, None
+        return robot, None, None
     program = programs.load(options.program, robot.motion)
     robot = simulation.placed(robot, program)
-    planning.plan(program, robot.motion.home_m, robot)
-    return robot, program
+    return robot, program, planning.plan(program, robot.motion.home_m, robot)
 
 
 @contextmanager

@@ -20,10 +20,12 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive.bus.time import Clock
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.checks import check_reach
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan
 from delta3_pacdrive.motion.timeline import NEVER, Course
 from delta3_pacdrive.nodes import telegram
 from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.transformation import Transformation
 
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
@@ -65,8 +67,11 @@ class MotionServer:
 
     """
 
-    def __init__(self, node: Node, task: Transformation, cycles: Clock, earliest: Callable[[], int]) -> None:
-        self._node, self._task, self._cycles = node, task, cycles
+    def __init__(
+        self, node: Node, task: Transformation, robot: Parameters, earliest: Callable[[], int]
+    ) -> None:
+        self._node, self._task, self._robot = node, task, robot
+        self._cycles = Clock(robot.bus.cycle_time_s)
         self._earliest = earliest
         self.state = MotionState.IDLE
         self.starts, self.ends = NEVER, NEVER
@@ -155,6 +160,7 @@ class MotionServer:
                 self._start(row)
                 return
             move, number, count = Move.from_array(row)
+            check_reach(move, self._robot)
             if number == 0:
                 self._parts = []
             if number != len(self._parts):

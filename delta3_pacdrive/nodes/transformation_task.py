@@ -103,7 +103,7 @@ class TransformationTaskNode(PollingNode):
         self._create_outputs()
         self._create_inputs(poll=factor > 0.0)
         self.create_service(SetBool, 'enable', self._on_enable)
-        self._motion = MotionServer(self, self._task, self._cycles, self._earliest)
+        self._motion = MotionServer(self, self._task, parameters, self._earliest)
         self._set_phase(Phase.CP0)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(PROGRESS_S, self._report)
@@ -409,7 +409,10 @@ class TransformationTaskNode(PollingNode):
         status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name())
         status.message = self._fault or self._waiting or self._phase.name
         facts = self.progress() | self.statistics()
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in facts.items()]
+        status.values = [
+            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
+            for key, value in facts.items()
+        ]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)

@@ -17,6 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
@@ -24,6 +25,12 @@ from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 DEADLINE_S = 8.0
 
 DOMAIN = str(1 + os.getpid() % 100)  # below the ports that Linux hands out by itself
+
+
+@pytest.fixture(autouse=True, scope='session')
+def compiled() -> None:
+    """Compile every kernel before the first test waits for something."""
+    simulation.rehearse(parameters.load())
 
 
 @pytest.fixture(autouse=True, scope='session')

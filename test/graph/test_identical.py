@@ -55,8 +55,27 @@ def _assert_same(simulated: Trace, recorded: Trace, result: dict) -> None:
         assert result[name] == simulated.meta['figures'][name], name
 
 
-def _run(delta3: Runner, bag: Path, *options: str) -> tuple[Trace, dict]:
-    done = delta3('run', 'experiment1', '--json', '--bag', bag, *options)
+# every kind of move, rounded corners, outputs and payloads
+MIXED = """
+start_m: [-0.1525, 0.0, -0.85]
+payload_kg: 0.0
+limits: {speed_m_s: 3.0, acceleration_m_s2: 60.0, jerk_m_s3: 8000.0}
+moves:
+- output: {name: gripper, value: true, payload_kg: 0.7}
+- dwell: {time_s: 0.0305}
+- move_l: {to_m: {by_m: [0.0, 0.0, 0.025]}, blend_m: 0.02}
+- move_l: {to_m: {by_m: [0.305, 0.0, 0.0]}, blend_m: 0.02}
+- output: {name: output1, value: true}
+- move_c: {via_m: [0.1, 0.1, -0.85], to_m: [0.0, 0.15, -0.84]}
+- output: {name: gripper, value: false, before_m: 0.01, payload_kg: 0.0}
+- move_sb: {through_m: [[-0.1, 0.05, -0.82], [-0.12, -0.1, -0.83], [0.0, 0.0, -0.85]]}
+- cubic: {to_m: [0.05, 0.0, -0.84], duration_s: 0.15, end_velocity_m_s: [0.3, 0.1, 0.0]}
+- cubic: {to_m: [0.1, 0.05, -0.85], duration_s: 0.2}
+"""
+
+
+def _run(delta3: Runner, bag: Path, *options: str, program: str = 'experiment1') -> tuple[Trace, dict]:
+    done = delta3('run', program, '--json', '--bag', bag, *options)
     assert done.returncode == 0, done.stderr
     return recording.load(bag), json.loads(done.stdout)
 
@@ -93,3 +112,17 @@ def test_exact_reference_runs_in_the_graph_too(
     simulated = simulation.run(programs.load('experiment1', robot.motion), robot)
     options = ['--single-process', '--real-time-factor', '0', '--exchange-period', '125e-6']
     _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
+
+
+@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+def test_every_kind_of_move_gives_the_bits_of_the_simulation(
+    options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'mixed.yaml'
+    program.write_text(MIXED)
+    robot = parameters.load()
+    simulated = simulation.run(programs.load(program, robot.motion), robot)
+    recorded, result = _run(
+        delta3, tmp_path / 'bag', '--real-time-factor', '0', *options, program=str(program)
+    )
+    _assert_same(simulated, recorded, result)

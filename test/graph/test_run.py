@@ -129,8 +129,9 @@ BAD_PROGRAMS = {
     'millimetres': ('moves: [{move_l: {to_m: [0, 0, -800]}}]', 'are these millimetres?'),
     'not yaml': ('moves: [', 'is not valid YAML'),
     'too fast': (
-        'moves: [{move_l: {to_m: [0.4, 0, -0.8], speed_m_s: 15, acceleration_m_s2: 900, jerk_m_s3: .inf}}]',
-        'the limit is',
+        'limits: {speed_m_s: 15, acceleration_m_s2: 900, jerk_m_s3: .inf}\n'
+        'moves: [{move_l: {to_m: [0.4, 0, -0.8], strict: true}}]',
+        'the limit is 17 A (strict)',
     ),
 }
 

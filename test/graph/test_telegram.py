@@ -122,5 +122,5 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
     ],
 )
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
-    with pytest.raises(TelegramError, match='is not "CPn wwww wwww wwww"'):
+    with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ppp\.pppp"'):
         telegram.parse_mdt_frame(frame, 1)
