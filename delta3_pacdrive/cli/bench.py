@@ -6,6 +6,7 @@ import os
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -51,7 +52,7 @@ class _Meter:
         self.memory_mib: dict[str, float] = {}
 
     def _cpu(self) -> dict[str, float]:
-        times = {name: process.cputimes_text() for name, process in self._processes.items()}
+        times = {name: process.cpu_times() for name, process in self._processes.items()}
         return {name: item.user + item.system for name, item in times.items()}
 
     def look(self) -> None:
@@ -113,6 +114,8 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
             os.close(read_end)
             with os.fdopen(write_end, 'w') as pipe:
                 status = guarded(lambda: pipe.write(json.dumps(action())) * 0)
+        except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
+            traceback.print_exc()
         finally:
             os._exit(status)
     os.close(write_end)
