@@ -13,9 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.errors import Delta3Error
-from delta3_pacdrive.kernel import all_compiled, alone
 
 SPIN_S = 0.1  # how long a signal may wait for the main thread
 
@@ -88,6 +86,10 @@ def run_single(factory: Callable[[], Node]) -> int:
     The kernels are compiled, or loaded from the cache, before the node shows itself: in cyclic operation the bus would
     take the silence of a drive that compiles for its end.
     """
+    # an operator's process has no use for the robot's core
+    from delta3_pacdrive import parameters, simulation
+    from delta3_pacdrive.kernel import alone, all_compiled
+
     try:
         if not all_compiled():
             print(
