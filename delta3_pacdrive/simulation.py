@@ -43,14 +43,16 @@ class Robot:
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
 
-    def cycle(self, commands: Floats, control: int, payload_kg: float, answers: Floats) -> list[int]:
+    def cycle(
+        self, commands: Floats, control: int, answers: Floats, payload_kg: float | None = None
+    ) -> list[int]:
         """Run one bus cycle; fill ``answers`` (3 rows: position, speed, torque) and return the status words."""
         shafts = self.plant.shafts()
         status = []
         for i, drive in enumerate(self.drives):
             status.append(
                 drive.begin_cycle(
-                    float(commands[i]), control, payload_kg, shafts[i], shafts[3 + i], shafts[6 + i]
+                    float(commands[i]), control, shafts[i], shafts[3 + i], shafts[6 + i], payload_kg
                 )
             )
             answers[:, i] = drive.answer
@@ -95,7 +97,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
         columns['motor_command'][k] = commands
         columns['shaft_position'][k], columns['shaft_speed'][k] = shafts[:3], shafts[3:6]
         columns['coupling_torque'][k] = shafts[6:]
-        status = robot.cycle(commands, task.control(k), task.payload, answers)
+        status = robot.cycle(commands, task.control(k), answers, task.payload)
         if k >= motion.start_cycle:
             _require_torque(robot, status, k)
         columns['motor_position'][k], columns['motor_speed'][k], columns['current'][k] = answers
@@ -121,7 +123,7 @@ def rehearse(parameters: Parameters) -> None:
     task.load(plan)
     task.start(0)
     answers = np.empty((3, 3))
-    robot.cycle(task.command(0), task.control(0), task.payload, answers)
+    robot.cycle(task.command(0), task.control(0), answers, task.payload)
     task.receive(0, answers[0], answers[2])
     task.hold()
     robot.drives[0].phase_currents()

@@ -305,3 +305,15 @@ def test_a_short_blip_of_the_brake_command_opens_nothing(robot):
         drive(plant, round(robot.motor.brake_release_s * 1e3) - 1, brakes=RELEASED)
         drive(plant, 1, brakes=APPLIED)
     assert np.array_equal(angles(plant), home)
+
+
+@pytest.mark.parametrize('payload', [0.0, 0.8, 3.0])
+def test_a_gripped_payload_weighs_and_is_as_if_it_had_always_been_there(payload, robot):
+    gripping, born = Plant(robot), Plant(robot.replace(dynamics__payload_mass_kg=payload))
+    silence, released = np.zeros((16, 3)), [True] * 3
+    for _ in range(60):
+        gripping.advance(silence, released, payload)
+        born.advance(silence, released)
+    # both fall from the same place; the sum of plate and payload is rounded differently
+    assert np.abs(np.subtract(gripping.shafts(), born.shafts())).max() < 1e-9
+    assert np.abs(born.shafts()[3:6]).min() > 1.0

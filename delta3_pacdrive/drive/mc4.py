@@ -98,19 +98,27 @@ class MC4:
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
 
     def begin_cycle(
-        self, command: float, control: int, payload: float, position: float, speed: float, coupling: float
+        self,
+        command: float,
+        control: int,
+        position: float,
+        speed: float,
+        coupling: float,
+        payload: float | None = None,
     ) -> int:
         """Synchronise to the MDT of a cycle, fill ``answer`` and return the status word S-0-0135.
 
         Parameters
         ----------
         command, control, payload
-            Of the MDT of this cycle; they take effect in the next one.
+            Of the MDT of this cycle; they take effect in the next one. No payload: it stays as it is.
         position, speed, coupling
             True shaft at the start of the cycle: [rad], [rad/s], d [N m].
 
         """
-        self.payload, self._next_payload = self._next_payload, payload
+        self.payload = self._next_payload
+        if payload is not None:
+            self._next_payload = payload
         return int(
             _begin_cycle(
                 command, control, position, speed, coupling, self.answer, self.state, self._constants

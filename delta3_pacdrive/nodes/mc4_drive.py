@@ -119,7 +119,8 @@ class MC4DriveNode(Node):
                 telegram_ = self._commands.pop(cycle, None)
                 if telegram_ is None:
                     return
-                status = drive.begin_cycle(*telegram_, *shaft)
+                command, control, payload = telegram_
+                status = drive.begin_cycle(command, control, *shaft, payload)
                 self._publish_at(
                     self._at.encode(self._cycles.stamp(cycle), b'%04x' % status, drive.answer.tolist())
                 )

@@ -88,7 +88,7 @@ def run_single(factory: Callable[[], Node]) -> int:
     """
     # an operator's process has no use for the robot's core
     from delta3_pacdrive import parameters, simulation
-    from delta3_pacdrive.kernel import alone, all_compiled
+    from delta3_pacdrive.kernel import all_compiled, alone
 
     try:
         if not all_compiled():

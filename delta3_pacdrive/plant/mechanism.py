@@ -194,7 +194,9 @@ class Plant:
             self._motor,
         )
 
-    def advance(self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float) -> None:
+    def advance(
+        self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float | None = None
+    ) -> None:
         """Integrate one exchange period.
 
         Parameters
@@ -204,10 +206,11 @@ class Plant:
         brakes_released
             Brake outputs of the three drives, valid from the start of the period.
         payload_kg
-            What hangs at the plate from the start of the period on; a gripped part takes the plate's speed at once.
+            What hangs at the plate from the start of the period on, None: as before; a gripped part takes the plate's
+            speed at once.
 
         """
-        if payload_kg != self._payload:
+        if payload_kg is not None and payload_kg != self._payload:
             self._inertia['plate'] += payload_kg - self._payload
             self._payload = payload_kg
         self._brakes[:] = brakes_released
