@@ -86,10 +86,13 @@ class Drive:
     current_filter_s: float = _quantity('F_curr, low-pass of the actual current', 0.0, 0.1)
     commutation_offset_rad: float = _quantity('CO, electrical', -math.pi, math.pi)
     dc_link_voltage_v: float = _positive('V_dc', 1e3)
-    following_error_max_rad: float = _positive('following error that trips the drive, motor side', 1e3)
+    following_error_limit_rad: float = _positive(
+        'following error of warning 8132, motor side; eight times as much trips the drive (8111)', 1e3
+    )
     overspeed_factor: float = _quantity("speed that trips the drive over the motor's maximum", 1.0, 2.0)
     overload_time_s: float = _positive('integral of (I/i_nom)^2 - 1 that trips the drive', 1e3)
     enable_settle_s: float = _quantity('time the current loop holds before the brake is released', 0.0, 1.0)
+    stop_deceleration_rad_s2: float = _positive('ramp of reaction BD2, motor side', 1e6)
     stop_time_max_s: float = _positive('longest controlled stop before the brake is applied', 10.0)
 
 

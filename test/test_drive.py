@@ -5,10 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive import kinematics
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Status, in_torque
+from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Control, Status, in_torque
+from delta3_pacdrive.drive.diagnostics import (
+    FAULTS,
+    REACTIONS,
+    WARNINGS,
+    DriveFault,
+    DriveWarning,
+    Reaction,
+    class_1_diagnostic,
+    fault_text,
+)
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.record import FAULT_TEXTS, DriveFault, DriveState
+from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.motion import program
 from delta3_pacdrive.simulation import Robot, run
 
@@ -218,7 +228,7 @@ def ramp(rate, end):
 def test_at_the_current_limit_the_velocity_integrator_stands_and_nothing_overshoots(peak_a, direction, robot):
     limited = robot.replace(
         motor__peak_current_a=peak_a,
-        drive__following_error_max_rad=100.0,
+        drive__following_error_limit_rad=100.0,
         drive__velocity_feedforward=0.0,
         drive__current_feedforward=0.0,
     )
@@ -242,7 +252,7 @@ def test_at_the_current_limit_the_velocity_integrator_stands_and_nothing_oversho
 
 
 def test_at_the_speed_limit_the_motor_stays_on_it_and_then_arrives(robot):
-    slow = robot.replace(motor__max_speed_rpm=1000.0, drive__following_error_max_rad=100.0)
+    slow = robot.replace(motor__max_speed_rpm=1000.0, drive__following_error_limit_rad=100.0)
     bench = Bench(slow).run(100).run(800, ramp(0.115, 20.0))
     limit = slow.motor.max_speed_rad_s
     assert 0.99 * limit < np.abs(np.array(bench.shafts)[:, 3:6]).max() < 1.02 * limit
@@ -251,7 +261,7 @@ def test_at_the_speed_limit_the_motor_stays_on_it_and_then_arrives(robot):
 
 
 def test_at_the_voltage_limit_the_current_integrator_stands(robot):
-    weak = robot.replace(drive__dc_link_voltage_v=20.0, drive__following_error_max_rad=100.0)
+    weak = robot.replace(drive__dc_link_voltage_v=20.0, drive__following_error_limit_rad=100.0)
     drive, limit = enabled_drive(weak), 20.0 / math.sqrt(6.0)
     integrals = []
     for _ in range(20):
@@ -267,7 +277,7 @@ def test_velocity_feed_forward_takes_the_lag_out_of_a_constant_speed(robot):
     rate = 0.2  # rad per cycle: 200 rad/s
     lags = []
     for share in (1.0, 0.0):
-        changed = robot.replace(drive__velocity_feedforward=share, drive__following_error_max_rad=100.0)
+        changed = robot.replace(drive__velocity_feedforward=share, drive__following_error_limit_rad=100.0)
         bench = Bench(changed).run(100).run(60, ramp(rate, 100.0))
         # at the end of a cycle the drives stand at the command of the telegram before its own
         lags.append(59 * rate - bench.moved[-1])
@@ -347,7 +357,7 @@ def test_a_following_error_beyond_its_limit_stops_the_drive(robot):
             break
     # telegram n works in cycle n + 1 and is seen at the start of n + 2
     assert drive.fault == DriveFault.FOLLOWING_ERROR
-    assert 0.4 * (n - 2) > robot.drive.following_error_max_rad >= 0.4 * (n - 3)
+    assert 0.4 * (n - 2) > 8.0 * robot.drive.following_error_limit_rad >= 0.4 * (n - 3)
 
 
 def test_overspeed_stops_the_drive(robot):
@@ -408,6 +418,219 @@ def test_a_disabled_drive_can_be_enabled_again(robot):
     assert np.abs(bench.moved).max() / GEAR < 3 * SAG_RAD
 
 
-def test_every_fault_has_a_text():
-    assert set(FAULT_TEXTS) == set(DriveFault)
-    assert len(set(FAULT_TEXTS.values())) == len(DriveFault)
+# diagnostics
+
+
+def test_every_fault_has_a_row_of_its_own():
+    assert set(FAULTS) == set(DriveFault) - {DriveFault.NONE}
+    rows = [*FAULTS.values(), *WARNINGS.values()]
+    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows)
+    for fault, row in FAULTS.items():
+        assert row.class_ == 3
+        assert row.reaction > Reaction.NONE
+        assert class_1_diagnostic(fault) == int(row.class_1) != 0
+        assert REACTIONS[fault] == row.reaction
+        assert str(row.number) in fault_text(fault)
+        assert row.reaction.name in fault_text(fault)
+    assert (class_1_diagnostic(DriveFault.NONE), fault_text(DriveFault.NONE)) == (0, 'no fault')
+
+
+def lose(bench, cycles, axes=(0, 1, 2)):
+    """Run cycles in which some drives get no MDT."""
+    for _ in range(cycles):
+        shafts = bench.robot.plant.shafts()
+        status = []
+        for i, drive in enumerate(bench.robot.drives):
+            shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+            if i in axes:
+                status.append(drive.bridge_cycle(*shaft))
+            else:
+                status.append(drive.begin_cycle(bench.start[i], CONTROL_ENABLE, *shaft))
+        brakes, currents = [], np.empty((16, 3))
+        for i, drive in enumerate(bench.robot.drives):
+            brakes.append(drive.run_period(shafts[i], shafts[3 + i], shafts[6 + i]))
+            currents[:, i] = drive.currents
+        bench.robot.plant.advance(currents, brakes)
+        bench.status.append(status)
+        bench.shafts.append(bench.robot.plant.shafts())
+        bench.currents.append([drive.currents.copy() for drive in bench.robot.drives])
+        bench.states.append([drive.drive_state for drive in bench.robot.drives])
+        bench.released.append(bench.robot.plant.state['brake_released'][0].copy())
+
+
+def test_one_lost_telegram_at_constant_speed_changes_nothing(robot):
+    whole = Bench(robot).run(100).run(400, ramp(0.01, 4.0))
+    bridged = Bench(robot).run(100).run(200, ramp(0.01, 4.0))
+    lose(bridged, 1)
+    bridged.run(199, lambda n: ramp(0.01, 4.0)(n + 201))
+    assert bridged.faults == [DriveFault.NONE] * 3
+    assert [int(drive.state['mdt_losses'][0]) for drive in bridged.robot.drives] == [1, 1, 1]
+    # the extrapolated command is the lost one but for the rounding to increments
+    assert np.abs(bridged.moved - whole.moved).max() < 3 * INCREMENT_RAD
+
+
+def test_two_lost_telegrams_in_a_row_are_fault_8112(robot):
+    bench = Bench(robot).run(100).run(200, ramp(0.01, 4.0))
+    lose(bench, 1)
+    assert bench.faults == [DriveFault.NONE] * 3
+    lose(bench, 1)
+    assert bench.faults == [DriveFault.TELEGRAM] * 3
+    assert bench.states[-1] == [DriveState.STOPPING] * 3
+    bench.run(150)
+    assert bench.states[-1] == [DriveState.FAULT] * 3
+    assert fault_text(DriveFault.TELEGRAM).startswith('8112')
+
+
+def test_the_tenth_lost_telegram_in_a_window_is_a_fault(robot):
+    bench = Bench(robot).run(100)
+    for n in range(10):
+        assert bench.faults == [DriveFault.NONE] * 3, n
+        lose(bench, 1)
+        bench.run(5)
+    assert bench.faults == [DriveFault.TELEGRAM] * 3
+
+
+def test_telegrams_lost_now_and_then_are_only_counted(robot):
+    bench = Bench(robot).run(100)
+    for _ in range(30):
+        lose(bench, 1, axes=(1,))
+        bench.run(110)
+    assert bench.faults == [DriveFault.NONE] * 3
+    assert [int(drive.state['mdt_losses'][0]) for drive in bench.robot.drives] == [0, 30, 0]
+
+
+def test_a_following_error_over_its_limit_is_a_warning_and_over_eight_times_a_fault(robot):
+    drive = enabled_drive(robot)
+    limit = robot.drive.following_error_limit_rad
+    status = []
+    for n in range(1, 20):
+        status.append(drive.begin_cycle(0.2 * n, CONTROL_ENABLE, 0.0, 0.0, 0.0))
+        drive.run_period(0.0, 0.0, 0.0)
+    warned = next(n for n, word in enumerate(status, 1) if word & Status.WARNING)
+    tripped = next(n for n, word in enumerate(status, 1) if word & Status.ERROR)
+    assert 0.2 * (warned - 2) > limit >= 0.2 * (warned - 3)
+    assert 0.2 * (tripped - 2) > 8.0 * limit >= 0.2 * (tripped - 3)
+
+
+def test_torque_off_takes_the_power_at_once_and_the_arm_sags_until_the_brake_holds(robot):
+    bench = Bench(robot).run(100).run(100, control=CONTROL_OFF)
+    off = cycles_until(bench, DriveState.READY, 0)
+    ready = [states[0] for states in bench.states].index(DriveState.READY, 60)
+    assert off < 60 < ready == 101  # the word of cycle 100 works in 101
+    assert not np.array(bench.currents[ready:]).any()
+    held = next(n for n in range(ready, 200) if not bench.released[n].any())
+    assert held - ready == pytest.approx(robot.motor.brake_apply_s * 1e3, abs=1.0)
+    # weight less friction over the inertia that gravity has to move, for the time that the brake takes; arms go down
+    sag = bench.moved[-1] / GEAR
+    assert (sag > 20 * SAG_RAD).all()
+    theta = bench.start / GEAR
+    fall = dynamics.forward(theta, np.zeros(3), np.zeros(3), robot)
+    assert (sag < 0.5 * fall * (robot.motor.brake_apply_s + 2e-3) ** 2).all()
+    assert np.array(bench.shafts)[-1, 3:6].tolist() == [0.0] * 3
+
+
+def test_controller_enable_off_stops_along_the_ramp_of_bd2(robot):
+    gentle = robot.replace(drive__stop_deceleration_rad_s2=1000.0)
+    bench = Bench(gentle).run(100).run(100, ramp(0.1, 10.0)).run(300, 10.0, control=CONTROL_ON)
+    speed = np.array(bench.shafts)[:, 3]
+    stopping = [states[0] for states in bench.states].index(DriveState.STOPPING)
+    assert speed[stopping - 1] == pytest.approx(100.0, rel=0.01)
+    middle = speed[stopping + 20 : stopping + 80]
+    assert np.diff(middle).mean() == pytest.approx(-1.0, rel=0.02)  # rad/s in a millisecond
+
+
+def test_a_fault_of_bd1_stops_faster_than_the_ramp(robot):
+    gentle = robot.replace(drive__stop_deceleration_rad_s2=500.0, drive__following_error_limit_rad=0.001)
+    bench = Bench(gentle).run(100).run(40, ramp(0.1, 10.0))
+    assert DriveFault.FOLLOWING_ERROR in bench.faults
+    fast = np.abs(np.diff(np.array(bench.shafts)[:, 3]))
+    assert fast.max() > 2.0  # rad/s in a millisecond, where the ramp has 0.5
+
+
+def test_a_halted_drive_stands_in_torque_and_goes_on_from_where_it_stands(robot):
+    halt = int(Control.DRIVE_ON | Control.ENABLE)
+    bench = Bench(robot).run(100).run(60, ramp(0.05, 3.0)).run(200, 3.0, control=halt)
+    assert bench.states[-1] == [DriveState.HALTED] * 3
+    assert [in_torque(word) for word in bench.status[-1]] == [True] * 3
+    stood = bench.moved[-1].copy()
+    assert np.ptp(bench.moved[-50:], axis=0).max() < 20 * INCREMENT_RAD
+    assert (np.abs(stood) < 3.2).all()
+    bench.run(100, stood)
+    assert bench.states[-1] == [DriveState.ENABLED] * 3
+    assert bench.faults == [DriveFault.NONE] * 3
+    bench.run(100, stood, control=halt).run(20, stood + 2.0)
+    assert bench.faults == [DriveFault.COMMAND_STEP] * 3
+
+
+@pytest.mark.parametrize('axis', [0, 2])
+def test_a_jumping_encoder_takes_the_torque_away(axis, robot):
+    bench = Bench(robot).run(100)
+    bench.robot.drives[axis].state['encoder_offset'] = 3.0
+    bench.run(1)
+    assert bench.robot.drives[axis].fault == DriveFault.ENCODER
+    assert bench.states[-1][axis] == DriveState.FAULT
+    assert not bench.currents[-1][axis].any()
+
+
+def test_an_encoder_that_only_jitters_is_no_fault(robot):
+    bench = Bench(robot).run(100)
+    for drive in bench.robot.drives:
+        drive.state['encoder_noise'] = 20 * INCREMENT_RAD
+    bench.run(300)
+    assert bench.faults == [DriveFault.NONE] * 3
+    assert np.abs(bench.moved[-200:]).max() < 200 * INCREMENT_RAD
+    assert np.ptp(bench.moved[-200:], axis=0).min() > INCREMENT_RAD
+
+
+def test_a_broken_encoder_cannot_be_cleared_before_it_is_mended(robot):
+    bench = Bench(robot).run(100)
+    drive = bench.robot.drives[1]
+    drive.state['encoder_broken'] = 1
+    bench.run(50)
+    assert drive.fault == DriveFault.ENCODER
+    assert not drive.clear_fault()
+    drive.state['encoder_broken'] = 0
+    bench.run(2, control=CONTROL_ON)
+    assert drive.clear_fault()
+    assert drive.fault == DriveFault.NONE
+    assert not bench.run(1, control=CONTROL_ON).status[-1][1] & Status.ERROR
+    bench.run(100, bench.moved[-1])
+    assert bench.states[-1][1] == DriveState.ENABLED
+
+
+def test_a_moving_drive_keeps_its_fault(robot):
+    bench = Bench(robot).run(100).run(100, ramp(0.2, 20.0)).run(2, math.nan)
+    assert bench.faults == [DriveFault.COMMAND_NOT_FINITE] * 3
+    assert [drive.clear_fault() for drive in bench.robot.drives] == [False] * 3
+
+
+def test_the_overload_cools_down_while_the_drive_rests(robot):
+    proportional = robot.replace(drive__velocity_integral_gain_a_rad=0.0, bus__exchange_period_s=125e-6)
+    drive = enabled_drive(proportional)
+    stand(drive, 2.0 * I_NOMINAL / (0.35 * 60.0), 1500)
+    hot = float(drive.state['overload'][0])
+    assert hot == pytest.approx(3.0 * 1.5, rel=0.05)
+    stand(drive, 0.0, 1000, control=CONTROL_OFF)
+    assert float(drive.state['overload'][0]) == pytest.approx(hot - 1.0, abs=0.1)
+
+
+def test_the_overload_is_a_warning_before_it_trips(robot):
+    proportional = robot.replace(drive__velocity_integral_gain_a_rad=0.0, bus__exchange_period_s=125e-6)
+    drive = enabled_drive(proportional)
+    angle = 2.0 * I_NOMINAL / (0.35 * 60.0)
+    cycles = 0
+    while not int(drive.state['warning'][0]) & DriveWarning.OVERLOAD:
+        stand(drive, angle)
+        cycles += 1
+    assert cycles * 1e-3 == pytest.approx(0.8 * robot.drive.overload_time_s / 3.0, rel=0.02)
+    assert drive.fault == DriveFault.NONE
+
+
+def test_an_arm_pushed_onto_its_end_stop_is_a_fault(robot):
+    home = robot.replace(motion__home_m=(0.0, 0.0, -0.71), dynamics__end_stop_min_deg=-45.0)
+    bench = Bench(home).run(100)
+    down = math.radians(-46.0) * GEAR - bench.start
+    bench.run(400, lambda n: down * min(n / 300.0, 1.0)).run(100, down)
+    assert bench.faults == [DriveFault.OVERTRAVEL] * 3
+    theta = (bench.start + bench.moved[-1]) / GEAR
+    assert np.degrees(theta).min() > -47.0

@@ -154,7 +154,7 @@ def test_payload_and_feed_forward_matter_as_they_should(experiment1, trace, robo
     heavy = run(experiment1, robot.replace(dynamics__payload_mass_kg=2.0))
     assert 1.2 < np.abs(heavy['current']).max() / np.abs(trace['current']).max() < 1.8
     blind = run(
-        experiment1, robot.replace(drive__velocity_feedforward=0.0, drive__following_error_max_rad=100.0)
+        experiment1, robot.replace(drive__velocity_feedforward=0.0, drive__following_error_limit_rad=100.0)
     )
     lag = error_against_command(blind, robot, 1.75).max()
     assert 0.015 < lag < 0.03  # about v / K_Ppos: the study found 23 mm
@@ -162,7 +162,7 @@ def test_payload_and_feed_forward_matter_as_they_should(experiment1, trace, robo
 
 def test_a_drive_that_trips_ends_the_run_with_its_name_and_cause(experiment1, robot):
     with pytest.raises(RunError, match=r'axis[123] is not enabled in bus cycle \d+: .*FOLLOWING_ERROR'):
-        run(experiment1, robot.replace(drive__following_error_max_rad=0.01))
+        run(experiment1, robot.replace(drive__following_error_limit_rad=0.00125))
 
 
 def test_a_program_cannot_start_before_the_drives_are_enabled(experiment1, robot):

@@ -24,6 +24,13 @@ def position_loop(s, c):
 
 
 @kernel
+def hold_place(s, c):
+    """Form the speed reference of a drive that holds the place at which it was halted."""
+    actual = s.increments / c.increments_per_rad
+    s.speed_reference = clamp(c.position_gain * (s.reference - actual), c.speed_max)
+
+
+@kernel
 def velocity_loop(speed, feedforward, s, c):
     """Form the current reference from the actual speed; the integrator stands while the current is limited."""
     s.speed_filtered += c.velocity_smoothing * (speed - s.speed_filtered)

@@ -4,10 +4,25 @@ import numpy as np
 
 from delta3_pacdrive.bus.increments import to_increments
 from delta3_pacdrive.bus.words import payload_on_grid
-from delta3_pacdrive.drive.cascade import current_feedforward, current_loop, position_loop, velocity_loop
+from delta3_pacdrive.drive.cascade import (
+    current_feedforward,
+    current_loop,
+    hold_place,
+    position_loop,
+    velocity_loop,
+)
+from delta3_pacdrive.drive.diagnostics import DriveFault
 from delta3_pacdrive.drive.observer import advance_observer, reset_observer
-from delta3_pacdrive.drive.record import STATE, DriveFault, DriveState, drive_constants
-from delta3_pacdrive.drive.supervision import advance_state, follows, is_powered, take_telegram
+from delta3_pacdrive.drive.record import STATE, DriveState, drive_constants
+from delta3_pacdrive.drive.supervision import (
+    advance_state,
+    bridge_telegram,
+    clear_fault,
+    follows,
+    is_powered,
+    stopping_speed,
+    take_telegram,
+)
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motor import motor, phase_currents, winding_current
@@ -15,16 +30,32 @@ from delta3_pacdrive.parameters import Parameters
 
 
 @kernel
-def _begin_cycle(command, control, position, speed, coupling, answer, state, constants):
-    """Synchronise to a bus cycle: telegram, encoder sample, state machine."""
+def _encoder(position, s, c):
+    """Increments that the encoder reads for a shaft position; an injected fault falsifies them."""
+    if s.encoder_noise != 0.0:
+        # a linear congruential generator: the same numbers in every process
+        s.encoder_seed = s.encoder_seed * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+        share = np.float64(s.encoder_seed >> np.uint64(11)) / 9007199254740992.0
+        position += s.encoder_noise * (2.0 * share - 1.0)
+    return to_increments(position + s.encoder_offset, c.increments_per_rad)
+
+
+@kernel
+def _begin_cycle(heard, command, control, position, speed, coupling, answer, state, constants):
+    """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine."""
     s, c = state[0], constants[0]
     reset_observer(position, speed, coupling, s)
     s.step = 0
-    answer[0] = to_increments(position, c.increments_per_rad) / c.increments_per_rad
+    answer[0] = _encoder(position, s, c) / c.increments_per_rad
     answer[1] = speed
     answer[2] = c.torque_constant * s.current
     s.sampled_position = answer[0]
-    take_telegram(command, control, s)
+    if s.started == 0:
+        s.last_sampled = answer[0]
+    if heard:
+        take_telegram(command, control, s)
+    else:
+        bridge_telegram(s)
     advance_state(s, c)
     return s.status
 
@@ -41,7 +72,7 @@ def _run_period(position, speed, coupling, currents, state, constants, motor_rec
     for n in range(currents.shape[0]):
         if s.step % c.steps_per_velocity == 0:
             before = s.increments
-            s.increments = to_increments(s.position, c.increments_per_rad)
+            s.increments = _encoder(s.position, s, c)
             if powered:
                 actual = (s.increments - before) / (c.increments_per_rad * c.velocity_period)
                 if n == 0 and c.steps_per_exchange != c.steps_per_velocity:
@@ -52,8 +83,11 @@ def _run_period(position, speed, coupling, currents, state, constants, motor_rec
                     feedforward = current_feedforward(s, c)
                     if s.step % c.steps_per_position == 0:
                         position_loop(s, c)
+                elif s.halt_done != 0:
+                    if s.step % c.steps_per_position == 0:
+                        hold_place(s, c)
                 else:
-                    s.speed_reference = 0.0
+                    s.speed_reference = stopping_speed(s, c)
                 velocity_loop(actual, feedforward, s, c)
         if powered:
             voltage = s.voltage
@@ -121,9 +155,20 @@ class MC4:
             self._next_payload = payload
         return int(
             _begin_cycle(
-                command, control, position, speed, coupling, self.answer, self.state, self._constants
+                True, command, control, position, speed, coupling, self.answer, self.state, self._constants
             )
         )
+
+    def bridge_cycle(self, position: float, speed: float, coupling: float) -> int:
+        """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
+        self.payload = self._next_payload
+        return int(
+            _begin_cycle(False, 0.0, 0, position, speed, coupling, self.answer, self.state, self._constants)
+        )
+
+    def clear_fault(self) -> bool:
+        """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
+        return bool(clear_fault(self.state[0], self._constants[0]))
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""

@@ -20,27 +20,8 @@ class DriveState(IntEnum):
     STOPPING = 4  # controlled stop
     HOLDING = 5  # brake being applied, current loop still on
     FAULT = 6  # power off, brake applied, cause latched
+    HALTED = 7  # stands, or comes to a stand, in torque and follows no command
 
-
-class DriveFault(IntEnum):
-    """Cause of a fault; 0 is none."""
-
-    NONE = 0
-    FOLLOWING_ERROR = 1
-    OVERSPEED = 2
-    OVERLOAD = 3
-    COMMAND_STEP = 4
-    COMMAND_NOT_FINITE = 5
-
-
-FAULT_TEXTS = {
-    DriveFault.NONE: 'no fault',
-    DriveFault.FOLLOWING_ERROR: 'following error over its limit',
-    DriveFault.OVERSPEED: 'motor overspeed',
-    DriveFault.OVERLOAD: 'current over nominal for too long (I2t)',
-    DriveFault.COMMAND_STEP: 'command step too large',
-    DriveFault.COMMAND_NOT_FINITE: 'command is not a finite number',
-}
 
 STATE = np.dtype(
     [
@@ -52,6 +33,22 @@ STATE = np.dtype(
         ('control', 'i8'),  # valid in this cycle
         ('next_control', 'i8'),  # of the MDT of this cycle
         ('brake_release', 'i8'),  # brake output
+        ('reaction', 'i8'),  # under way
+        ('warning', 'i8'),  # at present
+        ('halt_done', 'i8'),  # a halted drive stands and holds its place
+        # telegrams
+        ('mdt_losses', 'i8'),  # S-0-0029
+        ('losses_in_a_row', 'i8'),
+        ('losses_in_window', 'i8'),
+        ('good_cycles', 'i8'),  # since a loss was forgotten
+        ('silent', 'i8'),  # the master has not been heard for too long
+        # encoder
+        ('encoder_broken', 'i8'),
+        ('encoder_offset', 'f8'),  # [rad], of what it reads from the truth
+        ('encoder_noise', 'f8'),  # [rad], amplitude
+        ('encoder_seed', 'u8'),  # of the noise
+        ('last_sampled', 'f8'),  # [rad], one cycle before
+        ('following_error', 'f8'),  # [rad]
         # commands [rad]: the set point works one cycle after its MDT
         ('next_command', 'f8'),
         ('command', 'f8'),
@@ -109,7 +106,11 @@ CONSTANTS = np.dtype(
         ('current_nominal', 'f8'),
         ('torque_constant', 'f8'),
         ('observer_inertia', 'f8'),  # motor side
-        ('following_error_max', 'f8'),
+        ('following_error_limit', 'f8'),  # of the warning; eight times as much trips
+        ('travel_min', 'f8'),  # [rad]
+        ('travel_max', 'f8'),
+        ('encoder_step_max', 'f8'),  # [rad], in a cycle
+        ('stop_deceleration', 'f8'),  # [rad/s^2], of BD2
         ('command_step_max', 'f8'),
         ('overload_time', 'f8'),
         ('settle_cycles', 'i8'),
@@ -161,7 +162,11 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
         'current_nominal': motor.nominal_current_a,
         'torque_constant': motor.torque_constant_n_m_a,
         'observer_inertia': drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2,
-        'following_error_max': drive.following_error_max_rad,
+        'following_error_limit': drive.following_error_limit_rad,
+        'travel_min': math.radians(parameters.dynamics.end_stop_min_deg) * parameters.dynamics.gear_ratio,
+        'travel_max': math.radians(parameters.dynamics.end_stop_max_deg) * parameters.dynamics.gear_ratio,
+        'encoder_step_max': 1.5 * motor.max_speed_rad_s * drive.overspeed_factor * bus.cycle_time_s,
+        'stop_deceleration': drive.stop_deceleration_rad_s2,
         'command_step_max': motor.max_speed_rad_s * drive.overspeed_factor * bus.cycle_time_s,
         'overload_time': drive.overload_time_s,
         'settle_cycles': cycles(drive.enable_settle_s),

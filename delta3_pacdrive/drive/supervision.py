@@ -1,9 +1,10 @@
-"""State machine and limits of the drive, once per bus cycle."""
+"""State machine, limits and reactions of the drive, once per bus cycle."""
 
 import math
 
 from delta3_pacdrive.bus.words import Control, Status
-from delta3_pacdrive.drive.record import DriveFault, DriveState
+from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
+from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.kernel import kernel
 
 NOT_READY, READY, ENABLING, ENABLED = (
@@ -12,7 +13,12 @@ NOT_READY, READY, ENABLING, ENABLED = (
     int(DriveState.ENABLING),
     int(DriveState.ENABLED),
 )
-STOPPING, HOLDING, FAULT = int(DriveState.STOPPING), int(DriveState.HOLDING), int(DriveState.FAULT)
+STOPPING, HOLDING, FAULT, HALTED = (
+    int(DriveState.STOPPING),
+    int(DriveState.HOLDING),
+    int(DriveState.FAULT),
+    int(DriveState.HALTED),
+)
 NO_FAULT = int(DriveFault.NONE)
 FOLLOWING_ERROR, OVERSPEED, OVERLOAD = (
     int(DriveFault.FOLLOWING_ERROR),
@@ -20,15 +26,30 @@ FOLLOWING_ERROR, OVERSPEED, OVERLOAD = (
     int(DriveFault.OVERLOAD),
 )
 COMMAND_STEP, COMMAND_NOT_FINITE = int(DriveFault.COMMAND_STEP), int(DriveFault.COMMAND_NOT_FINITE)
-ENABLE_WORD = int(Control.DRIVE_ON | Control.ENABLE | Control.RUN)
-DRIVE_ON = int(Control.DRIVE_ON)
+TELEGRAM, ENCODER, OVER_CURRENT = (
+    int(DriveFault.TELEGRAM),
+    int(DriveFault.ENCODER),
+    int(DriveFault.OVER_CURRENT),
+)
+OVERTRAVEL, MASTER_SILENT = int(DriveFault.OVERTRAVEL), int(DriveFault.MASTER_SILENT)
+WARN_FOLLOWING, WARN_OVERLOAD = int(DriveWarning.FOLLOWING_ERROR), int(DriveWarning.OVERLOAD)
+NO_REACTION, BD2, BD1, AD = int(Reaction.NONE), int(Reaction.BD2), int(Reaction.BD1), int(Reaction.AD)
+DRIVE_ON, ENABLE, RUN = int(Control.DRIVE_ON), int(Control.ENABLE), int(Control.RUN)
 STATUS_READY_FOR_POWER, STATUS_READY_TO_ENABLE = int(Status.READY_FOR_POWER), int(Status.READY_TO_ENABLE)
-STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR = (
+STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
     int(Status.IN_TORQUE),
     int(Status.FOLLOWS_COMMAND),
     int(Status.ERROR),
+    int(Status.WARNING),
 )
 STANDSTILL_RAD_S = 0.5
+TRIP_OVER_WARNING = 8.0  # following error of 8111 over that of 8132
+LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
+FORGIVING_CYCLES = 100  # good cycles in which one loss is forgotten: the window is 1000 cycles
+OVERLOAD_WARNING = 0.8
+RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
+IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
+SHORT_CIRCUIT = 1.3  # of the peak current
 
 
 @kernel
@@ -47,23 +68,60 @@ def take_telegram(command, control, s):
     s.control = s.next_control
     s.next_command = command
     s.next_control = control
+    s.losses_in_a_row = 0
+    s.good_cycles += 1
+    if s.good_cycles >= FORGIVING_CYCLES:
+        s.good_cycles = 0
+        s.losses_in_window = max(0, s.losses_in_window - 1)
+
+
+@kernel
+def bridge_telegram(s):
+    """Go on without the MDT of this cycle: the command that is due is extrapolated at constant speed.
+
+    Control words stay as they are. Two losses in a row or ten in a window are a fault (8112).
+    """
+    if s.started == 0:
+        s.started = 1
+        s.next_command = s.command = s.command_before = s.sampled_position
+        s.next_control = 0
+        s.state = READY
+    s.command_before_that = s.command_before
+    s.command_before = s.command
+    if math.isfinite(s.next_command):
+        s.command = s.next_command
+    s.control = s.next_control
+    s.next_command = s.command + (s.command - s.command_before)
+    s.mdt_losses += 1
+    s.losses_in_a_row += 1
+    s.losses_in_window += 1
+    s.good_cycles = 0
 
 
 @kernel
 def detect_fault(s, c):
-    """Return the fault that this cycle shows on a powered drive."""
-    if not math.isfinite(s.next_command):
-        return COMMAND_NOT_FINITE
-    if abs(s.command - s.command_before) > c.command_step_max:
-        return COMMAND_STEP
+    """Return the fault that this cycle shows; the strongest reaction first."""
+    if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
+        return ENCODER
+    if abs(s.current) > SHORT_CIRCUIT * c.current_max:
+        return OVER_CURRENT
+    if s.silent != 0:
+        return MASTER_SILENT
+    if s.losses_in_a_row >= LOSSES_IN_A_ROW or s.losses_in_window >= LOSSES_IN_WINDOW:
+        return TELEGRAM
     if abs(s.speed) > c.speed_trip:
         return OVERSPEED
-    if s.state == ENABLED and abs(s.reference - s.sampled_position) > c.following_error_max:
-        return FOLLOWING_ERROR
-    ratio = s.current / c.current_nominal
-    s.overload = max(0.0, s.overload + (ratio * ratio - 1.0) * c.cycle_time)
-    if s.overload > c.overload_time:
-        return OVERLOAD
+    if s.state in (ENABLED, ENABLING, HALTED):
+        if s.sampled_position > c.travel_max or s.sampled_position < c.travel_min:
+            return OVERTRAVEL
+        if not math.isfinite(s.next_command):
+            return COMMAND_NOT_FINITE
+        if s.state != HALTED and abs(s.command - s.command_before) > c.command_step_max:
+            return COMMAND_STEP
+        if s.state == ENABLED and s.following_error > TRIP_OVER_WARNING * c.following_error_limit:
+            return FOLLOWING_ERROR
+        if s.overload > c.overload_time:
+            return OVERLOAD
     return NO_FAULT
 
 
@@ -90,19 +148,61 @@ def switch_on(s, c):
 
 
 @kernel
+def react(reaction, s):
+    """Begin a reaction, unless a stronger one is under way."""
+    if reaction == AD:
+        s.reaction = AD
+        s.brake_release = 0
+        change_state(READY if s.fault == NO_FAULT else FAULT, s)
+    elif s.state in (ENABLING, ENABLED, HALTED):
+        s.reaction = reaction
+        change_state(STOPPING, s)
+    elif s.state == STOPPING:
+        s.reaction = max(s.reaction, reaction)
+
+
+@kernel
 def advance_state(s, c):
     """Take the transitions of one bus cycle and form the status word."""
-    enable = (s.control & ENABLE_WORD) == ENABLE_WORD
     s.timer += 1
-    if s.state in (ENABLING, ENABLED):
-        fault = detect_fault(s, c)
-        if fault != NO_FAULT:
+    ratio = s.current / c.current_nominal
+    s.overload = max(0.0, s.overload + (ratio * ratio - 1.0) * c.cycle_time)
+    s.following_error = abs(s.reference - s.sampled_position) if s.state == ENABLED else 0.0
+    s.warning = 0
+    if s.following_error > c.following_error_limit:
+        s.warning |= WARN_FOLLOWING
+    if s.overload > OVERLOAD_WARNING * c.overload_time:
+        s.warning |= WARN_OVERLOAD
+    fault = detect_fault(s, c)
+    if fault != NO_FAULT:
+        if s.fault == NO_FAULT:
             s.fault = fault
-            change_state(STOPPING, s)
+        if REACTIONS[fault] > s.reaction:
+            if s.state == READY:
+                change_state(FAULT, s)
+            else:
+                react(REACTIONS[fault], s)
+    s.last_sampled = s.sampled_position
+    on, enable, run = s.control & DRIVE_ON, s.control & ENABLE, s.control & RUN
+    if s.state in (ENABLING, ENABLED, HALTED):
+        if not on:
+            react(AD, s)
         elif not enable:
-            change_state(STOPPING, s)
+            react(BD2, s)
+    if s.state == ENABLED and not run:
+        s.reaction = BD2
+        change_state(HALTED, s)
+        s.halt_done = 0
+    elif s.state == HALTED and run:
+        # the master has to begin where the drive stands; a step is a fault as always
+        s.reaction = NO_REACTION
+        change_state(ENABLED, s)
+        if abs(s.command - s.sampled_position) > c.command_step_max:
+            s.fault = COMMAND_STEP
+            react(BD2, s)
     if s.state == READY:
-        if enable:
+        if on and enable and run and s.fault == NO_FAULT:
+            s.reaction = NO_REACTION
             switch_on(s, c)
             change_state(ENABLING, s)
     elif s.state == ENABLING:
@@ -114,7 +214,12 @@ def advance_state(s, c):
         if abs(s.speed) < STANDSTILL_RAD_S or s.timer >= c.stop_cycles_max:
             s.brake_release = 0
             change_state(HOLDING, s)
+    elif s.state == HALTED:
+        if s.halt_done == 0 and abs(s.speed) < STANDSTILL_RAD_S and s.speed_reference == 0.0:
+            s.halt_done = 1
+            s.reference = s.sampled_position
     elif s.state == HOLDING and s.timer >= c.apply_cycles:
+        s.reaction = NO_REACTION if s.fault == NO_FAULT else s.reaction
         change_state(READY if s.fault == NO_FAULT else FAULT, s)
     s.status = _status_word(s)
 
@@ -122,7 +227,7 @@ def advance_state(s, c):
 @kernel
 def _status_word(s):
     status = 0
-    if s.state in (ENABLED, STOPPING, HOLDING):
+    if s.state in (ENABLED, STOPPING, HOLDING, HALTED):
         status = STATUS_IN_TORQUE
     elif s.state in (READY, ENABLING):
         status = STATUS_READY_TO_ENABLE if s.control & DRIVE_ON else STATUS_READY_FOR_POWER
@@ -130,16 +235,50 @@ def _status_word(s):
         status |= STATUS_FOLLOWS
     if s.fault != NO_FAULT:
         status |= STATUS_ERROR
+    if s.warning != 0:
+        status |= STATUS_WARNING
     return status
+
+
+@kernel
+def clear_fault(s, c):
+    """Clear the latched fault (S-0-0099) if its cause is gone and the drive stands; return whether it is clear."""
+    if s.fault == NO_FAULT:
+        return True
+    if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0:
+        return False
+    if s.overload > RESET_OVERLOAD * c.overload_time or abs(s.speed) > STANDSTILL_RAD_S:
+        return False
+    if s.losses_in_a_row > 0:
+        return False
+    s.fault = NO_FAULT
+    s.reaction = NO_REACTION
+    s.losses_in_window = 0
+    s.state = READY
+    s.timer = 0
+    return True
 
 
 @kernel
 def is_powered(s):
     """Whether the end stage feeds the motor."""
-    return s.state in (ENABLING, ENABLED, STOPPING, HOLDING)
+    return s.state in (ENABLING, ENABLED, STOPPING, HOLDING, HALTED)
 
 
 @kernel
 def follows(s):
     """Whether the position loop is closed."""
     return s.state in (ENABLING, ENABLED)
+
+
+@kernel
+def stopping_speed(s, c):
+    """Speed reference of a stop, one velocity period later: 0 at once (BD1), or down a ramp (BD2)."""
+    if s.reaction >= BD1:
+        return 0.0
+    step = c.stop_deceleration * c.velocity_period
+    if s.speed_reference > step:
+        return s.speed_reference - step
+    if s.speed_reference < -step:
+        return s.speed_reference + step
+    return 0.0

@@ -11,8 +11,8 @@ from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.drive.diagnostics import DriveFault, fault_text
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.record import FAULT_TEXTS, DriveFault
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.output import Output
@@ -148,7 +148,7 @@ class MC4DriveNode(Node):
         fault = self._drive.fault
         if fault != self._reported_fault:
             self._reported_fault = fault
-            self.get_logger().error(f'{self._axis}: {FAULT_TEXTS[fault]}')
+            self.get_logger().error(f'{self._axis}: {fault_text(fault)}')
         if self._exchange:
             return
         waiting = ''

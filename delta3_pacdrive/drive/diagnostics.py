@@ -1,0 +1,123 @@
+"""Diagnostics of the drive as one table: message number, class, reaction, bit of S-0-0011, and words.
+
+Message numbers 8xxx are PacDrive's where it has one (Schneider, PD.Diagnostic); numbers 89xx are ours. Classes: 2 warns,
+3 stops the drive and is latched until S-0-0099 clears it. Reactions: AD takes the torque away and lets the brake fall;
+BD1 brakes with all the torque there is; BD2 brakes along a ramp; then the brake holds and the power goes off.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+
+class Reaction(IntEnum):
+    """What a drive does about a diagnostic, the stronger the larger."""
+
+    NONE = 0
+    BD2 = 1
+    BD1 = 2
+    AD = 3
+
+
+class Class1(IntFlag):
+    """Class 1 diagnostic, S-0-0011."""
+
+    OVERLOAD = 1 << 0
+    FEEDBACK = 1 << 5
+    COMMUTATION = 1 << 6
+    OVER_CURRENT = 1 << 7
+    OVER_VOLTAGE = 1 << 8
+    UNDER_VOLTAGE = 1 << 9
+    POSITION_DEVIATION = 1 << 11
+    COMMUNICATION = 1 << 12
+    OVERTRAVEL = 1 << 13
+    MANUFACTURER = 1 << 15
+
+
+class DriveFault(IntEnum):
+    """Latched cause of a stop; 0 is none."""
+
+    NONE = 0
+    FOLLOWING_ERROR = 1
+    OVERSPEED = 2
+    OVERLOAD = 3
+    COMMAND_STEP = 4
+    COMMAND_NOT_FINITE = 5
+    TELEGRAM = 6
+    ENCODER = 7
+    OVER_CURRENT = 8
+    OVERTRAVEL = 9
+    MASTER_SILENT = 10
+    UNDER_VOLTAGE = 11
+
+
+class DriveWarning(IntFlag):
+    """What the drive warns of, at present."""
+
+    NONE = 0
+    FOLLOWING_ERROR = 1
+    OVERLOAD = 2
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One row of the table."""
+
+    number: int
+    class_: int
+    reaction: Reaction
+    class_1: Class1
+    text: str
+
+
+FAULTS = {
+    DriveFault.FOLLOWING_ERROR: Diagnostic(
+        8111, 3, Reaction.BD1, Class1.POSITION_DEVIATION, 'following error over eight times its limit'
+    ),
+    DriveFault.OVERSPEED: Diagnostic(8901, 3, Reaction.BD1, Class1.MANUFACTURER, 'motor overspeed'),
+    DriveFault.OVERLOAD: Diagnostic(
+        8902, 3, Reaction.BD2, Class1.OVERLOAD, 'current over nominal for too long (I2t)'
+    ),
+    DriveFault.COMMAND_STEP: Diagnostic(8903, 3, Reaction.BD2, Class1.MANUFACTURER, 'command step too large'),
+    DriveFault.COMMAND_NOT_FINITE: Diagnostic(
+        8904, 3, Reaction.BD2, Class1.MANUFACTURER, 'command is not a finite number'
+    ),
+    DriveFault.TELEGRAM: Diagnostic(
+        8112, 3, Reaction.BD2, Class1.COMMUNICATION, 'telegram invalid: two lost in a row, or ten in a window'
+    ),
+    DriveFault.ENCODER: Diagnostic(8171, 3, Reaction.AD, Class1.FEEDBACK, 'encoder unreadable or jumping'),
+    DriveFault.OVER_CURRENT: Diagnostic(
+        8905, 3, Reaction.AD, Class1.OVER_CURRENT, 'over-current in the winding'
+    ),
+    DriveFault.OVERTRAVEL: Diagnostic(
+        8906, 3, Reaction.BD1, Class1.OVERTRAVEL, 'arm beyond its limit: end stop'
+    ),
+    DriveFault.MASTER_SILENT: Diagnostic(
+        8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'
+    ),
+    DriveFault.UNDER_VOLTAGE: Diagnostic(
+        8907, 3, Reaction.AD, Class1.UNDER_VOLTAGE, 'DC link voltage too low'
+    ),
+}
+
+WARNINGS = {
+    DriveWarning.FOLLOWING_ERROR: Diagnostic(
+        8132, 2, Reaction.NONE, Class1(0), 'following error over its limit'
+    ),
+    DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class1(0), 'I2t over 80 % of its limit'),
+}
+
+# for compiled code, by number of the fault
+REACTIONS = tuple(int(FAULTS[fault].reaction) if fault else 0 for fault in DriveFault)
+
+
+def class_1_diagnostic(fault: DriveFault) -> int:
+    """S-0-0011 of a latched fault."""
+    return int(FAULTS[fault].class_1) if fault else 0
+
+
+def fault_text(fault: DriveFault) -> str:
+    """Message number, class, reaction and words of a fault."""
+    if not fault:
+        return 'no fault'
+    row = FAULTS[fault]
+    return f'{row.number} {row.text} (class {row.class_}, reaction {row.reaction.name})'
