@@ -1,7 +1,7 @@
 """Diagnostics of the drive as one table: message number, class, reaction, bit of S-0-0011, and words.
 
-Message numbers 8xxx are PacDrive's where it has one (Schneider, PD.Diagnostic); numbers 89xx are ours. Classes: 2 warns,
-3 stops the drive and is latched until S-0-0099 clears it. Reactions: AD takes the torque away and lets the brake fall;
+Message numbers are PacDrive's where it has one (Schneider, PD.Diagnostic); numbers 89xx are ours. Classes: 2 warns, 3
+stops the drive and is latched until S-0-0099 clears it. Reactions: AD takes the torque away and lets the brake fall;
 BD1 brakes with all the torque there is; BD2 brakes along a ramp; then the brake holds and the power goes off.
 """
 

@@ -165,6 +165,19 @@ def react(reaction, s):
 def advance_state(s, c):
     """Take the transitions of one bus cycle and form the status word."""
     s.timer += 1
+    _measure(s, c)
+    fault = detect_fault(s, c)
+    if fault != NO_FAULT:
+        _latch(fault, s)
+    s.last_sampled = s.sampled_position
+    _obey(s, c)
+    _go_on(s, c)
+    s.status = _status_word(s)
+
+
+@kernel
+def _measure(s, c):
+    """Follow the load of the motor and the following error, and warn."""
     ratio = s.current / c.current_nominal
     s.overload = max(0.0, s.overload + (ratio * ratio - 1.0) * c.cycle_time)
     s.following_error = abs(s.reference - s.sampled_position) if s.state == ENABLED else 0.0
@@ -173,16 +186,23 @@ def advance_state(s, c):
         s.warning |= WARN_FOLLOWING
     if s.overload > OVERLOAD_WARNING * c.overload_time:
         s.warning |= WARN_OVERLOAD
-    fault = detect_fault(s, c)
-    if fault != NO_FAULT:
-        if s.fault == NO_FAULT:
-            s.fault = fault
-        if REACTIONS[fault] > s.reaction:
-            if s.state == READY:
-                change_state(FAULT, s)
-            else:
-                react(REACTIONS[fault], s)
-    s.last_sampled = s.sampled_position
+
+
+@kernel
+def _latch(fault, s):
+    """Keep the first cause, and react as the strongest asks."""
+    if s.fault == NO_FAULT:
+        s.fault = fault
+    if REACTIONS[fault] > s.reaction:
+        if s.state == READY:
+            change_state(FAULT, s)
+        else:
+            react(REACTIONS[fault], s)
+
+
+@kernel
+def _obey(s, c):
+    """Follow the control word of this cycle."""
     on, enable, run = s.control & DRIVE_ON, s.control & ENABLE, s.control & RUN
     if s.state in (ENABLING, ENABLED, HALTED):
         if not on:
@@ -191,8 +211,8 @@ def advance_state(s, c):
             react(BD2, s)
     if s.state == ENABLED and not run:
         s.reaction = BD2
-        change_state(HALTED, s)
         s.halt_done = 0
+        change_state(HALTED, s)
     elif s.state == HALTED and run:
         # the master has to begin where the drive stands; a step is a fault as always
         s.reaction = NO_REACTION
@@ -200,12 +220,16 @@ def advance_state(s, c):
         if abs(s.command - s.sampled_position) > c.command_step_max:
             s.fault = COMMAND_STEP
             react(BD2, s)
-    if s.state == READY:
-        if on and enable and run and s.fault == NO_FAULT:
-            s.reaction = NO_REACTION
-            switch_on(s, c)
-            change_state(ENABLING, s)
-    elif s.state == ENABLING:
+    elif s.state == READY and on and enable and run and s.fault == NO_FAULT:
+        s.reaction = NO_REACTION
+        switch_on(s, c)
+        change_state(ENABLING, s)
+
+
+@kernel
+def _go_on(s, c):
+    """Leave states that end by themselves."""
+    if s.state == ENABLING:
         if s.timer >= c.settle_cycles:
             s.brake_release = 1
         if s.timer >= c.settle_cycles + c.release_cycles:
@@ -219,9 +243,9 @@ def advance_state(s, c):
             s.halt_done = 1
             s.reference = s.sampled_position
     elif s.state == HOLDING and s.timer >= c.apply_cycles:
-        s.reaction = NO_REACTION if s.fault == NO_FAULT else s.reaction
+        if s.fault == NO_FAULT:
+            s.reaction = NO_REACTION
         change_state(READY if s.fault == NO_FAULT else FAULT, s)
-    s.status = _status_word(s)
 
 
 @kernel
