@@ -270,6 +270,11 @@ class Transformation:
         return self._timeline.at(cycle)
 
     @property
+    def next_cycle(self) -> int:
+        """Cycle of the next command."""
+        return self._cycle
+
+    @property
     def moves(self) -> int:
         """Number of moves of the last program that was loaded."""
         return len(self._timeline.plan) if self._timeline.plan is not _NO_PLAN else 0

@@ -635,3 +635,17 @@ def test_an_arm_pushed_onto_its_end_stop_is_a_fault(robot):
     assert bench.faults == [DriveFault.OVERTRAVEL] * 3
     theta = (bench.start + bench.moved[-1]) / GEAR
     assert np.degrees(theta).min() > -47.0
+
+
+def test_an_overloaded_drive_follows_its_commands_to_their_standstill(robot):
+    # holding the arms takes 0.28 A: (0.28/0.05)^2 - 1 = 30 each second, so that 3 s are full after some 100 cycles
+    tired = robot.replace(drive__overload_time_s=3.0, motor__nominal_current_a=0.05)
+    path = ramp(0.02, 2.0)
+    whole = Bench(robot).run(60).run(100, path).run(100, path(99))
+    bench = Bench(tired).run(60).run(100, path).run(100, path(99))
+    assert bench.faults == [DriveFault.OVERLOAD] * 3
+    stopping = [states[0] for states in bench.states].index(DriveState.STOPPING)
+    holding = [states[0] for states in bench.states].index(DriveState.HOLDING)
+    assert 60 < stopping < 159 < holding < 200
+    # it drove on as if nothing had been wrong
+    assert np.array_equal(bench.moved[:holding], whole.moved[:holding])

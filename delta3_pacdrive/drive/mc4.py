@@ -11,7 +11,7 @@ from delta3_pacdrive.drive.cascade import (
     position_loop,
     velocity_loop,
 )
-from delta3_pacdrive.drive.diagnostics import DriveFault
+from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
 from delta3_pacdrive.drive.observer import advance_observer, reset_observer
 from delta3_pacdrive.drive.record import STATE, DriveState, drive_constants
 from delta3_pacdrive.drive.supervision import (
@@ -185,6 +185,11 @@ class MC4:
     def fault(self) -> DriveFault:
         """Latched cause of a fault."""
         return DriveFault(int(self.state['fault'][0]))
+
+    @property
+    def warning(self) -> DriveWarning:
+        """What the drive warns of now."""
+        return DriveWarning(int(self.state['warning'][0]))
 
     def encoder_position(self, position: float) -> float:
         """Shaft position [rad] as the encoder reads it."""

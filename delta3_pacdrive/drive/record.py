@@ -35,6 +35,8 @@ STATE = np.dtype(
         ('brake_release', 'i8'),  # brake output
         ('reaction', 'i8'),  # under way
         ('warning', 'i8'),  # at present
+        ('along', 'i8'),  # a stop follows the master's commands
+        ('still_cycles', 'i8'),  # since the command changed
         ('halt_done', 'i8'),  # a halted drive stands and holds its place
         # telegrams
         ('mdt_losses', 'i8'),  # S-0-0029

@@ -49,6 +49,7 @@ FORGIVING_CYCLES = 100  # good cycles in which one loss is forgotten: the window
 OVERLOAD_WARNING = 0.8
 RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
 IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
+STILL_CYCLES = 20  # without a change of the command, after which the master has stopped
 SHORT_CIRCUIT = 1.3  # of the peak current
 
 
@@ -149,16 +150,23 @@ def switch_on(s, c):
 
 @kernel
 def react(reaction, s):
-    """Begin a reaction, unless a stronger one is under way."""
+    """Begin a reaction, unless a stronger one is under way.
+
+    BD2 of an overload follows the master's commands to their standstill, so that the TCP stays on its path.
+    """
     if reaction == AD:
         s.reaction = AD
         s.brake_release = 0
         change_state(READY if s.fault == NO_FAULT else FAULT, s)
     elif s.state in (ENABLING, ENABLED, HALTED):
+        s.along = 1 if s.state == ENABLED and reaction == BD2 and s.fault == OVERLOAD else 0
         s.reaction = reaction
+        s.still_cycles = 0
         change_state(STOPPING, s)
     elif s.state == STOPPING:
         s.reaction = max(s.reaction, reaction)
+        if reaction > BD2:
+            s.along = 0
 
 
 @kernel
@@ -235,7 +243,13 @@ def _go_on(s, c):
         if s.timer >= c.settle_cycles + c.release_cycles:
             change_state(ENABLED, s)
     elif s.state == STOPPING:
-        if abs(s.speed) < STANDSTILL_RAD_S or s.timer >= c.stop_cycles_max:
+        if s.along != 0:
+            s.still_cycles = s.still_cycles + 1 if s.command == s.command_before else 0
+            if not math.isfinite(s.next_command) or s.losses_in_a_row > 0:
+                s.along = 0
+        standing = abs(s.speed) < STANDSTILL_RAD_S and (s.along == 0 or s.still_cycles >= STILL_CYCLES)
+        if standing or s.timer >= c.stop_cycles_max:
+            s.along = 0
             s.brake_release = 0
             change_state(HOLDING, s)
     elif s.state == HALTED:
@@ -291,8 +305,8 @@ def is_powered(s):
 
 @kernel
 def follows(s):
-    """Whether the position loop is closed."""
-    return s.state in (ENABLING, ENABLED)
+    """Whether the position loop is closed on the master's commands."""
+    return s.state in (ENABLING, ENABLED) or (s.state == STOPPING and s.along != 0)
 
 
 @kernel

@@ -1,17 +1,20 @@
 """Node of one MC-4 servo drive.
 
 In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN`` (encoder, status),
-``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request).
+``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request),
+``/diagnostics`` (1 Hz).
 """
 
+import json
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.drive.diagnostics import DriveFault, fault_text
+from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diagnostic, fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import runtime, telegram
@@ -21,6 +24,7 @@ from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, REP
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
 HOUSEKEEPING_S = 0.25
+DIAGNOSTICS_EVERY = 4
 
 
 class MC4DriveNode(Node):
@@ -45,8 +49,10 @@ class MC4DriveNode(Node):
         self._shafts: dict[int, tuple[float, float, float]] = {}
         self._resting_position: float | None = None
         self._reported_fault = DriveFault.NONE
-        self._refused = 0
+        self._newest_command = -1
+        self._refused = self._late = 0
         self._waiting = ''
+        self._looks = 0
 
         self._mdt = telegram.mdt_codec()
         self._at = telegram.at_codec(axis)
@@ -64,6 +70,7 @@ class MC4DriveNode(Node):
             JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
         )
         self._participant = Participant(self, axis, parameters)
+        self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
     def _refuse(self, error: TelegramError) -> None:
@@ -82,8 +89,12 @@ class MC4DriveNode(Node):
             self._refuse(error)
             return
         if cycle >= 0:
-            self._commands[cycle] = (values[self._index], *self._words)
-            self._advance()
+            if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
+                self._commands[cycle] = (values[self._index], *self._words)
+                self._newest_command = max(self._newest_command, cycle)
+                self._advance()
+            else:
+                self._late += 1  # late, or repeated
         elif self._resting_position is not None:
             position = self._drive.encoder_position(self._resting_position)
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), b'4000', (position, 0.0, 0.0)))
@@ -117,10 +128,14 @@ class MC4DriveNode(Node):
             cycle, within = divmod(exchange, self._exchanges_per_cycle)
             if within == 0:
                 telegram_ = self._commands.pop(cycle, None)
-                if telegram_ is None:
+                if telegram_ is not None:
+                    command, control, payload = telegram_
+                    status = drive.begin_cycle(command, control, *shaft, payload)
+                elif self._newest_command > cycle:
+                    # telegrams of one sender keep their order: a later one says that this one was lost
+                    status = drive.bridge_cycle(*shaft)
+                else:
                     return
-                command, control, payload = telegram_
-                status = drive.begin_cycle(command, control, *shaft, payload)
                 self._publish_at(
                     self._at.encode(self._cycles.stamp(cycle), b'%04x' % status, drive.answer.tolist())
                 )
@@ -149,6 +164,9 @@ class MC4DriveNode(Node):
         if fault != self._reported_fault:
             self._reported_fault = fault
             self.get_logger().error(f'{self._axis}: {fault_text(fault)}')
+        self._looks += 1
+        if self._looks % DIAGNOSTICS_EVERY == 0 and self._diagnostics.wanted:
+            self._publish_diagnostics()
         if self._exchange:
             return
         waiting = ''
@@ -159,6 +177,39 @@ class MC4DriveNode(Node):
         if waiting != self._waiting:
             self._waiting = waiting
             self.get_logger().info(f'{self._axis}: {waiting or "all partners are there"}')
+
+    def diagnostics(self) -> dict[str, Any]:
+        """What the drive says of itself, by SERCOS names."""
+        drive = self._drive
+        state = drive.state[0]
+        return {
+            'state': drive.drive_state.name,
+            'diagnostic': fault_text(drive.fault),
+            'warnings': [WARNINGS[warning].text for warning in WARNINGS if drive.warning & warning],
+            'S-0-0011 class 1 diagnostic': f'{class_1_diagnostic(drive.fault):04x}',
+            'S-0-0029 MDT losses': int(state['mdt_losses']),
+            'S-0-0134 control word': f'{int(state["control"]):04x}',
+            'S-0-0135 status word': f'{int(state["status"]):04x}',
+            'overload_s': round(float(state['overload']), 3),
+            'late_telegrams': self._late,
+            'refused_telegrams': self._refused,
+        }
+
+    def _publish_diagnostics(self) -> None:
+        drive = self._drive
+        level = DiagnosticStatus.ERROR if drive.fault else DiagnosticStatus.OK
+        if not drive.fault and drive.warning:
+            level = DiagnosticStatus.WARN
+        facts = self.diagnostics()
+        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), hardware_id=self._axis)
+        status.message = facts['diagnostic']
+        status.values = [
+            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
+            for key, value in facts.items()
+        ]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
 
 
 def main() -> int:

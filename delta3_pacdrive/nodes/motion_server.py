@@ -28,6 +28,7 @@ from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.transformation import Transformation
 
+DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 ORDER = 'ORDER'  # label of the message that ends a plan: start cycle (-1: as soon as possible), rate, numbers of moves
 ORDER_HEADER = 2
@@ -103,8 +104,13 @@ class MotionServer:
         self._publish_outputs(stamp)
 
     def fail(self) -> None:
-        """Note a fault: nothing moves any more."""
-        self.ends = self._due = NEVER
+        """Stop on the path, where something moves, then disable the drives; only a reset leads out of this state."""
+        if self.state == MotionState.MOVING:
+            self._task.hold()
+            self._follow()
+        stands = self._task.end_cycle if self._task.held else 0
+        self.ends = NEVER
+        self._due = max(stands, self._task.next_cycle) + DISABLE_CYCLES
         self._enter(MotionState.ERROR)
 
     def commanded(self, cycle: int) -> None:
@@ -115,7 +121,9 @@ class MotionServer:
             self._publish_outputs(self._cycles.stamp(cycle))
         if cycle >= self._due:
             self._due = NEVER
-            if self._aborting:
+            if self.state == MotionState.ERROR:
+                task.enable_cycle = NEVER
+            elif self._aborting:
                 self._aborting = False
                 task.unload()
                 self.starts = NEVER

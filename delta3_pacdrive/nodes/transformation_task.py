@@ -48,6 +48,7 @@ PROGRESS_S = 0.2
 DIAGNOSTICS_EVERY = 5  # progress reports
 JOINT_STATES_S = 0.01  # of bus time
 SILENCE_S = 1.0
+LOSSES_IN_A_ROW = 2
 
 
 class TransformationTaskNode(PollingNode):
@@ -82,6 +83,7 @@ class TransformationTaskNode(PollingNode):
         self._phase = Phase.CP0
         self._waiting = ''
         self._fault = ''
+        self._down = False  # no more cycles
         self._supervised: list[int] = []
 
         self._cycle = 0  # next to start
@@ -96,6 +98,7 @@ class TransformationTaskNode(PollingNode):
         self._refused = 0
         self._lost = 0
         self._expected = [0] * 3
+        self._at_losses, self._losses_in_a_row = [0] * 3, [0] * 3
         self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
         self._last_answer_s = 0.0
         self._wall_start_s = 0.0
@@ -230,7 +233,7 @@ class TransformationTaskNode(PollingNode):
         self._start_cycles()
 
     def _start_cycles(self) -> None:
-        while not self._fault and self._pacing.may_start(
+        while not self._down and self._pacing.may_start(
             self._cycle, self._cycle - self._answered, now := time.monotonic()
         ):
             cycle = self._cycle
@@ -272,11 +275,16 @@ class TransformationTaskNode(PollingNode):
         return receive
 
     def _complete(self, received_ns: int) -> None:
-        """Evaluate the cycles of which all three answers are there."""
-        first, second, third = self._inbox
-        while (cycle := self._answered) in first and cycle in second and cycle in third:
+        """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
+        first, second, third = self._expected
+        while (cycle := self._answered) < first and cycle < second and cycle < third:
             for index, inbox in enumerate(self._inbox):
-                values, frame = inbox.pop(cycle)
+                answer_ = inbox.pop(cycle, None)
+                if answer_ is None:
+                    self._bridge(index, cycle)
+                    continue
+                values, frame = answer_
+                self._losses_in_a_row[index] = 0
                 self._positions[index], self._speeds[index], self._torques[index] = values
                 self._status[index] = telegram.parse_status(frame)
             self._round_trip.add(
@@ -291,10 +299,18 @@ class TransformationTaskNode(PollingNode):
                     output.send(stamp, answer[columns].tolist())
             if self._joint_states.wanted and cycle % self._joint_states_every == 0:
                 self._send_joint_states(stamp)
-            if self._motion.state != MotionState.IDLE:
+            if self._motion.state != MotionState.IDLE or self._status != self._supervised:
                 self._supervise(cycle)
         if not self._pacing.period_s and self._phase == Phase.CP4:
             self._start_cycles()
+
+    def _bridge(self, index: int, cycle: int) -> None:
+        """Go on without the AT of an axis: its shaft is extrapolated; two in a row are the master's fault 8506."""
+        self._at_losses[index] += 1
+        self._losses_in_a_row[index] += 1
+        self._positions[index] += self._speeds[index] * self._robot.bus.cycle_time_s
+        if self._losses_in_a_row[index] >= LOSSES_IN_A_ROW:
+            self._stop(f'{DRIVES[index]}: two AT lost in a row in bus cycle {cycle} (8506)')
 
     def _supervise(self, cycle: int) -> None:
         motion = self._motion
@@ -302,9 +318,9 @@ class TransformationTaskNode(PollingNode):
             self._supervised = list(self._status)
             for axis, status in zip(DRIVES, self._status, strict=True):
                 if status & Status.ERROR:
-                    self._fail(f'{axis} reports a fault in bus cycle {cycle}')
+                    self._stop(f'{axis} reports a fault in bus cycle {cycle}')
                 elif cycle >= motion.starts and not in_torque(status):
-                    self._fail(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
+                    self._stop(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
         if cycle == motion.ends:
             motion.answered(cycle)
             self._report()
@@ -325,6 +341,9 @@ class TransformationTaskNode(PollingNode):
         )
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data and self._fault:
+            response.message = f'not after a fault: {self._fault}'
+            return response
         self._task.enable_cycle = self._cycle if request.data else NEVER
         response.success = True
         response.message = f'effective in bus cycle {self._cycle + 1}'
@@ -332,15 +351,21 @@ class TransformationTaskNode(PollingNode):
 
     # reports ----------------------------------------------------------------------------------------------------------
 
-    def _fail(self, reason: str) -> None:
+    def _stop(self, reason: str) -> None:
+        """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
         if not self._fault:
             self._fault = reason
             self.get_logger().error(reason)
             self._motion.fail()
             self._report()
 
+    def _fail(self, reason: str) -> None:
+        """Note a fault after which there are no more cycles."""
+        self._down = True
+        self._stop(reason)
+
     def _check_silence(self) -> None:
-        if self._phase != Phase.CP4 or self._fault or self._cycle == self._answered:
+        if self._phase != Phase.CP4 or self._down or self._cycle == self._answered:
             return
         silence = time.monotonic() - self._last_answer_s
         if silence > SILENCE_S:
@@ -387,6 +412,7 @@ class TransformationTaskNode(PollingNode):
         return {
             'slip_s': self._pacing.slip_s,
             'refused_telegrams': self._refused,
+            'at_losses': self._at_losses,
             'lateness_ms': self._lateness.summary_ms(),
             'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],
             'mdt_to_last_at_ms': self._round_trip.summary_ms(),

@@ -1,0 +1,171 @@
+"""Faults on the running graph: lost telegrams, a broken encoder, an overload; what the others do, and what is said."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+
+from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, REPORT
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'
+
+
+class Cell:
+    """A robot without a clock that is about to move along x."""
+
+    def __init__(self, graph: Any, **overrides: Any) -> None:
+        self.graph = graph
+        self.commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
+        self.actual = graph.listen(PointStamped, 'tcp/actual', CYCLIC_PUBLISHER)
+        self.task = graph.robot(motion__start_cycle=-1, **overrides)
+        graph.add(UnitRobotNode, motion__start_cycle=-1, **overrides)
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
+        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+
+    def move(self) -> None:
+        """Start along x and wait until a third of the way is done."""
+        self.operator.send_program(LINE)
+        self.operator.call('start')
+        self.graph.spin_until(lambda: self.task.progress()['master_m'] > 0.07, 'a third of the way')
+
+    def positions(self, messages: list[Any]) -> np.ndarray:
+        return np.array([[m.point.x, m.point.y, m.point.z] for m in messages if m.header.stamp.sec >= 0])
+
+    def wait_until_disabled(self) -> None:
+        """Wait until every drive stands without torque."""
+        quiet = (DriveState.READY, DriveState.FAULT)
+        self.graph.spin_until(
+            lambda: all(node._drive.drive_state in quiet for node in self.drives), 'drives without torque'
+        )
+
+
+def dropping(publish: Callable[[bytes], None], numbers: set[int]) -> Callable[[bytes], None]:
+    """Return a publisher that loses telegrams by their number, counted from now on."""
+    count = 0
+
+    def lose(data: bytes) -> None:
+        nonlocal count
+        if count not in numbers:
+            publish(data)
+        count += 1
+
+    return lose
+
+
+def test_one_lost_mdt_is_bridged_and_counted(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    cell.task._publish_mdt = dropping(cell.task._publish_mdt, {5, 150})
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+    assert [node.diagnostics()['S-0-0029 MDT losses'] for node in cell.drives] == [2, 2, 2]
+    assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
+
+
+def test_two_lost_mdt_in_a_row_stop_all_axes_with_8112(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    cell.task._publish_mdt = dropping(cell.task._publish_mdt, {5, 6})
+    cell.wait_until_disabled()
+    assert [node.diagnostics()['diagnostic'][:4] for node in cell.drives] == ['8112'] * 3
+    assert [node.diagnostics()['S-0-0011 class 1 diagnostic'] for node in cell.drives] == ['1000'] * 3
+    assert 'reports a fault in bus cycle' in cell.task.progress()['fault']
+    assert cell.operator.state == 'error'
+
+
+@pytest.mark.parametrize('axis', [0, 1, 2])
+def test_one_lost_at_is_bridged_and_two_in_a_row_are_8506(axis: int, graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    drive = cell.drives[axis]
+    drive._publish_at = dropping(drive._publish_at, {5})
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+    assert cell.task.statistics()['at_losses'] == [int(n == axis) for n in range(3)]
+    drive._publish_at = dropping(drive._publish_at, {5, 6})
+    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
+    assert cell.task.progress()['fault'].startswith(f'axis{axis + 1}: two AT lost in a row in bus cycle')
+    assert cell.task.progress()['fault'].endswith('(8506)')
+    cell.wait_until_disabled()
+
+
+def test_repeated_telegrams_change_nothing(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    publish = cell.task._publish_mdt
+
+    def twice(data: bytes) -> None:
+        publish(data)
+        publish(data)
+
+    cell.task._publish_mdt = twice
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+    assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
+    assert all(node.diagnostics()['late_telegrams'] > 100 for node in cell.drives)
+
+
+def test_an_overload_of_one_axis_stops_the_tcp_on_its_path(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    cell.drives[1]._drive.state['overload'] = 1e3
+    cell.wait_until_disabled()
+    assert 'axis2 reports a fault' in cell.task.progress()['fault']
+    commands, actual = cell.positions(cell.commands), cell.positions(cell.actual)
+    # it stands on the line, well before its end, and has never left the line by more than in any motion
+    assert 0.07 < actual[-1, 0] < 0.15
+    assert np.abs(commands[:, 1:] - [0.0, -0.75]).max() < 1e-7
+    assert np.abs(actual[:, 1:] - [0.0, -0.75]).max() < 0.2e-3
+    assert np.linalg.norm(actual[-1] - commands[-1]) < 0.2e-3
+    states = [node._drive.drive_state for node in cell.drives]
+    assert states == [DriveState.READY, DriveState.FAULT, DriveState.READY]
+
+
+def test_a_broken_encoder_stops_the_others_too_and_the_robot_stays_in_its_workspace(graph: Any) -> None:
+    cell = Cell(graph)
+    shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
+    cell.move()
+    cell.drives[0]._drive.state['encoder_broken'] = 1
+    cell.wait_until_disabled()
+    assert cell.drives[0].diagnostics()['diagnostic'].startswith('8171')
+    graph.spin_until(lambda: max(np.abs(shafts[-1].velocity)) == 0.0, 'standstill')
+    from delta3_pacdrive import kinematics, parameters
+
+    robot = parameters.load()
+    theta = np.array([m.position for m in shafts if m.header.stamp.sec >= 0]) / robot.dynamics.gear_ratio
+    tcp = kinematics.forward(theta, robot.kinematics)
+    assert np.degrees(theta).max() < robot.kinematics.arm_angle_max_deg
+    assert np.hypot(tcp[:, 0], tcp[:, 1]).max() < robot.kinematics.workspace_diameter_m / 2
+    # from 0.4 m/s one axis under its falling brake, two along the path: some centimetres
+    assert np.abs(tcp[:, 1:] - [0.0, -0.75]).max() < 0.03
+
+
+def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.drives[2]._drive.state['encoder_broken'] = 1
+    cell.wait_until_disabled()
+    response = graph.call(SetBool, 'enable', SetBool.Request(data=True))
+    assert not response.success
+    assert response.message.startswith('not after a fault: axis3 reports a fault')
+
+
+def test_every_drive_tells_its_state_by_sercos_names(graph: Any) -> None:
+    arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
+    cell = Cell(graph)
+    names = {node.get_fully_qualified_name() for node in cell.drives}
+    graph.spin_until(lambda: names <= {array.status[0].name for array in arrays}, 'diagnostics of all drives')
+    status = next(array.status[0] for array in arrays if array.status[0].name in names)
+    facts = {item.key: item.value for item in status.values}
+    assert facts['state'] == 'ENABLED'
+    assert (facts['S-0-0134 control word'], facts['S-0-0135 status word']) == ('e000', 'c008')
+    assert (facts['S-0-0011 class 1 diagnostic'], facts['S-0-0029 MDT losses']) == ('0000', '0')
