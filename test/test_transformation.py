@@ -8,10 +8,11 @@ import pytest
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.curves import line
 from delta3_pacdrive.motion.master import plan_master
-from delta3_pacdrive.motion.path import line
-from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
+from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
 from delta3_pacdrive.transformation import (
     FOLLOWING_ERROR,
     HISTORY,
@@ -39,7 +40,7 @@ def ready_task(robot, end=END, **limits):
     motors = np.round(theta * GEAR / INCREMENT_RAD) * INCREMENT_RAD
     tcp = task.locate(motors)
     document = {'moves': [{'move_l': {'to_m': list(end), **limits}}]}
-    plan = Plan.of(programs.plan(programs.parse(document, robot.motion), tcp, robot))
+    plan = planning.plan(programs.parse(document, robot.motion), tcp, robot).plan
     task.load(plan)
     return task, plan, motors
 
@@ -80,8 +81,9 @@ def test_commands_lie_on_the_straight_line_within_an_increment(robot):
 def test_on_the_cruise_the_tcp_keeps_its_speed(robot):
     task, plan, _ = ready_task(robot, speed_m_s=1.2)
     end = task.start(0)
-    (n,) = np.flatnonzero((plan.phases[:-1, 3] == 0.0) & (plan.phases[:-1, 4] == 0.0))
-    begins, ends = (round(time / CYCLE_S) for time in plan.phases[n : n + 2, 0])
+    phases = plan.move(0).master
+    (n,) = np.flatnonzero((phases[:-1, 3] == 0.0) & (phases[:-1, 4] == 0.0))
+    begins, ends = (round(time / CYCLE_S) for time in phases[n : n + 2, 0])
     points = []
     for k in range(end):
         task.command(k)
@@ -115,7 +117,7 @@ def test_a_program_that_lasts_whole_cycles_ends_in_the_last_of_them(robot):
     task.locate(kinematics.inverse(START, robot.kinematics) * GEAR)
     master = plan_master(0.1, 1.0, 10.0, math.inf)  # 0.2 s
     assert master[-1, 0] == pytest.approx(0.2, rel=1e-15)
-    task.load(Plan.of([Move(MoveKind.LINE, master, line(START, (0.1, 0.0, -0.75))[0])]))
+    task.load(Plan.of([Move(MoveKind.LINE, master, line(START, (0.1, 0.0, -0.75)).segments)]))
     assert task.start(0) == 200
 
 
@@ -157,9 +159,8 @@ def test_the_control_word_enables_from_its_cycle_on(robot):
 def test_a_point_that_no_arm_reaches_has_no_command(robot):
     task = Transformation(robot)
     task.locate(kinematics.inverse(START, robot.kinematics) * GEAR)
-    task.load(
-        Plan.of([Move(MoveKind.LINE, plan_master(2.0, 1.0, 10.0, math.inf), line(START, (0, 0, -2.75))[0])])
-    )
+    master = plan_master(2.0, 1.0, 10.0, math.inf)
+    task.load(Plan.of([Move(MoveKind.LINE, master, line(START, (0, 0, -2.75)).segments)]))
     end = task.start(0)
     assert np.isfinite(task.command(0)).all()
     assert np.isnan(task.command(end)).all()
@@ -262,3 +263,77 @@ def test_locating_gives_the_tcp_of_the_motors(robot):
     task, _, motors = ready_task(robot)
     assert task.locate(motors) == pytest.approx(tcp_of(motors, robot), abs=0.0)
     assert np.linalg.norm(task.locate(motors) - START) < GRID_M
+
+
+def test_a_start_in_a_cycle_that_is_over_is_refused(robot):
+    task, _, _ = ready_task(robot)
+    commands_of(task, 30)
+    with pytest.raises(RunError, match='bus cycle 29 is over, the next one is 30'):
+        task.start(29)
+    assert task.start(30) > 30
+
+
+def loaded(robot, moves, **fields):
+    """Return a task that stands at ``START`` with a program loaded, and its plan."""
+    task = Transformation(robot)
+    tcp = task.locate(kinematics.inverse(START, robot.kinematics) * GEAR)
+    plan = planning.plan(programs.parse({'moves': moves, **fields}, robot.motion), tcp, robot).plan
+    task.load(plan)
+    return task, plan
+
+
+def test_outputs_switch_in_the_first_cycle_in_which_the_master_has_passed_their_place(robot):
+    moves = [
+        {'output': {'name': 'output7', 'value': True}},
+        {'move_l': {'to_m': [0.2, 0.0, -0.75]}},
+        {'output': {'name': 'gripper', 'value': True, 'before_m': 0.08, 'payload_kg': 0.25}},
+        {'output': {'name': 'output1', 'value': True}},
+        {'dwell': {'time_s': 0.0255}},
+        {'output': {'name': 'gripper', 'value': False, 'payload_kg': 0.0}},
+        {'move_l': {'to_m': [0.0, 0.0, -0.75]}},
+        {'output': {'name': 'output7', 'value': False}},
+    ]
+    task, plan = loaded(robot, moves, payload_kg=0.0)
+    end = task.start(5)
+    seen = []
+    for cycle in range(end + 3):
+        task.command(cycle)
+        move, distance, _ = task.progress()
+        seen.append((cycle, move, distance, task.outputs, task.payload))
+    bit = {name: 1 << n for n, name in enumerate(OUTPUTS)}
+
+    def first(condition):
+        return next(row[0] for row in seen if condition(row))
+
+    assert first(lambda row: row[3] & bit['output7']) == 5
+    passes = first(lambda row: row[0] >= 5 and row[2] >= 0.2 - 0.08 - 1e-7)
+    assert first(lambda row: row[3] & bit['gripper']) == passes
+    assert first(lambda row: row[4] == 0.25) == passes
+    dwells = first(lambda row: row[1] == 1)
+    assert first(lambda row: row[3] & bit['output1']) == dwells
+    leaves = first(lambda row: row[1] == 2)
+    assert first(lambda row: row[0] > passes and not row[3] & bit['gripper']) == leaves
+    assert first(lambda row: row[0] > 5 and not row[3] & bit['output7']) == end
+    assert leaves - dwells in (25, 26)
+    assert seen[-1][3:] == (bit['output1'], 0.0)
+    assert len(plan) == 3
+
+
+def test_a_held_tcp_stands_on_its_line_until_the_program_is_unloaded(robot):
+    task, _, _ = ready_task(robot)
+    task.start(0)
+    commands_of(task, 150)
+    course = task.hold()
+    assert course.cycle == 150
+    assert task.held
+    standing = task.end_cycle
+    assert 150 < standing < 300
+    for cycle in range(150, standing + 50):
+        task.command(cycle)
+    place = task.state['tcp'][0].copy()
+    direction = (np.array(END) - START) / np.linalg.norm(np.array(END) - START)
+    away = place - START
+    assert np.linalg.norm(away - (away @ direction) * direction) < GRID_M
+    task.unload()
+    task.command(standing + 50)
+    assert np.array_equal(task.state['tcp'][0], place)
