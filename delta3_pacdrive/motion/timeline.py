@@ -17,7 +17,7 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, profile_rows
+from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, profile_rows, sample_master
 from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
 
 NEVER = 2**62
@@ -188,6 +188,20 @@ class Timeline:
             return -elapsed * course.rate
         return float(self.plan.tables.starts[number + 1]) - float(record['time']) - course.rate * elapsed
 
+    def rest_of_move(self, cycle: int) -> Floats:
+        """Phases (n, 5) over what is left of the present move, in bus time from 0 on, as the course has it."""
+        record, course = self.record[0], self.course
+        if course is None:
+            raise ProgramError('no program runs')
+        elapsed = (cycle - course.cycle) * self.cycle_time_s
+        if elapsed < float(record['duration']):
+            return remainder(course.table, elapsed, 1.0)
+        number = self.at(cycle).number
+        time = float(record['time']) + course.rate * (elapsed - float(record['duration']))
+        return remainder(
+            self.plan.move(number).master, time - float(self.plan.tables.starts[number]), course.rate
+        )
+
     def _follow(self, course: Course, plan_time_s: float) -> None:
         self.course = course
         self.table = np.ascontiguousarray(course.table)
@@ -234,6 +248,20 @@ class Timeline:
         # rounding may carry a stop that ends with the move a little beyond it
         table[:, 1] = np.minimum(table[:, 1], move.length_m)
         return Course(cycle, now.number, table, rate, held=True)
+
+
+def remainder(phases: Floats, time: float, rate: float) -> Floats:
+    """Phases of a master from a time on, at a rate, their times from 0 on."""
+    row = max(int(np.searchsorted(phases[:, 0], time, side='right')) - 1, 0)
+    rest = phases[row:].copy()
+    if row < len(phases) - 1:
+        s, v, a, j = sample_master([time], phases)[0]
+        rest[0] = time, s, v, a, j
+    rest[:, 0] = (rest[:, 0] - time) / rate
+    rest[:, 2:] *= np.array([rate, rate**2, rate**3])
+    rest[0, 0] = 0.0
+    rest[-1, 2:] = 0.0
+    return rest
 
 
 def velocity_stop(
