@@ -20,18 +20,19 @@ ACTIONS = {
     'resume': 'go on after a hold',
     'abort': 'stop on the path and give the program up',
     'clear': 'empty the queue',
+    'emergency_stop': 'stop on the path, then take the torque off',
     'override': 'speed in percent, 1 to 150',
     'enable': 'enable the drives',
     'disable': 'disable the drives',
     'state': 'say what the robot does',
 }
-SERVICES = {'start', 'hold', 'resume', 'abort', 'clear'}
+SERVICES = {'start', 'hold', 'resume', 'abort', 'clear', 'emergency_stop'}
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = parser_for('move', 'Send moves to a robot that is up (delta3 up), and control how they run.')
-    lines = [f'  {name:<9} {text}' for name, text in ACTIONS.items()]
+    lines = [f'  {name:<15} {text}' for name, text in ACTIONS.items()]
     parser.epilog = 'actions:\n' + '\n'.join(lines)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('action', choices=ACTIONS, metavar='ACTION', help='one of the actions below')

@@ -2,8 +2,8 @@
 
 In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
 ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along
-the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Service: ``enable``. Programs,
-holds and outputs: see ``motion_server``.
+the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``,
+``emergency_stop``. Programs, holds and outputs: see ``motion_server``.
 """
 
 import json
@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String, UInt8
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
 from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
@@ -106,6 +106,7 @@ class TransformationTaskNode(PollingNode):
         self._create_outputs()
         self._create_inputs(poll=factor > 0.0)
         self.create_service(SetBool, 'enable', self._on_enable)
+        self.create_service(Trigger, 'emergency_stop', self._on_emergency_stop)
         self._motion = MotionServer(self, self._task, parameters, self._earliest)
         self._set_phase(Phase.CP0)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
@@ -347,6 +348,12 @@ class TransformationTaskNode(PollingNode):
         self._task.enable_cycle = self._cycle if request.data else NEVER
         response.success = True
         response.message = f'effective in bus cycle {self._cycle + 1}'
+        return response
+
+    def _on_emergency_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Stop on the path, then take the torque off: stop category 1."""
+        self._stop(f'emergency stop in bus cycle {self._cycle}')
+        response.success, response.message = True, self._fault
         return response
 
     # reports ----------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
@@ -148,6 +148,20 @@ def test_a_broken_encoder_stops_the_others_too_and_the_robot_stays_in_its_worksp
     assert np.hypot(tcp[:, 0], tcp[:, 1]).max() < robot.kinematics.workspace_diameter_m / 2
     # from 0.4 m/s one axis under its falling brake, two along the path: some centimetres
     assert np.abs(tcp[:, 1:] - [0.0, -0.75]).max() < 0.03
+
+
+def test_an_emergency_stop_ends_on_the_path_without_torque(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    response = graph.call(Trigger, 'emergency_stop', Trigger.Request())
+    assert response.success
+    assert response.message.startswith('emergency stop in bus cycle')
+    cell.wait_until_disabled()
+    actual = cell.positions(cell.actual)
+    assert 0.07 < actual[-1, 0] < 0.15
+    assert np.abs(actual[:, 1:] - [0.0, -0.75]).max() < 0.2e-3
+    assert [node._drive.fault for node in cell.drives] == [0, 0, 0]
+    assert cell.operator.state == 'error'
 
 
 def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
