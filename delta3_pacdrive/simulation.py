@@ -4,20 +4,41 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.bus.words import in_torque
-from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.bus.words import (
+    CONTROL_ENABLE,
+    CONTROL_ON,
+    IN_TORQUE,
+    READINESS_AND_ERROR,
+    in_torque,
+    payload_on_grid,
+)
+from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.kernel import mark_compiled
+from delta3_pacdrive.kernel import kernel, mark_compiled
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion.checks import Limits
 from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.mechanism import Plant
+from delta3_pacdrive.plant.mechanism import Plant, advance_plant
 from delta3_pacdrive.trace import SIGNALS, Trace
-from delta3_pacdrive.transformation import FOLLOWING_ERROR, TCP_ACTUAL, TCP_COMMAND, TCP_ERROR, Transformation
+from delta3_pacdrive.transformation import Transformation, answer_cycle, command_cycle
 
 AXES = ('axis1', 'axis2', 'axis3')
+# places of the signals in the columns of a run
+(
+    MOTOR_COMMAND,
+    MOTOR_POSITION,
+    MOTOR_SPEED,
+    CURRENT,
+    FOLLOWING_ERROR,
+    TCP_COMMAND,
+    TCP_ACTUAL,
+    TCP_ERROR,
+    SHAFT_POSITION,
+    SHAFT_SPEED,
+    COUPLING_TORQUE,
+) = range(len(SIGNALS))
 
 
 def placed(parameters: Parameters, program: Program) -> Parameters:
@@ -27,6 +48,57 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     return parameters.replace(motion__home_m=program.start_m)
 
 
+@kernel
+def _robot_cycle(
+    motors, control, payload_kg, status, answers, payload, exchanges, drives, drive_constants, plant
+):
+    """One bus cycle of drives and plant, exchange by exchange.
+
+    ``payload`` holds what is gripped now, what the last MDT said, and what the plant carries [kg].
+    """
+    motor_record, plant_state, plant_constants, geometry_record, inertia_record, shafts, matrix, brakes = (
+        plant
+    )
+    payload[0] = payload[1]
+    payload[1] = payload_kg
+    for i in range(3):
+        state, answer, _ = drives[i]
+        status[i] = mc4_begin_cycle(
+            True,
+            motors[i],
+            control,
+            shafts[i],
+            shafts[3 + i],
+            shafts[6 + i],
+            answer,
+            state,
+            drive_constants,
+        )
+        for row in range(3):
+            answers[row, i] = answer[row]
+    for _ in range(exchanges):
+        for i in range(3):
+            state, _, currents = drives[i]
+            brakes[i] = mc4_run_period(
+                shafts[i], shafts[3 + i], shafts[6 + i], currents, state, drive_constants, motor_record
+            )
+            for n in range(currents.shape[0]):
+                matrix[n, i] = currents[n]
+        if payload[0] != payload[2]:
+            inertia_record[0].plate += payload[0] - payload[2]
+            payload[2] = payload[0]
+        advance_plant(
+            matrix,
+            brakes,
+            shafts,
+            plant_state,
+            plant_constants,
+            geometry_record,
+            inertia_record,
+            motor_record,
+        )
+
+
 class Robot:
     """Plant and drives, one exchange after the other."""
 
@@ -34,9 +106,15 @@ class Robot:
         bus = parameters.bus
         self.plant = Plant(parameters)
         self.drives = [MC4(parameters) for _ in AXES]
-        self._exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
-        self._brakes = [False] * 3
-        self._currents: Floats = np.zeros((len(self.drives[0].currents), 3))
+        carried = parameters.dynamics.payload_mass_kg
+        gripped = payload_on_grid(carried)
+        self.payload: Floats = np.array([gripped, gripped, carried])
+        self.exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
+        steps = len(self.drives[0].currents)
+        self.drive_arrays = tuple((drive.state, drive.answer, drive.currents) for drive in self.drives)
+        self.drive_constants = self.drives[0].constants
+        self.plant_arrays = (*self.plant.arrays(), np.zeros((steps, 3)), np.zeros(3, dtype=np.int64))
+        self._status = np.zeros(3, dtype=np.int64)
 
     def encoder_positions(self) -> list[float]:
         """Motor shaft positions [rad] as the encoders read them."""
@@ -47,23 +125,65 @@ class Robot:
         self, commands: Floats, control: int, answers: Floats, payload_kg: float | None = None
     ) -> list[int]:
         """Run one bus cycle; fill ``answers`` (3 rows: position, speed, torque) and return the status words."""
-        shafts = self.plant.shafts()
-        status = []
-        for i, drive in enumerate(self.drives):
-            status.append(
-                drive.begin_cycle(
-                    float(commands[i]), control, shafts[i], shafts[3 + i], shafts[6 + i], payload_kg
-                )
-            )
-            answers[:, i] = drive.answer
-        for exchange in range(self._exchanges):
-            if exchange:
-                shafts = self.plant.shafts()
-            for i, drive in enumerate(self.drives):
-                self._brakes[i] = drive.run_period(shafts[i], shafts[3 + i], shafts[6 + i])
-                self._currents[:, i] = drive.currents
-            self.plant.advance(self._currents, self._brakes, self.drives[0].payload)
-        return status
+        _robot_cycle(
+            np.ascontiguousarray(commands, dtype=np.float64),
+            control,
+            float(self.payload[1]) if payload_kg is None else payload_kg,
+            self._status,
+            answers,
+            self.payload,
+            self.exchanges,
+            self.drive_arrays,
+            self.drive_constants,
+            self.plant_arrays,
+        )
+        return list(self._status.tolist())
+
+
+@kernel
+def _run_cycles(first, last, start_cycle, enable_cycle, task, robot, status, columns):
+    """Run bus cycles and fill the columns; return the first cycle of the program without torque, or -1."""
+    course, table, tables, motors, answer, task_state, task_constants, geometry_record = task
+    payload, exchanges, drives, drive_constants, plant = robot
+    shafts = plant[5]
+    answers = np.empty((3, 3))
+    for k in range(first, last):
+        command_cycle(k, course, table, tables, motors, task_state, task_constants, geometry_record)
+        for i in range(3):
+            columns[MOTOR_COMMAND][k, i] = motors[i]
+            columns[SHAFT_POSITION][k, i] = shafts[i]
+            columns[SHAFT_SPEED][k, i] = shafts[3 + i]
+            columns[COUPLING_TORQUE][k, i] = shafts[6 + i]
+        control = CONTROL_ENABLE if k >= enable_cycle else CONTROL_ON
+        _robot_cycle(
+            motors,
+            control,
+            task_state[0].payload,
+            status,
+            answers,
+            payload,
+            exchanges,
+            drives,
+            drive_constants,
+            plant,
+        )
+        if k >= start_cycle and not (_torque(status[0]) and _torque(status[1]) and _torque(status[2])):
+            return k
+        answer_cycle(k, answers[0], answers[2], answer, task_state, task_constants, geometry_record)
+        for i in range(3):
+            columns[MOTOR_POSITION][k, i] = answers[0, i]
+            columns[MOTOR_SPEED][k, i] = answers[1, i]
+            columns[CURRENT][k, i] = answers[2, i]
+            columns[TCP_ACTUAL][k, i] = answer[3 + i]
+            columns[TCP_COMMAND][k, i] = answer[6 + i]
+            columns[FOLLOWING_ERROR][k, i] = answer[9 + i]
+            columns[TCP_ERROR][k, i] = answer[12 + i]
+    return -1
+
+
+@kernel
+def _torque(status):
+    return status & READINESS_AND_ERROR == IN_TORQUE
 
 
 def run(program: Program, parameters: Parameters) -> Trace:
@@ -89,27 +209,25 @@ def run(program: Program, parameters: Parameters) -> Trace:
     task.enable_cycle = motion.enable_cycle
     task.start(motion.start_cycle)
     cycles = task.last_cycle + 1
-    columns = {name: np.empty((cycles, 3)) for name in SIGNALS}
-    answers = np.empty((3, 3))
-    for k in range(cycles):
-        shafts = robot.plant.shafts()
-        commands = task.command(k)
-        columns['motor_command'][k] = commands
-        columns['shaft_position'][k], columns['shaft_speed'][k] = shafts[:3], shafts[3:6]
-        columns['coupling_torque'][k] = shafts[6:]
-        status = robot.cycle(commands, task.control(k), answers, task.payload)
-        if k >= motion.start_cycle:
-            _require_torque(robot, status, k)
-        columns['motor_position'][k], columns['motor_speed'][k], columns['current'][k] = answers
-        result = task.receive(k, answers[0], answers[2])
-        columns['following_error'][k] = result[FOLLOWING_ERROR]
-        columns['tcp_command'][k] = result[TCP_COMMAND]
-        columns['tcp_actual'][k] = result[TCP_ACTUAL]
-        columns['tcp_error'][k] = result[TCP_ERROR]
-    columns['current'] /= parameters.motor.torque_constant_n_m_a
+    columns = tuple(np.empty((cycles, 3)) for _ in SIGNALS)
+    status = np.zeros(3, dtype=np.int64)
+    stopped = _run_cycles(
+        0,
+        cycles,
+        motion.start_cycle,
+        task.enable_cycle,
+        task.arrays(),
+        (robot.payload, robot.exchanges, robot.drive_arrays, robot.drive_constants, robot.plant_arrays),
+        status,
+        columns,
+    )
+    if stopped >= 0:
+        _refuse_without_torque(robot, status.tolist(), stopped)
+    signals = dict(zip(SIGNALS, columns, strict=True))
+    signals['current'] /= parameters.motor.torque_constant_n_m_a
     return Trace(
         np.arange(cycles, dtype=np.float64) * parameters.bus.cycle_time_s,
-        columns,
+        signals,
         _meta(planned, parameters, task),
     )
 
@@ -125,9 +243,24 @@ def rehearse(parameters: Parameters) -> None:
     answers = np.empty((3, 3))
     robot.cycle(task.command(0), task.control(0), answers, task.payload)
     task.receive(0, answers[0], answers[2])
+    _rehearse_nodes(parameters)
+    run(
+        Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),)),
+        parameters.replace(motion__enable_cycle=20, motion__start_cycle=120),
+    )
     task.hold()
     robot.drives[0].phase_currents()
     mark_compiled()
+
+
+def _rehearse_nodes(parameters: Parameters) -> None:
+    """Call drive and plant as their nodes do."""
+    plant, drive = Plant(parameters), MC4(parameters)
+    shaft = plant.shafts()[0], 0.0, 0.0
+    drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
+    drive.run_period(*shaft)
+    drive.clear_fault()
+    plant.advance(np.zeros((len(drive.currents), 3)), [False] * 3)
 
 
 def _rehearsal(parameters: Parameters) -> Program:
@@ -140,7 +273,7 @@ def _rehearsal(parameters: Parameters) -> Program:
     )
 
 
-def _require_torque(robot: Robot, status: list[int], cycle: int) -> None:
+def _refuse_without_torque(robot: Robot, status: list[int], cycle: int) -> None:
     for axis, word, drive in zip(AXES, status, robot.drives, strict=True):
         if not in_torque(word):
             raise RunError(

@@ -72,7 +72,7 @@ ANSWER_COLUMNS = 15
 
 
 @kernel
-def _command(cycle, course, table, tables, motors, state, constants, geometry_record):
+def command_cycle(cycle, course, table, tables, motors, state, constants, geometry_record):
     """Fill the motor commands [rad] of a cycle; nan where the TCP is out of reach."""
     s, c = state[0], constants[0]
     if cycle >= s.start_cycle:
@@ -114,7 +114,7 @@ def _switch_outputs(number, over, tables, s):
 
 
 @kernel
-def _answer(cycle, positions, torques, out, state, constants, geometry_record):
+def answer_cycle(cycle, positions, torques, out, state, constants, geometry_record):
     """Forward kinematics and errors of a cycle from the drives' answers."""
     s, c = state[0], constants[0]
     theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
@@ -309,7 +309,7 @@ class Transformation:
             course, self._coming = self._coming, None
             self._follow(course)
         timeline = self._timeline
-        _command(
+        command_cycle(
             cycle,
             timeline.record,
             timeline.table,
@@ -324,8 +324,24 @@ class Transformation:
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
         """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""
-        _answer(cycle, positions_rad, torques_n_m, self.answer, self.state, self._constants, self._geometry)
+        answer_cycle(
+            cycle, positions_rad, torques_n_m, self.answer, self.state, self._constants, self._geometry
+        )
         return self.answer
+
+    def arrays(self) -> tuple[Any, ...]:
+        """Arrays of the task, for a loop that is compiled as a whole, in the order of ``simulation``."""
+        timeline = self._timeline
+        return (
+            timeline.record,
+            timeline.table,
+            timeline.tables,
+            self.motors,
+            self.answer,
+            self.state,
+            self._constants,
+            self._geometry,
+        )
 
     def progress(self) -> tuple[int, float, float]:
         """Number of the present move, master position [m] and speed [m/s]."""

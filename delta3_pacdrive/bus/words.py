@@ -38,13 +38,13 @@ CONTROL_ENABLE = int(Control.DRIVE_ON | Control.ENABLE | Control.RUN)
 
 
 # plain integers: operations on flags are 20 times slower
-_READINESS_AND_ERROR = int(Status.IN_TORQUE | Status.ERROR)
-_IN_TORQUE = int(Status.IN_TORQUE)
+READINESS_AND_ERROR = int(Status.IN_TORQUE | Status.ERROR)
+IN_TORQUE = int(Status.IN_TORQUE)
 
 
 def in_torque(status: int) -> bool:
     """Whether a status word reports an enabled drive without error."""
-    return status & _READINESS_AND_ERROR == _IN_TORQUE
+    return status & READINESS_AND_ERROR == IN_TORQUE
 
 
 PAYLOAD_MAX_KG = 999.0

@@ -41,7 +41,7 @@ def _encoder(position, s, c):
 
 
 @kernel
-def _begin_cycle(heard, command, control, position, speed, coupling, answer, state, constants):
+def mc4_begin_cycle(heard, command, control, position, speed, coupling, answer, state, constants):
     """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine."""
     s, c = state[0], constants[0]
     reset_observer(position, speed, coupling, s)
@@ -61,7 +61,7 @@ def _begin_cycle(heard, command, control, position, speed, coupling, answer, sta
 
 
 @kernel
-def _run_period(position, speed, coupling, currents, state, constants, motor_record):
+def mc4_run_period(position, speed, coupling, currents, state, constants, motor_record):
     """Close the loops through one exchange period; return the brake output.
 
     ``currents`` takes I_eff at the end of each current-loop period.
@@ -124,11 +124,11 @@ class MC4:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        self._constants = drive_constants(parameters)
+        self.constants = drive_constants(parameters)
         self._motor = motor(parameters)
         self.state = np.zeros(1, STATE)
         self.answer: Floats = np.zeros(3)
-        self.currents: Floats = np.zeros(int(self._constants['steps_per_exchange'][0]))
+        self.currents: Floats = np.zeros(int(self.constants['steps_per_exchange'][0]))
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
 
     def begin_cycle(
@@ -154,8 +154,8 @@ class MC4:
         if payload is not None:
             self._next_payload = payload
         return int(
-            _begin_cycle(
-                True, command, control, position, speed, coupling, self.answer, self.state, self._constants
+            mc4_begin_cycle(
+                True, command, control, position, speed, coupling, self.answer, self.state, self.constants
             )
         )
 
@@ -163,17 +163,17 @@ class MC4:
         """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
         return int(
-            _begin_cycle(False, 0.0, 0, position, speed, coupling, self.answer, self.state, self._constants)
+            mc4_begin_cycle(False, 0.0, 0, position, speed, coupling, self.answer, self.state, self.constants)
         )
 
     def clear_fault(self) -> bool:
         """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
-        return bool(clear_fault(self.state[0], self._constants[0]))
+        return bool(clear_fault(self.state[0], self.constants[0]))
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
         return bool(
-            _run_period(position, speed, coupling, self.currents, self.state, self._constants, self._motor)
+            mc4_run_period(position, speed, coupling, self.currents, self.state, self.constants, self._motor)
         )
 
     @property
@@ -193,7 +193,7 @@ class MC4:
 
     def encoder_position(self, position: float) -> float:
         """Shaft position [rad] as the encoder reads it."""
-        per_rad = float(self._constants['increments_per_rad'][0])
+        per_rad = float(self.constants['increments_per_rad'][0])
         return float(to_increments(position, per_rad)) / per_rad
 
     def phase_currents(self) -> tuple[float, float, float]:

@@ -114,7 +114,7 @@ def _tuple3(a):
 
 
 @kernel
-def _advance(currents, brakes, shafts, state, constants, geometry_record, inertia_record, motor_record):
+def advance_plant(currents, brakes, shafts, state, constants, geometry_record, inertia_record, motor_record):
     """Integrate through ``currents`` (steps, 3), the values at the end of each step; fill the nine ``shafts``."""
     s, c = state[0], constants[0]
     for i in range(3):
@@ -183,7 +183,7 @@ class Plant:
         self._advance_through(np.empty((0, 3)))
 
     def _advance_through(self, currents: Floats) -> None:
-        _advance(
+        advance_plant(
             currents,
             self._brakes,
             self._shafts,
@@ -193,6 +193,10 @@ class Plant:
             self._inertia,
             self._motor,
         )
+
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """Arrays for a loop that is compiled as a whole: motor, state, constants, geometry, inertia, shafts."""
+        return (self._motor, self.state, self._constants, self._geometry, self._inertia, self._shafts)
 
     def advance(
         self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float | None = None
