@@ -22,11 +22,12 @@ ACTIONS = {
     'clear': 'empty the queue',
     'emergency_stop': 'stop on the path, then take the torque off',
     'override': 'speed in percent, 1 to 150',
+    'reset': 'clear faults; the drives are enabled apart',
     'enable': 'enable the drives',
     'disable': 'disable the drives',
     'state': 'say what the robot does',
 }
-SERVICES = {'start', 'hold', 'resume', 'abort', 'clear', 'emergency_stop'}
+SERVICES = {'start', 'hold', 'resume', 'abort', 'clear', 'emergency_stop', 'reset'}
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 

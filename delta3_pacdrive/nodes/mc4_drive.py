@@ -13,6 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceError, ServiceSlave
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diagnostic, fault_text
 from delta3_pacdrive.drive.mc4 import MC4
@@ -25,6 +26,7 @@ from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descr
 
 HOUSEKEEPING_S = 0.25
 DIAGNOSTICS_EVERY = 4
+RESET_CLASS_1 = 99  # S-0-0099
 
 
 class MC4DriveNode(Node):
@@ -43,9 +45,9 @@ class MC4DriveNode(Node):
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._exchange = 0
         self._frame = b''  # of the last MDT: it rarely changes
-        self._words: tuple[int, float] = (0, 0.0)
+        self._words: tuple[int, int, float] = (0, 0, 0.0)
         self._current_frames: dict[tuple[bool, float], bytes] = {}
-        self._commands: dict[int, tuple[float, int, float]] = {}
+        self._commands: dict[int, tuple[float, int, int, float]] = {}
         self._shafts: dict[int, tuple[float, float, float]] = {}
         self._resting_position: float | None = None
         self._reported_fault = DriveFault.NONE
@@ -54,6 +56,7 @@ class MC4DriveNode(Node):
         self._waiting = ''
         self._looks = 0
 
+        self._service = ServiceSlave(self._on_access)
         self._mdt = telegram.mdt_codec()
         self._at = telegram.at_codec(axis)
         self._current = telegram.current_codec(axis, len(self._drive.currents))
@@ -82,8 +85,7 @@ class MC4DriveNode(Node):
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
             if frame != self._frame:
-                _, control, payload = telegram.parse_mdt_frame(frame, self._index)
-                self._words = control, payload
+                _, *self._words = telegram.parse_mdt_frame(frame, self._index)  # type: ignore[assignment]
                 self._frame = frame
         except TelegramError as error:
             self._refuse(error)
@@ -97,7 +99,7 @@ class MC4DriveNode(Node):
                 self._late += 1  # late, or repeated
         elif self._resting_position is not None:
             position = self._drive.encoder_position(self._resting_position)
-            self._publish_at(self._at.encode((ACYCLIC_SEC, 0), b'4000', (position, 0.0, 0.0)))
+            self._publish_at(self._at.encode((ACYCLIC_SEC, 0), b'4000 0000', (position, 0.0, 0.0)))
 
     def _on_shafts(self, data: bytes) -> None:
         try:
@@ -129,7 +131,8 @@ class MC4DriveNode(Node):
             if within == 0:
                 telegram_ = self._commands.pop(cycle, None)
                 if telegram_ is not None:
-                    command, control, payload = telegram_
+                    command, control, service, payload = telegram_
+                    self._service.received(service)
                     status = drive.begin_cycle(command, control, *shaft, payload)
                 elif self._newest_command > cycle:
                     # telegrams of one sender keep their order: a later one says that this one was lost
@@ -137,7 +140,11 @@ class MC4DriveNode(Node):
                 else:
                     return
                 self._publish_at(
-                    self._at.encode(self._cycles.stamp(cycle), b'%04x' % status, drive.answer.tolist())
+                    self._at.encode(
+                        self._cycles.stamp(cycle),
+                        telegram.at_frame(status, self._service.to_send()),
+                        drive.answer.tolist(),
+                    )
                 )
                 if self._phases.wanted:
                     self._publish_phase_currents(cycle)
@@ -153,6 +160,13 @@ class MC4DriveNode(Node):
         if frame is None:
             frame = self._current_frames[released, payload] = telegram.current_frame(released, payload)
         return frame
+
+    def _on_access(self, access: Access) -> Answer:
+        """Carry out an access of the service channel."""
+        if access.idn == RESET_CLASS_1 and access.operation == Operation.COMMAND:
+            cleared = self._drive.clear_fault()
+            return Answer(access.idn, ServiceError.NONE if cleared else ServiceError.COMMAND_NOT_EXECUTABLE)
+        return Answer(access.idn, ServiceError.NO_IDN)
 
     def _publish_phase_currents(self, cycle: int) -> None:
         message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self._drive.phase_currents())

@@ -144,7 +144,16 @@ class MotionServer:
         self.state = state
         self._state_publisher.publish(String(data=str(state)))
 
-    def _refuse(self, what: str, error: ProgramError) -> None:
+    def reset(self, tcp: Any, stamp: tuple[int, int]) -> None:
+        """Leave the state of error: the robot stands at a place, and no program is loaded."""
+        self._task.unload()
+        self._aborting = False
+        self.starts = self.ends = self._due = NEVER
+        self._enter(MotionState.IDLE)
+        self.locate(tcp, stamp)
+
+    def refuse(self, what: str, error: ProgramError) -> None:
+        """Say why something was refused."""
         self._node.get_logger().error(f'{what} refused: {error}')
         self._refusal.publish(String(data=f'{what} refused: {error}'))
 
@@ -176,7 +185,7 @@ class MotionServer:
             self._parts.append(move)
         except ProgramError as error:
             self._parts = []
-            self._refuse('plan', error)
+            self.refuse('plan', error)
 
     def _start(self, row: Any) -> None:
         moves, self._parts = self._parts, []
@@ -215,7 +224,7 @@ class MotionServer:
                 course = course.at_cycle(max(course.cycle, self._earliest()))
             self._task.change(course)
         except ProgramError as error:
-            self._refuse('course', error)
+            self.refuse('course', error)
             return
         self.ends = self._task.coming_last_cycle
         self._due = NEVER

@@ -15,7 +15,7 @@ from delta3_pacdrive.nodes.qos import LATCHED, REPORT, REQUEST
 
 LOOK_S = 0.02
 PATIENCE_S = 10.0
-SERVICES = ('start', 'resume', 'clear', 'hold', 'abort', 'emergency_stop')
+SERVICES = ('start', 'resume', 'clear', 'hold', 'abort', 'emergency_stop', 'reset')
 
 
 class OperatorNode(PollingNode):

@@ -181,11 +181,11 @@ def raw_publish(publisher: Publisher) -> Callable[[bytes], None]:
 AXES = ('axis1', 'axis2', 'axis3')
 BASE_FRAME = b'base'
 
-# MDT: frame = communication phase, the control words S-0-0134 of the three drives and the payload that the controller's
-# outputs have gripped [kg], "CP4 e000 e000 e000 000.5000"
-MDT_FRAME_LENGTH = 27
-# AT: frame = status word S-0-0135, "c008"
-AT_FRAME_LENGTH = 4
+# MDT: frame = communication phase, the control words S-0-0134 of the three drives, their service channel words and the
+# payload that the controller's outputs have gripped [kg], "CP4 e000 e000 e000 0000 0000 0000 000.5000"
+MDT_FRAME_LENGTH = 42
+# AT: frame = status word S-0-0135 and service channel word, "c008 0000"
+AT_FRAME_LENGTH = 9
 # motor current: frame = brake output and gripped payload [kg], "free 000.5000" or "held 000.5000"
 CURRENT_FRAME_LENGTH = 13
 BRAKE_FREE, BRAKE_HELD = 'free', 'held'
@@ -221,22 +221,24 @@ def joint_states_codec() -> JointStateCodec:
     return JointStateCodec(AXES, (3, 3, 3), len(BASE_FRAME))
 
 
-def mdt_frame(phase: int, control: int, payload_kg: float) -> bytes:
-    """Frame of an MDT that gives all drives the same control word."""
+def mdt_frame(phase: int, control: int, payload_kg: float, service: Sequence[int] = (0, 0, 0)) -> bytes:
+    """Frame of an MDT that gives all drives the same control word, and each its word of the service channel."""
     word = f'{control:04x}'
-    return f'CP{phase} {word} {word} {word} {payload_kg:08.4f}'.encode()
+    channel = ' '.join(f'{item:04x}' for item in service)
+    return f'CP{phase} {word} {word} {word} {channel} {payload_kg:08.4f}'.encode()
 
 
-def parse_mdt_frame(frame: bytes, axis_index: int) -> tuple[int, int, float]:
-    """Return (phase, control word of an axis, payload [kg]); raises TelegramError."""
+def parse_mdt_frame(frame: bytes, axis_index: int) -> tuple[int, int, int, float]:
+    """Return (phase, control word and service channel word of an axis, payload [kg]); raises TelegramError."""
     try:
         head, *words, payload = frame.decode('ascii').split()
-        if len(words) != len(AXES) or not head.startswith('CP'):
+        if len(words) != 2 * len(AXES) or not head.startswith('CP'):
             raise ValueError
-        return int(head[2:]), int(words[axis_index], 16), _payload(payload)
+        service = int(words[len(AXES) + axis_index], 16)
+        return int(head[2:]), int(words[axis_index], 16), service, _payload(payload)
     except ValueError:
         raise TelegramError(
-            f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww ppp.pppp"'
+            f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww ssss ssss ssss ppp.pppp"'
         ) from None
 
 
@@ -265,9 +267,15 @@ def _payload(text: str) -> float:
     return value
 
 
-def parse_status(frame: bytes) -> int:
-    """Return the status word of an AT; raises TelegramError."""
+def at_frame(status: int, service: int) -> bytes:
+    """Frame of an AT."""
+    return b'%04x %04x' % (status, service)
+
+
+def parse_at_frame(frame: bytes) -> tuple[int, int]:
+    """Return (status word, service channel word) of an AT; raises TelegramError."""
     try:
-        return int(frame, 16)
+        status, service = frame.split()
+        return int(status, 16), int(service, 16)
     except ValueError:
-        raise TelegramError(f'frame_id {frame!r:.60} of an AT is not a status word') from None
+        raise TelegramError(f'frame_id {frame!r:.60} of an AT is not "wwww ssss"') from None

@@ -3,12 +3,13 @@
 In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
 ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along
 the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``,
-``emergency_stop``. Programs, holds and outputs: see ``motion_server``.
+``emergency_stop``, ``reset``. Programs, holds and outputs: see ``motion_server``.
 """
 
 import json
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -23,9 +24,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
 from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
+from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceMaster
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, Status, in_torque
-from delta3_pacdrive.errors import TelegramError, UnreachableError
+from delta3_pacdrive.errors import ProgramError, TelegramError, UnreachableError
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
@@ -49,6 +51,7 @@ DIAGNOSTICS_EVERY = 5  # progress reports
 JOINT_STATES_S = 0.01  # of bus time
 SILENCE_S = 1.0
 LOSSES_IN_A_ROW = 2
+RESET_CLASS_1 = 99  # S-0-0099
 
 
 class TransformationTaskNode(PollingNode):
@@ -103,10 +106,16 @@ class TransformationTaskNode(PollingNode):
         self._last_answer_s = 0.0
         self._wall_start_s = 0.0
 
+        self._service = [ServiceMaster() for _ in DRIVES]
+        self._waiting_for: list[deque[Callable[[int, Answer], None]]] = [deque() for _ in DRIVES]
+        self._accesses = 0  # under way in the service channels
+        self._resets, self._reset_errors = 0, list[str]()
+
         self._create_outputs()
         self._create_inputs(poll=factor > 0.0)
         self.create_service(SetBool, 'enable', self._on_enable)
         self.create_service(Trigger, 'emergency_stop', self._on_emergency_stop)
+        self.create_service(Trigger, 'reset', self._on_reset)
         self._motion = MotionServer(self, self._task, parameters, self._earliest)
         self._set_phase(Phase.CP0)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
@@ -242,7 +251,7 @@ class TransformationTaskNode(PollingNode):
             self._lateness.add(self._pacing.lateness_s(cycle, now))
             self._outstanding[outstanding] += 1
             commands = self._task.command(cycle)
-            frame = _frame_of(self._task.control(cycle), self._task.payload)
+            frame = self._frame(cycle)
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
             self._sent_ns[cycle % len(self._sent_ns)] = time.time_ns()
             self._publish_mdt(data)
@@ -251,6 +260,15 @@ class TransformationTaskNode(PollingNode):
                 self._master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self._cycle = cycle + 1
             self._motion.commanded(cycle)
+
+    def _frame(self, cycle: int) -> bytes:
+        """Frame of the MDT of a cycle."""
+        control, payload = self._task.control(cycle), self._task.payload
+        if not self._accesses:
+            return _frame_of(control, payload)
+        return telegram.mdt_frame(
+            Phase.CP4, control, payload, [channel.to_send() for channel in self._service]
+        )
 
     def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[..., None]:
         inbox = self._inbox[index]
@@ -283,11 +301,15 @@ class TransformationTaskNode(PollingNode):
                 answer_ = inbox.pop(cycle, None)
                 if answer_ is None:
                     self._bridge(index, cycle)
+                    if self._accesses:
+                        self._take_service(index, None)
                     continue
                 values, frame = answer_
                 self._losses_in_a_row[index] = 0
                 self._positions[index], self._speeds[index], self._torques[index] = values
-                self._status[index] = telegram.parse_status(frame)
+                self._status[index], service = telegram.parse_at_frame(frame)
+                if self._accesses:
+                    self._take_service(index, service)
             self._round_trip.add(
                 ((received_ns or time.time_ns()) - self._sent_ns[cycle % len(self._sent_ns)]) * 1e-9
             )
@@ -304,6 +326,18 @@ class TransformationTaskNode(PollingNode):
                 self._supervise(cycle)
         if not self._pacing.period_s and self._phase == Phase.CP4:
             self._start_cycles()
+
+    def _access(self, index: int, access: Access, done: Callable[[int, Answer], None]) -> None:
+        """Ask a drive through its service channel; ``done`` is called with the answer some ten cycles later."""
+        self._service[index].request(access)
+        self._waiting_for[index].append(done)
+        self._accesses += 1
+
+    def _take_service(self, index: int, word: int | None) -> None:
+        answer = self._service[index].received(word)
+        if answer is not None:
+            self._accesses -= 1
+            self._waiting_for[index].popleft()(index, answer)
 
     def _bridge(self, index: int, cycle: int) -> None:
         """Go on without the AT of an axis: its shaft is extrapolated; two in a row are the master's fault 8506."""
@@ -355,6 +389,42 @@ class TransformationTaskNode(PollingNode):
         self._stop(f'emergency stop in bus cycle {self._cycle}')
         response.success, response.message = True, self._fault
         return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Clear the faults of all drives (S-0-0099); the robot is ready again where it stands, and not enabled."""
+        if not self._fault or self._down or self._resets:
+            response.message = (
+                'there is no fault' if not self._fault else f'cannot be cleared now: {self._fault}'
+            )
+            return response
+        self._resets = len(DRIVES)
+        self._reset_errors = []
+        for index in range(len(DRIVES)):
+            self._access(index, Access(RESET_CLASS_1, Operation.COMMAND), self._on_reset_answer)
+        response.success, response.message = True, f'S-0-0099 goes out from bus cycle {self._cycle} on'
+        return response
+
+    def _on_reset_answer(self, index: int, answer: Answer) -> None:
+        self._resets -= 1
+        if answer.error:
+            self._reset_errors.append(f'{DRIVES[index]}: {answer.sentence}')
+        if self._resets:
+            return
+        if self._reset_errors:
+            self._motion.refuse('reset', ProgramError('; '.join(self._reset_errors)))
+            return
+        if any(in_torque(status) for status in self._status):
+            self._motion.refuse('reset', ProgramError('a drive is in torque still'))
+            return
+        self._fault = ''
+        self._task.enable_cycle = NEVER
+        try:
+            tcp = self._task.locate(self._positions)
+        except UnreachableError as error:
+            self._stop(str(error))
+            return
+        self.get_logger().info(f'faults cleared in bus cycle {self._answered}')
+        self._motion.reset(tcp, self._cycles.stamp(self._answered))
 
     # reports ----------------------------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.drive.record import DriveState
@@ -171,6 +172,46 @@ def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
     response = graph.call(SetBool, 'enable', SetBool.Request(data=True))
     assert not response.success
     assert response.message.startswith('not after a fault: axis3 reports a fault')
+
+
+def test_after_a_reset_the_robot_is_ready_where_it_stands(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    cell.drives[1]._drive.state['encoder_broken'] = 1
+    cell.wait_until_disabled()
+    refusals = graph.listen(String, 'motion/refusal')
+    assert graph.call(Trigger, 'reset', Trigger.Request()).success
+    graph.spin_until(lambda: refusals, 'the refusal')
+    assert refusals[-1].data.startswith(
+        'reset refused: axis2: 8503: S-0-0099: the procedure command cannot be'
+    )
+    assert cell.operator.state == 'error'
+    cell.drives[1]._drive.state['encoder_broken'] = 0
+    assert graph.call(Trigger, 'reset', Trigger.Request()).success
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the reset')
+    assert cell.task.progress()['fault'] == ''
+    stood = cell.positions(cell.actual)[-1]
+    assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
+    cell.operator.send_program('moves: [{move_l: {to_m: [0.0, 0.0, -0.8]}}]')
+    cell.operator.call('start')
+    graph.spin_until(lambda: cell.operator.state == 'moving', 'the motion')
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    actual = cell.positions(cell.actual)
+    assert actual[-1] == pytest.approx([0.0, 0.0, -0.8], abs=1e-5)
+    assert np.linalg.norm(stood - actual[-1]) > 0.05
+    # no jump: the TCP went on from where it stood
+    assert np.linalg.norm(np.diff(actual, axis=0), axis=1).max() < 2e-3
+    assert all(node._drive.fault == 0 for node in cell.drives)
+
+
+def test_a_reset_after_an_emergency_stop_and_one_without_a_fault(graph: Any) -> None:
+    cell = Cell(graph)
+    assert not graph.call(Trigger, 'reset', Trigger.Request()).success
+    cell.move()
+    cell.operator.call('emergency_stop')
+    cell.wait_until_disabled()
+    assert cell.operator.call('reset').startswith('S-0-0099 goes out from bus cycle')
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the reset')
 
 
 def test_every_drive_tells_its_state_by_sercos_names(graph: Any) -> None:
