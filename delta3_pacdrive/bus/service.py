@@ -33,7 +33,7 @@ keep its order, as telegrams do; whether bits are right is checked by the telegr
 
 A value is an IEEE 754 number of 64 bits, integers too. The channel is opened before the first access and after one that
 got no answer, so that no word of a forgotten access is ever taken for one of the next. If a word needs one cycle in
-either direction, an access takes 10 cycles, and an opening 2 before it; each further cycle of latency adds as much.
+either direction, reading and writing take 10 cycles, a command 5, an opening 2 more; further latency adds to each.
 
 SERCOS II has the same word and the same handshake bits, but a control word beside it and a step by step exchange of the
 elements of a data block (IEC 61491); name, unit, minimum and maximum are known on both sides here (drive/idn.py), and
@@ -240,8 +240,7 @@ class ServiceMaster:
     Parameters
     ----------
     cycles_max
-        Most cycles that an access may take, opening of the channel included; an answer needs 10 cycles and the latency
-        of both directions beyond one cycle each.
+        Most cycles that an access may take, opening of the channel included.
 
     """
 
@@ -389,15 +388,12 @@ class ServiceSlave:
         elif word <= _PORTION_MASK:
             self._word = word
             if word != IDLE:
-                self._handshake = None
-                self._sender = None
+                self._handshake = None  # whatever comes next begins a new access
 
     def to_send(self) -> int:
         """Return the word for the next AT."""
-        if self._word == IDLE:
-            return IDLE
         if not _is_portion(self._word):
-            return self._word  # echo of an opening
+            return self._word  # echo of an opening, or silence after silence
         return self._sender.word() if self._sender is not None else IDLE
 
     def _take(self, word: int) -> None:

@@ -166,6 +166,10 @@ class MC4:
             mc4_begin_cycle(False, 0.0, 0, position, speed, coupling, self.answer, self.state, self.constants)
         )
 
+    def configure(self, parameters: Parameters) -> None:
+        """Take over other gains, feed-forwards, filters and limits from the next cycle on."""
+        self.constants[:] = drive_constants(parameters)
+
     def clear_fault(self) -> bool:
         """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
         return bool(clear_fault(self.state[0], self.constants[0]))

@@ -9,13 +9,17 @@ import json
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceError, ServiceSlave
+from delta3_pacdrive.bus.service import ServiceSlave
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diagnostic, fault_text
+from delta3_pacdrive.drive.idn import TABLE, Register
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import runtime, telegram
@@ -23,10 +27,12 @@ from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.parameters import Parameters, flatten
 
 HOUSEKEEPING_S = 0.25
 DIAGNOSTICS_EVERY = 4
-RESET_CLASS_1 = 99  # S-0-0099
+# what may change in cyclic operation, by the name of the parameter: ROS parameters of the drive and IDNs of the bus
+WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in}
 
 
 class MC4DriveNode(Node):
@@ -35,7 +41,7 @@ class MC4DriveNode(Node):
     def __init__(self, **node_options: Any) -> None:
         super().__init__('mc4_drive', **node_options)
         number = declare(self, 'axis', 1, descriptor('number of the axis', 1, 3, int))
-        parameters = declare_robot(self)
+        parameters = declare_robot(self, frozenset(WRITABLE))
         bus = parameters.bus
         self._index = number - 1
         self._axis = axis = DRIVES[self._index]
@@ -45,7 +51,8 @@ class MC4DriveNode(Node):
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._exchange = 0
         self._frame = b''  # of the last MDT: it rarely changes
-        self._words: tuple[int, int, float] = (0, 0, 0.0)
+        self._words: tuple[int, int, int, float] = (0, 0, 0, 0.0)  # phase, control, service channel, payload
+        self._setting = False
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._commands: dict[int, tuple[float, int, int, float]] = {}
         self._shafts: dict[int, tuple[float, float, float]] = {}
@@ -56,7 +63,9 @@ class MC4DriveNode(Node):
         self._waiting = ''
         self._looks = 0
 
-        self._service = ServiceSlave(self._on_access)
+        self._register = Register(parameters, self._actual, self._configure, self._drive.clear_fault)
+        self._service = ServiceSlave(lambda access: self._register.serve(access, Phase(self._words[0])))
+        self.add_on_set_parameters_callback(self._on_set_parameters)
         self._mdt = telegram.mdt_codec()
         self._at = telegram.at_codec(axis)
         self._current = telegram.current_codec(axis, len(self._drive.currents))
@@ -85,14 +94,14 @@ class MC4DriveNode(Node):
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
             if frame != self._frame:
-                _, *self._words = telegram.parse_mdt_frame(frame, self._index)  # type: ignore[assignment]
+                self._words = telegram.parse_mdt_frame(frame, self._index)
                 self._frame = frame
         except TelegramError as error:
             self._refuse(error)
             return
         if cycle >= 0:
             if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
-                self._commands[cycle] = (values[self._index], *self._words)
+                self._commands[cycle] = (values[self._index], *self._words[1:])
                 self._newest_command = max(self._newest_command, cycle)
                 self._advance()
             else:
@@ -161,12 +170,48 @@ class MC4DriveNode(Node):
             frame = self._current_frames[released, payload] = telegram.current_frame(released, payload)
         return frame
 
-    def _on_access(self, access: Access) -> Answer:
-        """Carry out an access of the service channel."""
-        if access.idn == RESET_CLASS_1 and access.operation == Operation.COMMAND:
-            cleared = self._drive.clear_fault()
-            return Answer(access.idn, ServiceError.NONE if cleared else ServiceError.COMMAND_NOT_EXECUTABLE)
-        return Answer(access.idn, ServiceError.NO_IDN)
+    def _actual(self, name: str) -> float:
+        """Field of the drive's state, for the service channel."""
+        return float(self._drive.state[name][0])
+
+    def _configure(self, parameters: Parameters) -> None:
+        """Take over parameters that were written, and keep those of ROS equal to them."""
+        self._drive.configure(parameters)
+        cycle = self._exchange // self._exchanges_per_cycle
+        mine = flatten(parameters)
+        changed = [
+            Parameter(name, value=mine[name])
+            for name in WRITABLE
+            if self.get_parameter(name).value != mine[name]
+        ]
+        for parameter in changed:
+            self.get_logger().info(
+                f'{self._axis}: {parameter.name} = {parameter.value:g} from bus cycle {cycle} on'
+            )
+        if not self._setting:
+            self._setting = True
+            self.set_parameters(changed)
+            self._setting = False
+
+    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Write parameters that ROS sets into the register, which knows what is allowed."""
+        if self._setting:
+            return SetParametersResult(successful=True)
+        before = self._register.parameters
+        self._setting = True
+        try:
+            for parameter in parameters:
+                if parameter.name not in WRITABLE:
+                    continue
+                answer = self._register.write(WRITABLE[parameter.name], float(parameter.value), Phase.CP4)
+                if answer.error:
+                    # all of them or none
+                    self._register.parameters = before
+                    self._drive.configure(before)
+                    return SetParametersResult(successful=False, reason=self._register.refusal)
+        finally:
+            self._setting = False
+        return SetParametersResult(successful=True)
 
     def _publish_phase_currents(self, cycle: int) -> None:
         message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self._drive.phase_currents())

@@ -42,6 +42,14 @@ class OperatorNode(PollingNode):
         self._override = self.create_publisher(Float64, 'unit_robot/override', REQUEST)
         self._triggers = {name: self.create_client(Trigger, name) for name in SERVICES}
         self._enable = self.create_client(SetBool, 'enable')
+        self._request = self.create_publisher(String, 'sercos/service/request', REQUEST)
+        self._service_answers: list[str] = []
+        self.create_subscription(
+            String,
+            'sercos/service/answer',
+            lambda message: self._service_answers.append(message.data),
+            REQUEST,
+        )
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
     def _on_progress(self, message: String) -> None:
@@ -102,6 +110,20 @@ class OperatorNode(PollingNode):
     def call(self, name: str) -> str:
         """Call one of ``SERVICES``; raises ProgramError if it is refused."""
         return self._result(self._triggers[name], Trigger.Request(), name)
+
+    def drive(self, request: str) -> str:
+        """Ask a drive through its service channel ("axis1 read S-0-0104"); raises ProgramError if it refuses."""
+        self.wait_until(
+            lambda: self._request.get_subscription_count() and self.count_publishers('sercos/service/answer'),
+            'transformation task',
+        )
+        self._service_answers.clear()
+        self._request.publish(String(data=request))
+        self.wait_until(lambda: self._service_answers, 'answer of the service channel')
+        verdict, _, text = self._service_answers[-1].partition(': ')
+        if verdict == 'refused':
+            raise ProgramError(text)
+        return text
 
     def enable(self, on: bool) -> str:
         """Enable or disable the drives."""

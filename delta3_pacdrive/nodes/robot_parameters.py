@@ -15,9 +15,11 @@ from delta3_pacdrive.errors import ParameterError
 _OF_RCLPY = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
-def descriptor(description: str, low: float, high: float, kind: type) -> ParameterDescriptor:
-    """Describe a parameter that is fixed at start-up; a closed range where ROS can express it."""
-    result = ParameterDescriptor(description=description, read_only=True)
+def descriptor(
+    description: str, low: float, high: float, kind: type, writable: bool = False
+) -> ParameterDescriptor:
+    """Describe a parameter, fixed at start-up unless ``writable``; a closed range where ROS can express it."""
+    result = ParameterDescriptor(description=description, read_only=not writable)
     bounded = math.isfinite(low) and math.isfinite(high)
     if bounded and kind is float:
         result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
@@ -39,8 +41,10 @@ def _declare_all(node: Node, entries: list[Any]) -> list[Any]:
         raise ParameterError(f'{node.get_fully_qualified_name()}: {error}') from None
 
 
-def declare_robot(node: Node) -> core.Parameters:
+def declare_robot(node: Node, writable: frozenset[str] = frozenset()) -> core.Parameters:
     """Declare every parameter of the robot and return them checked; also refuses overrides that nobody declared.
+
+    ``writable`` names those that may be set while the node runs.
 
     Call it after the node's own parameters are declared.
     """
@@ -50,7 +54,8 @@ def declare_robot(node: Node) -> core.Parameters:
         for f in dataclasses.fields(cls):
             default = defaults[f'{group}.{f.name}']
             kind = f.type if f.type in (int, float) else list
-            info = descriptor(f.metadata['description'], f.metadata['low'], f.metadata['high'], kind)
+            low, high = f.metadata['low'], f.metadata['high']
+            info = descriptor(f.metadata['description'], low, high, kind, f'{group}.{f.name}' in writable)
             entries.append((f'{group}.{f.name}', list(default) if kind is list else default, info))
     values = [list(value) if isinstance(value, array) else value for value in _declare_all(node, entries)]
     for name in getattr(node, '_parameter_overrides', {}):

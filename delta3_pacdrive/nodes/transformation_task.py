@@ -3,7 +3,7 @@
 In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
 ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along
 the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``,
-``emergency_stop``, ``reset``. Programs, holds and outputs: see ``motion_server``.
+``emergency_stop``, ``reset``. Programs, holds and outputs: see ``motion_server``; service channel: ``service_desk``.
 """
 
 import json
@@ -36,6 +36,7 @@ from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.polling import PollingNode, Taken
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.nodes.service_desk import ServiceDesk
 from delta3_pacdrive.transformation import (
     FOLLOWING_ERROR,
     TCP_ACTUAL,
@@ -116,6 +117,7 @@ class TransformationTaskNode(PollingNode):
         self.create_service(SetBool, 'enable', self._on_enable)
         self.create_service(Trigger, 'emergency_stop', self._on_emergency_stop)
         self.create_service(Trigger, 'reset', self._on_reset)
+        self._desk = ServiceDesk(self, self._ask_drive)
         self._motion = MotionServer(self, self._task, parameters, self._earliest)
         self._set_phase(Phase.CP0)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
@@ -326,6 +328,14 @@ class TransformationTaskNode(PollingNode):
                 self._supervise(cycle)
         if not self._pacing.period_s and self._phase == Phase.CP4:
             self._start_cycles()
+
+    def _ask_drive(self, index: int, access: Access, done: Callable[[int, Answer], None]) -> None:
+        """Take a request of an operator; raises TelegramError."""
+        if self._phase != Phase.CP4 or self._down:
+            raise TelegramError(
+                f'the service channel needs cyclic operation, the bus is in {self._phase.name}'
+            )
+        self._access(index, access, done)
 
     def _access(self, index: int, access: Access, done: Callable[[int, Answer], None]) -> None:
         """Ask a drive through its service channel; ``done`` is called with the answer some ten cycles later."""

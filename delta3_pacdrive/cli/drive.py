@@ -1,0 +1,74 @@
+"""``delta3 drive``: read and write operation data of a drive through the service channel of a robot that is up."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from delta3_pacdrive.cli.output import guarded, parser_for
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    parser = parser_for('drive', 'Read or write a value of a drive by its IDN, or list the IDNs.')
+    parser.add_argument('axis', help='axis1, axis2, axis3, or "list"')
+    parser.add_argument('idn', nargs='?', help='such as S-0-0104')
+    parser.add_argument('value', nargs='?', help='value to write; "command" executes a procedure command')
+    parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    options = parser.parse_args(arguments)
+    if options.axis != 'list' and options.idn is None:
+        parser.error('an IDN is needed')
+    return guarded(lambda: _list(options.json) if options.axis == 'list' else _ask(options), options.json)
+
+
+def _list(as_json: bool) -> int:
+    from delta3_pacdrive.bus.service import format_idn
+    from delta3_pacdrive.drive.idn import TABLE
+
+    rows: list[dict[str, Any]] = [
+        {
+            'idn': format_idn(idn),
+            'name': row.name,
+            'unit': row.unit,
+            'group': str(row.group),
+            'writable_in': sorted(phase.name for phase in row.writable_in),
+            'limits': [value if abs(value) < float('inf') else None for value in row.limits],
+        }
+        for idn, row in TABLE.items()
+    ]
+    if as_json:
+        print(json.dumps(rows))
+        return 0
+    for row in rows:
+        writable = ', '.join(row['writable_in']) or 'read only'
+        print(f'{row["idn"]}  {row["name"]:<45} {row["unit"]:<8} {row["group"]:<20} {writable}')
+    return 0
+
+
+def _ask(options: argparse.Namespace) -> int:
+    import rclpy
+
+    from delta3_pacdrive.nodes import discovery, runtime
+    from delta3_pacdrive.nodes.operator import OperatorNode
+
+    axis, idn, value = options.axis, options.idn, options.value
+    action = 'read' if value is None else 'command' if value == 'command' else 'write'
+    request = f'{axis} {action} {idn}' + (f' {value}' if action == 'write' else '')
+    discovery.keep_to_this_machine()
+    rclpy.init()
+    process = runtime.Process()
+    operator = OperatorNode(process.spin_for, namespace='/' + options.namespace.strip('/'))
+    process.add(operator)
+    try:
+        sentence = operator.drive(request)
+    finally:
+        process.close()
+        rclpy.try_shutdown()
+    print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

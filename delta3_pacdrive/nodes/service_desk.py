@@ -1,0 +1,69 @@
+"""Requests of operators to the service channels of the drives, as text, and their answers.
+
+In: ``sercos/service/request`` (String: "axis1 read S-0-0104", "axis2 write S-0-0104 70", "axis3 command S-0-0099").
+Out: ``sercos/service/answer`` (String: one sentence for each request, with value and unit, or message 8503).
+"""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.service import Access, Answer, Operation, format_idn, parse_idn
+from delta3_pacdrive.drive.idn import TABLE, refusal
+from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
+from delta3_pacdrive.nodes.qos import REQUEST
+
+Done = Callable[[int, Answer], None]
+OPERATIONS = {operation.name.lower(): operation for operation in Operation}
+
+
+class ServiceDesk:
+    """Reads requests, hands them to the bus, and writes the answers down."""
+
+    def __init__(self, node: Node, ask: Callable[[int, Access, Done], None]) -> None:
+        self._ask = ask
+        self._answers = node.create_publisher(String, 'sercos/service/answer', REQUEST)
+        node.create_subscription(String, 'sercos/service/request', self._on_request, REQUEST)
+
+    def _on_request(self, message: String) -> None:
+        try:
+            index, access = parse_request(message.data)
+            self._ask(index, access, lambda index, answer: self._say(sentence(index, access, answer)))
+        except Delta3Error as error:
+            self._say(f'refused: {error}')
+
+    def _say(self, text: str) -> None:
+        self._answers.publish(String(data=text))
+
+
+def parse_request(text: str) -> tuple[int, Access]:
+    """Return (number of the drive, access) of a request; raises TelegramError or ParameterError."""
+    words = text.split()
+    if len(words) < 3 or words[0] not in DRIVES or words[1] not in OPERATIONS:
+        raise TelegramError(
+            f'{shown(text)} is no request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '
+            '"axis1 command S-0-0099"'
+        )
+    operation = OPERATIONS[words[1]]
+    if len(words) != (4 if operation == Operation.WRITE else 3):
+        raise TelegramError(f'{shown(text)}: only "write" takes a value, and it needs one')
+    value = 0.0
+    if operation == Operation.WRITE:
+        try:
+            value = float(words[3])
+        except ValueError:
+            raise TelegramError(f'{shown(words[3])} is no number') from None
+    return DRIVES.index(words[0]), Access(parse_idn(words[2]), operation, value)
+
+
+def sentence(index: int, access: Access, answer: Answer) -> str:
+    """Say what became of an access."""
+    if answer.error:
+        return f'refused: {DRIVES[index]}: {refusal(access, answer)}'
+    row = TABLE[access.idn]
+    unit = '' if row.unit in ('1', 'bits') else f' {row.unit}'
+    if access.operation == Operation.COMMAND:
+        return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name}: done'
+    return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name} = {answer.value:.12g}{unit}'
