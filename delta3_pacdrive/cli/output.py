@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -24,6 +25,10 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
         return action()
     except Delta3Error as error:
         return fail(error, as_json)
+    except BrokenPipeError:
+        # whoever read has gone; nothing is left to be said, not even at the end of the interpreter
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except ModuleNotFoundError as error:
         if error.name != 'rclpy':
             raise

@@ -47,13 +47,16 @@ class OperatorNode(PollingNode):
         self.create_subscription(
             String,
             'sercos/service/answer',
-            lambda message: self._service_answers.append(message.data),
+            self._on_service_answer,
             REQUEST,
         )
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
     def _on_progress(self, message: String) -> None:
         self.progress = json.loads(message.data)
+
+    def _on_service_answer(self, message: String) -> None:
+        self._service_answers.append(message.data)
 
     def _on_state(self, message: String) -> None:
         self.state = message.data
