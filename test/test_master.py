@@ -142,6 +142,6 @@ def test_where_the_master_is_at_a_time_it_is_found_again_by_the_distance(
 def test_a_distance_in_the_middle_of_the_cruise_is_passed_at_the_time_of_the_closed_formula():
     """Trapezoid with 1 m/s, 10 m/s2 over 1 m: s = 0.5 m at half the time of 1.1 s."""
     found = master_at_distances([0.0, 0.05, 0.5, 0.95, 1.0], plan_master(1.0, 1.0, 10.0, math.inf))
-    assert found[:, 0] == pytest.approx([0.0, 0.1, 0.55, 1.0, 1.1], abs=1e-12)
+    assert found[:, 0] == pytest.approx([0.0, 0.1, 0.55, 1.0, 1.1], abs=1e-10)
     assert found[:, 2] == pytest.approx([0.0, 1.0, 1.0, 1.0, 0.0], abs=1e-7)
     assert found[2].tolist()[1:] == pytest.approx([0.5, 1.0, 0.0, 0.0], abs=1e-12)

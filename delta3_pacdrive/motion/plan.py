@@ -23,6 +23,7 @@ VERSION = 2
 HEADER = 10
 MOVES_MAX = 20_000
 ROWS_MAX = 200_000  # phases, segments or events of one move
+COUNT_MAX = 10**9  # larger numbers in a header are not worth printing
 CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
 OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')
 
@@ -120,8 +121,8 @@ class Move:
         if row.ndim != 1 or len(row) < HEADER or not np.isfinite(row).all():
             raise ProgramError(f'a plan message must be a row of finite numbers with a header of {HEADER}')
         whole = row[:7]
-        if (whole != np.floor(whole)).any() or (row[:HEADER] < 0).any():
-            raise ProgramError('the header of a plan message must hold whole numbers')
+        if (whole != np.floor(whole)).any() or (row[:HEADER] < 0).any() or whole.max() > COUNT_MAX:
+            raise ProgramError(f'the header of a plan message must hold whole numbers up to {COUNT_MAX}')
         version, number, count, kind, phases, segments, events = (int(value) for value in whole)
         acceleration, jerk, payload = row[7:HEADER].tolist()
         if version != VERSION or kind not in tuple(MoveKind):

@@ -44,14 +44,16 @@ START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
 )
 MOVE_MAX_S = 3600.0
+SHARES_MAX = 6  # halvings of the share of the acceleration that a jerk-limited master uses
+WINDOW_MIN_S = 1e-3  # shortest time in which a smoothed master changes its acceleration
 GRID_MIN, GRID_MAX, GRID_M, GRID_PER_PIECE = 97, 4001, 2.5e-3, 8
 BEFORE = 1e-9  # of a move's length: distance between both sides of a place
 END_REFINEMENTS = 7  # halvings of the grid towards both ends, where a master starts and stops
 KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
 NEARLY_KEPT = (
-    1.0 + 5e-3
+    1.0 + 5e-4
 )  # what is left after planning with local limits is taken from the time of the whole move
-ROUNDS_MAX = 4  # of planning with local limits, before all of the move is made slower
+ROUNDS_MAX = 8  # of planning with local limits, before all of the move is made slower
 BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
 CURVATURE_SHARE, JERK_SHARE = 0.98, 0.8  # of the TCP's limits that may be used up by the path's bend alone
 
@@ -80,13 +82,18 @@ class Event:
 
 @dataclass(frozen=True)
 class Effort:
-    """Integrals over a move per motor, (3,) each, for the rms current at any rate [A^2 s]; time [s]; possible rate."""
+    """What the rms current at any rate needs: integrals per motor, (3,) each [A^2 s], and times [s].
+
+    Dwells are apart, because a program whose moves are slowed down dwells no longer.
+    """
 
     moving: Floats
     mixed: Floats
     standing: Floats
     duration_s: float
-    rate_max: float
+    dwelling: Floats
+    dwell_s: float
+    rate_max: float  # at which every motor still keeps its limits
 
     def times(self, count: float) -> 'Effort':
         """Return the effort of doing it ``count`` times."""
@@ -95,6 +102,8 @@ class Effort:
             count * self.mixed,
             count * self.standing,
             count * self.duration_s,
+            count * self.dwelling,
+            count * self.dwell_s,
             self.rate_max,
         )
 
@@ -105,13 +114,19 @@ class Effort:
             self.mixed + other.mixed,
             self.standing + other.standing,
             self.duration_s + other.duration_s,
+            self.dwelling + other.dwelling,
+            self.dwell_s + other.dwell_s,
             min(self.rate_max, other.rate_max),
         )
 
-    def rms(self, rate: float) -> Floats:
-        """Rms current [A] of each motor at a rate, (3,)."""
-        square = rate**4 * self.moving + 2.0 * rate**2 * self.mixed + self.standing
-        return np.asarray(np.sqrt(np.maximum(square, 0.0) / self.duration_s))
+    def rms(self, rate: float, override: float = 1.0) -> Floats:
+        """Rms current [A] of each motor, (3,), with moves planned at a rate and everything driven at an override."""
+        r = rate * override
+        square = r**4 * self.moving + 2.0 * r**2 * self.mixed + self.standing
+        # a rate of 0 is the limit of slowness: then no dwell counts beside the moves
+        dwells = rate if self.duration_s > 0.0 else 1.0
+        square = np.maximum(square, 0.0) + dwells * self.dwelling
+        return np.asarray(np.sqrt(square / (self.duration_s + dwells * self.dwell_s)))
 
 
 @dataclass(frozen=True)
@@ -211,7 +226,7 @@ def _whole(program: Program, drafts: list[_Draft], order: list[int], parameters:
             f'would be {effort.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
         )
     rate_max = min(effort.rate_max / rate, RATE_MAX)
-    while rate_max > 1.0 and effort.rms(rate * rate_max).max() > nominal:
+    while rate_max > 1.0 and effort.rms(rate, rate_max).max() > nominal:
         rate_max = max(1.0, rate_max - 0.01)
     rms = effort.rms(rate).tolist()
     return Planned(
@@ -284,13 +299,14 @@ class _Round:
         if not isinstance(statement, Cubic | Output):
             self._end_cubics()
         if isinstance(statement, Output):
-            if self._cubics:
+            if np.abs(self._cubic_velocity).max() > 0.0:
                 raise ProgramError('an output cannot stand between the cubics of a sequence')
+            self._end_cubics()
             self._pending.append((len(self._legs), statement))
         elif isinstance(statement, Dwell):
             self._require_exact_stop()
             self._end_move()
-            self._dwell(statement.time_s, where)
+            self._dwell(statement.time_s)
         elif isinstance(statement, Cubic):
             self._require_exact_stop()
             self._end_move()
@@ -332,21 +348,23 @@ class _Round:
         curve = curves.joined([one for one, _ in sequence])
         limits = self._parameters.motion
         bounds = Limits(limits.speed_max_m_s, limits.acceleration_max_m_s2, math.inf)
-        self._drafts.append(self._attach(_plan_cubic(curve, bounds, self.payload, name, self._parameters)))
+        events = self._take_outputs(0.0)
+        self._append(_plan_cubic(curve, bounds, self.payload, name, self._parameters), events)
 
-    def _dwell(self, time_s: float, where: str) -> None:
+    def _dwell(self, time_s: float) -> None:
         curve = curves.point(self.here)
         samples = sample_path([0.0], curve.segments)
         _check_legal_samples(np.zeros(1), samples, self._parameters)
+        events = self._take_outputs(0.0)
         times = np.zeros(1)
         d = _demand(
             times, np.zeros((1, 4)), samples, np.zeros(1, np.int64), (self.payload,), self._parameters
         )
-        _require_holdable(excess(d, _NO_TCP_LIMITS, self._parameters, motors_only=True), where)
+        _require_holdable(excess(d, _NO_TCP_LIMITS, self._parameters, motors_only=True))
         square = d.standing_current_a[0] ** 2 * time_s
-        effort = Effort(np.zeros(3), np.zeros(3), square, time_s, RATE_MAX)
+        effort = Effort(np.zeros(3), np.zeros(3), np.zeros(3), 0.0, square, time_s, RATE_MAX)
         move = Move(MoveKind.DWELL, rest(time_s), curve.segments, payload_kg=self.payload)
-        self._drafts.append(self._attach(_Draft(move, effort)))
+        self._append(_Draft(move, effort), events)
 
     def _end_move(self) -> None:
         """Join the legs with their blends, and time and check the move that they make."""
@@ -357,7 +375,7 @@ class _Round:
         outputs, self._pending = self._pending, []
         payload = self.payload
         events = [self._event(output, count, ends, curve, legs) for count, output in outputs]
-        for event in events:
+        for event in sorted(events, key=lambda event: event.distance_m):
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
         draft = _plan_move(legs, curve, stretches, events, payload, self._parameters)
@@ -372,26 +390,27 @@ class _Round:
             )
         return Event(max(distance, 0.0), OUTPUTS.index(output.name), output.value, output.payload_kg)
 
-    def _attach(self, draft: _Draft) -> _Draft:
-        """Give outputs that wait for a move to the start of this one."""
-        return self._with_outputs(draft, 0.0) if self._pending else draft
-
     def _attach_behind_the_last(self) -> None:
         """Give outputs at the end of the program to the end of its last move."""
         if not self._drafts:
             raise ProgramError('an output needs a move or a dwell before it or after it')
-        last = self._drafts[-1]
-        self._drafts[-1] = self._with_outputs(last, last.move.length_m + BEHIND_M)
+        last = self._drafts.pop()
+        self._append(last, self._take_outputs(last.move.length_m + BEHIND_M))
 
-    def _with_outputs(self, draft: _Draft, distance: float) -> _Draft:
+    def _take_outputs(self, distance: float) -> Floats:
+        """Return outputs that wait for a move as events at a distance on it; their payload is carried from now on."""
         outputs, self._pending = [output for _, output in self._pending], []
         if any(output.before_m > 0.0 for output in outputs):
             raise ProgramError('before_m of an output needs a move right before it')
         for output in outputs:
             if output.payload_kg is not None:
                 self.payload = output.payload_kg
-        rows = _event_rows([Event(distance, OUTPUTS.index(o.name), o.value, o.payload_kg) for o in outputs])
-        return replace(draft, move=replace(draft.move, events=np.vstack([draft.move.events, rows])))
+        return _event_rows([Event(distance, OUTPUTS.index(o.name), o.value, o.payload_kg) for o in outputs])
+
+    def _append(self, draft: _Draft, events: Floats) -> None:
+        """Append a move with more events behind those that it has."""
+        move = replace(draft.move, events=np.vstack([draft.move.events, events]))
+        self._drafts.append(replace(draft, move=move))
 
 
 def _name(statement: Statement) -> str:
@@ -516,9 +535,14 @@ def _demand(
     )
 
 
-def _require_holdable(found: Excess, name: str) -> None:
-    if found.worst > KEPT and not math.isfinite(found.worst):
-        raise ProgramError(f'{name}: {found.text}, even at standstill')
+def _require_holdable(found: Excess) -> None:
+    if not math.isfinite(found.worst):
+        raise ProgramError(f'{found.text}, even at standstill')
+
+
+def _require_end_of_time(duration_s: float) -> None:
+    if not duration_s <= MOVE_MAX_S:
+        raise ProgramError(f'it would take {duration_s:.3g} s, the limit is {MOVE_MAX_S:g} s')
 
 
 def _event_rows(events: list[Event]) -> Floats:
@@ -600,25 +624,46 @@ class Timing:
         )
 
     def fastest(self, with_motors: bool) -> Floats:
-        """Phases of the fastest master within the limits of every place."""
-        speed, acceleration = self.speed[::2].copy(), self.acceleration[::2].copy()
+        """Phases of the fastest master within the limits of every place.
+
+        A jerk-limited master on a short way cannot use all of the acceleration, and is faster if it does not try to.
+        """
+        jerk, most = float(self.jerk.min()), float(self.acceleration.max())
+        if not math.isfinite(jerk):
+            return self._fastest(with_motors, 1.0)
+        # the peak of the acceleration of a free master from rest to rest over this length
+        share = min(float(np.cbrt(0.5 * jerk**2 * self.curve.length_m)) / most, 1.0)
+        best = self._fastest(with_motors, share)
+        for _ in range(SHARES_MAX):
+            share *= 0.5
+            other = self._fastest(with_motors, share)
+            if other[-1, 0] >= best[-1, 0]:
+                break
+            best = other
+        return best
+
+    def _fastest(self, with_motors: bool, share: float) -> Floats:
+        """Phases of the fastest master that uses no more than a share of the acceleration."""
+        speed, acceleration = self.speed[::2].copy(), share * self.acceleration[::2]
         jerk = float(self.jerk.min())
-        window = float(acceleration.max()) / jerk
+        window = max(float(acceleration.max()) / jerk, WINDOW_MIN_S) if math.isfinite(jerk) else 0.0
         best, chosen = math.inf, np.empty((0, 5))
         for _ in range(ROUNDS_MAX):
             profile = timing.fastest(self.place_limits(with_motors, speed, acceleration), window)
-            if not len(profile):
-                _require_holdable(
-                    self.excess(self.demand(np.array([[0.0] * 5, [1.0, 0, 0, 0, 0]])), True), 'the move'
-                )
+            if not len(profile) or not profile[1:-1].all():
+                _require_holdable(self.excess(self._standing(), motors_only=True))
                 raise ProgramError('a motor cannot hold the arm somewhere on the path')
+            _require_end_of_time(timing.duration(self.distance, profile) + window)
             phases, jerk_found = timing.smoothed(self.distance, profile, jerk, window)
             found = (
                 self.excess(self.demand(phases), motors_only=False)
                 if with_motors
                 else self._tcp_excess(phases)
             )
-            factor = max(found.worst, (jerk_found / jerk) ** (1.0 / 3.0) if math.isfinite(jerk) else 1.0, 1.0)
+            stretch = np.maximum(_worse(found.stretch), self._stretch_at_joints(phases))
+            factor = max(
+                float(stretch.max()), (jerk_found / jerk) ** (1.0 / 3.0) if math.isfinite(jerk) else 1.0, 1.0
+            )
             if not math.isfinite(factor):
                 raise ProgramError(found.text)
             if factor < best:
@@ -626,10 +671,16 @@ class Timing:
             if factor <= NEARLY_KEPT:
                 break
             window *= max(jerk_found / jerk, 1.0) if math.isfinite(jerk) else 1.0
-            relief = _spread(np.maximum(_worse(found.stretch), 1.0))
+            relief = timing.widened(self.distance, _spread(np.maximum(stretch, 1.0)), profile, window)
             speed /= relief
             acceleration /= relief**2
         return timing.slowed(chosen, best)
+
+    def _standing(self) -> Demand:
+        """Evaluate standstill at every place of the grid."""
+        master = np.zeros((len(self.places), 4))
+        master[:, 0] = self.places
+        return timed_demand(master[:, 1], master, self.samples, self._coefficients, self._parameters)
 
     def _tcp_excess(self, phases: Floats) -> Excess:
         d = self.demand(phases)
@@ -641,6 +692,25 @@ class Timing:
             ]
         )
         return Excess(total, '')
+
+    def _stretch_at_joints(self, phases: Floats) -> Floats:
+        """Factor of time that the TCP's limits ask for where phases meet, given to the places of the grid around."""
+        t, s, v = np.diff(phases[:, 0]), phases[1:-1, 1], phases[1:-1, 2]
+        _, first, second, third = np.moveaxis(sample_path(s, self.curve.segments), 1, 0)
+        after = np.searchsorted(self.distance, s).clip(1, len(self.distance) - 1)
+        limit = 2 * after  # the same place among those of both sides
+        stretch = np.ones(len(self.distance))
+        end = phases[:-1, 3] + t * phases[:-1, 4]
+        for a, j in ((phases[1:-1, 3], phases[1:-1, 4]), (end[:-1], phases[:-2, 4])):
+            acceleration = np.linalg.norm(first * a[:, None] + second * v[:, None] ** 2, axis=1)
+            change = first * j[:, None] + 3.0 * second * (v * a)[:, None] + third * v[:, None] ** 3
+            needed = np.maximum(
+                np.sqrt(acceleration / self.acceleration[limit]),
+                np.cbrt(np.linalg.norm(change, axis=1) / self.jerk[limit]),
+            )
+            np.maximum.at(stretch, after, needed)
+            np.maximum.at(stretch, after - 1, needed)
+        return stretch
 
     def effort(self, phases: Floats) -> Effort:
         """Sum up what a master asks of the motors."""
@@ -684,6 +754,8 @@ def _effort(d: Demand, weights: Floats, duration_s: float, parameters: Parameter
         (w * moving * standing).sum(axis=0),
         (w * standing**2).sum(axis=0),
         duration_s,
+        np.zeros(3),
+        0.0,
         max(rate_max, 1.0),
     )
 
@@ -714,8 +786,7 @@ def _plan_move(
             phases = plan_.fastest(with_motors=True)
             taken = float(phases[-1, 0])
             notices.append(f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {found.text}')
-        if phases[-1, 0] > MOVE_MAX_S:
-            raise ProgramError(f'it would take {phases[-1, 0]:.3g} s, the limit is {MOVE_MAX_S:g} s')
+        _require_end_of_time(float(phases[-1, 0]))
     except (ProgramError, UnreachableError) as error:
         raise ProgramError(f'{name}: {error}') from None
     jerk = min(limits.jerk_m_s3 for _, limits in stretches)
@@ -742,7 +813,7 @@ def _plan_cubic(curve: Curve, limits: Limits, payload_kg: float, name: str, para
         master[:, 0], master[:, 1] = times, 1.0
         d = _demand(times, master, samples, np.zeros(len(times), np.int64), (payload_kg,), parameters)
         found = excess(d, _NO_TCP_LIMITS, parameters, motors_only=True)
-        _require_holdable(found, name)
+        _require_holdable(found)
     except (ProgramError, UnreachableError) as error:
         raise ProgramError(f'{name}: {error}') from None
     factor, notices = 1.0, []
@@ -757,7 +828,13 @@ def _plan_cubic(curve: Curve, limits: Limits, payload_kg: float, name: str, para
         MoveKind.CUBIC, phases, curve.segments, limits.acceleration_m_s2 / speed, math.inf, payload_kg
     )
     effort = _effort(d, np.gradient(times), duration, parameters)
-    slow = Effort(
-        effort.moving / factor**3, effort.mixed / factor, effort.standing * factor, duration * factor, 1.0
-    )
-    return _Draft(move, slow if factor > 1.0 else effort, notices)
+    if factor > 1.0:
+        effort = replace(
+            effort,
+            moving=effort.moving / factor**3,
+            mixed=effort.mixed / factor,
+            standing=effort.standing * factor,
+            duration_s=duration * factor,
+            rate_max=1.0,
+        )
+    return _Draft(move, effort, notices)

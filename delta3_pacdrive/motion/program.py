@@ -37,8 +37,11 @@ from delta3_pacdrive.parameters import Motion, config_directory
 
 REPEAT_MAX = 10_000
 TIME_MAX_S = 3600.0  # of a dwell or a cubic
-BLEND_MAX_M = 1.0
+BLEND_MIN_M, BLEND_MAX_M = 1e-4, 1.0
 REACH_M = 10.0
+LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
+VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
+NAME_MAX = 100
 
 Point = tuple[float, float, float]
 
@@ -181,19 +184,22 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     statements = tuple(_statement(item, f'moves[{n}]', context) for n, item in enumerate(moves))
     start = _point(fields['start_m'], 'start_m', points) if 'start_m' in fields else None
     payload = _payload(fields['payload_kg'], 'payload_kg') if 'payload_kg' in fields else None
-    title = fields.get('name', name)
-    if not isinstance(title, str):
-        raise ProgramError(f'name must be a text, not {shown(title)}')
-    return Program(title, statements, start, repeat, payload)
+    return Program(_name(fields.get('name', name), 'name'), statements, start, repeat, payload)
+
+
+def _name(value: Any, what: str) -> str:
+    if not isinstance(value, str):
+        raise ProgramError(f'{what} must be a text, not {shown(value)}')
+    if len(value) > NAME_MAX or not value.isprintable():
+        raise ProgramError(f'{what} must be one line of at most {NAME_MAX} characters, not {shown(value)}')
+    return value
 
 
 def _points(value: Any) -> dict[str, Point]:
     if not isinstance(value, dict):
         raise ProgramError(f'points must be a mapping, not {shown(value)}')
-    for key in value:
-        if not isinstance(key, str):
-            raise ProgramError(f'points: the name of a point must be a text, not {shown(key)}')
-    return {key: _point(item, f'points.{key}', {}) for key, item in value.items()}
+    names = [_name(key, 'points: the name of a point') for key in value]
+    return {name: _point(value[name], f'points.{name}', {}) for name in names}
 
 
 def _mapping(value: Any, where: str, allowed: set[str], required: set[str]) -> dict[str, Any]:
@@ -245,7 +251,7 @@ def _vector(value: Any, where: str, unit: str) -> Point:
 def _point(value: Any, where: str, points: dict[str, Point]) -> Point:
     if isinstance(value, str):
         if value not in points:
-            known = ', '.join(sorted(points)[:10]) or 'none'
+            known = ', '.join(shown(name) for name in sorted(points)[:5]) or 'none'
             raise ProgramError(f'{where}: unknown point {shown(value)}, the points are: {known}')
         return points[value]
     point = _vector(value, where, 'm')
@@ -271,6 +277,10 @@ def _limits(fields: dict[str, Any], defaults: Limits, where: str) -> Limits:
         value = _number(fields.get(key, getattr(defaults, key)), f'{where}.{key}')
         if not value > 0.0 or (math.isinf(value) and key != 'jerk_m_s3'):
             raise ProgramError(f'{where}.{key} is {value}, but must be a positive number')
+        if not LIMIT_MIN <= value <= LIMIT_MAX and not math.isinf(value):
+            raise ProgramError(
+                f'{where}.{key} is {value:g}, but must be between {LIMIT_MIN:g} and {LIMIT_MAX:g}'
+            )
         values[key] = value
     return Limits(**values)
 
@@ -279,11 +289,10 @@ def _path_options(fields: dict[str, Any], context: _Context, where: str) -> dict
     strict = fields.get('strict', False)
     if not isinstance(strict, bool):
         raise ProgramError(f'{where}.strict must be true or false, not {shown(strict)}')
-    return {
-        'limits': _limits(fields, context.limits, where),
-        'blend_m': _within(fields.get('blend_m', 0.0), f'{where}.blend_m', 0.0, BLEND_MAX_M),
-        'strict': strict,
-    }
+    blend = _within(fields.get('blend_m', 0.0), f'{where}.blend_m', 0.0, BLEND_MAX_M)
+    if 0.0 < blend < BLEND_MIN_M:
+        raise ProgramError(f'{where}.blend_m is {blend:g}, but must be 0 or at least {BLEND_MIN_M:g}')
+    return {'limits': _limits(fields, context.limits, where), 'blend_m': blend, 'strict': strict}
 
 
 def _parse_move_l(value: Any, where: str, context: _Context) -> Statement:
@@ -317,10 +326,13 @@ def _parse_move_sb(value: Any, where: str, context: _Context) -> Statement:
 
 def _parse_cubic(value: Any, where: str, context: _Context) -> Statement:
     fields = _mapping(value, where, {'to_m', 'duration_s', 'end_velocity_m_s'}, {'to_m', 'duration_s'})
+    velocity = _vector(fields.get('end_velocity_m_s', [0.0, 0.0, 0.0]), f'{where}.end_velocity_m_s', 'm/s')
+    if max(abs(item) for item in velocity) > VELOCITY_MAX_M_S:
+        raise ProgramError(f'{where}.end_velocity_m_s may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
     return Cubic(
         _target(fields['to_m'], f'{where}.to_m', context.points),
         _duration(fields['duration_s'], f'{where}.duration_s'),
-        _vector(fields.get('end_velocity_m_s', [0.0, 0.0, 0.0]), f'{where}.end_velocity_m_s', 'm/s'),
+        velocity,
     )
 
 

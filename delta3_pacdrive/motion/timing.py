@@ -15,8 +15,9 @@ from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.master import PHASE_COLUMNS
 
 HALVINGS = 26  # of the square of the speed: its relative error is 1e-8
-SAMPLE_S = 4e-3  # longest phase of a smoothed master
+SAMPLE_S, PHASES_MAX = 4e-3, 50_000  # longest phase of a smoothed master, but for very slow ones: how many
 TINY = 1e-12
+MERGED = 1e-10  # largest jump of distance and speed, of their largest values, where phases are merged
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def _fastest(distance, square_max, acceleration, curvature, inertial, centrifuga
     x[last] = 0.0
     for n in range(last - 1, -1, -1):
         step = 2.0 * (distance[n + 1] - distance[n])
-        good, bad = 0.0, square_max[n]
+        good, bad = 0.0, min(square_max[n], x[n + 1] + step * acceleration[n])
         low, high = _acceleration_bounds(
             n, 0.0, acceleration, curvature, inertial, centrifugal, weight, torque
         )
@@ -162,6 +163,13 @@ def fastest(limits: PlaceLimits, window_s: float = 0.0) -> Floats:
     return np.asarray(np.sqrt(x))
 
 
+def widened(distance_m: Floats, values: Floats, speed_m_s: Floats, window_s: float) -> Floats:
+    """Return the largest of the values that a moving average over a window mixes at each place."""
+    out = np.empty_like(values)
+    _erode(distance_m, -values, speed_m_s**2, window_s, out)
+    return -out
+
+
 def _solve(limits: PlaceLimits, square_max: Floats) -> Floats:
     x = np.empty_like(square_max)
     bad = _fastest(
@@ -193,7 +201,8 @@ def smoothed(distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: f
     times = np.concatenate([[0.0], np.cumsum(steps)])
     if window_s <= 0.0:
         return _phases(times, speed_m_s, np.diff(speed_m_s) / steps, np.zeros(len(steps)), length), 0.0
-    taps = int(np.ceil(window_s / SAMPLE_S))
+    window_s = max(window_s, float(times[-1]) / PHASES_MAX)
+    taps = int(np.ceil(window_s / max(SAMPLE_S, float(times[-1]) / PHASES_MAX)))
     step = window_s / taps
     count = int(np.ceil(times[-1] / step))
     speed = np.interp(step * np.arange(count + 1), times, speed_m_s, right=0.0)
@@ -227,13 +236,28 @@ def _phases(times: Floats, speed: Floats, acceleration: Floats, jerk: Floats, le
     return _merged(rows)
 
 
+@kernel
+def _mark_joints(rows, distance_tolerance, speed_tolerance, joint):
+    """Mark every row whose phase does not just go on as the last one marked began."""
+    start = 0
+    for n in range(1, rows.shape[0] - 1):
+        for end in (n, n + 1):
+            t = rows[end, 0] - rows[start, 0]
+            a, j = rows[start, 3], rows[start, 4]
+            way = rows[start, 1] + t * (rows[start, 2] + t * (a / 2.0 + t * j / 6.0)) - rows[end, 1]
+            speed = rows[start, 2] + t * (a + t * j / 2.0) - rows[end, 2]
+            if abs(way) > distance_tolerance or abs(speed) > speed_tolerance:
+                joint[n] = True
+        if joint[n]:
+            start = n
+
+
 def _merged(rows: Floats) -> Floats:
     """Leave out the start of every phase that only goes on as the one before it did."""
-    t = rows[1:-1, 0] - rows[:-2, 0]
-    goes_on = (np.abs(rows[1:-1, 4] - rows[:-2, 4]) < 1e-9 * (1.0 + np.abs(rows[1:-1, 4]))) & (
-        np.abs(rows[:-2, 3] + rows[:-2, 4] * t - rows[1:-1, 3]) < 1e-12 * (1.0 + np.abs(rows[1:-1, 3]))
-    )
-    return np.asarray(rows[np.concatenate([[True], ~goes_on, [True]])])
+    joint = np.zeros(len(rows), dtype=np.bool_)
+    joint[0] = joint[-1] = True
+    _mark_joints(rows, MERGED * rows[-1, 1], MERGED * rows[:, 2].max(), joint)
+    return rows[joint]
 
 
 def slowed(phases: Floats, factor: float) -> Floats:

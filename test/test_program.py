@@ -1,0 +1,542 @@
+"""Facts about program files: what each statement means, and the one sentence with which a bad one is refused."""
+
+import contextlib
+import datetime as dt
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import event, example, given, settings
+from hypothesis import strategies as st
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import planning
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.checks import Limits
+from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind, sample_plan
+from delta3_pacdrive.motion.program import Cubic, Dwell, MoveC, MoveL, MoveSB, Output, Program, Target
+
+SENTENCE_MAX = 500
+HOME = (0.0, 0.0, -0.75)
+
+
+def parse(document, robot):
+    return programs.parse(document, robot.motion)
+
+
+def statement(document, robot, **fields):
+    """Return the only statement of a program."""
+    (found,) = parse({'moves': [document], **fields}, robot).statements
+    return found
+
+
+def to(x, y, z, **options):
+    return {'move_l': {'to_m': [x, y, z], **options}}
+
+
+def refusal(function, *arguments, **options):
+    """Return the sentence with which a program is refused."""
+    with pytest.raises(ProgramError) as caught:
+        function(*arguments, **options)
+    return checked(caught.value)
+
+
+def checked(error):
+    sentence = str(error)
+    assert '\n' not in sentence
+    assert 0 < len(sentence) < SENTENCE_MAX
+    return sentence
+
+
+# what statements mean
+
+
+def test_a_program_is_its_name_statements_start_repeats_and_payload(robot):
+    limits = Limits(1.5, 15.0, 600.0)
+    assert parse({'moves': [to(0, 0, -0.8)]}, robot) == Program(
+        'program', (MoveL(Target((0.0, 0.0, -0.8)), limits),), None, 1, None
+    )
+    document = {
+        'name': 'x',
+        'start_m': [0, 0, -0.75],
+        'repeat': 2,
+        'payload_kg': 1,
+        'moves': [{'dwell': {'time_s': 1}}],
+    }
+    assert parse(document, robot) == Program('x', (Dwell(1.0),), (0.0, 0.0, -0.75), 2, 1.0)
+
+
+def test_every_kind_of_statement_is_read(robot):
+    limits = Limits(1.5, 15.0, 600.0)
+    near, far = Target((0.1, 0.0, -0.8)), Target((0.0, 0.2, -0.8))
+    assert statement(to(0.1, 0, -0.8, blend_m=0.02, strict=True), robot) == MoveL(near, limits, 0.02, True)
+    circle = {'move_c': {'via_m': [0.1, 0, -0.8], 'to_m': [0, 0.2, -0.8]}}
+    assert statement(circle, robot) == MoveC(near, far, limits)
+    spline = {'move_sb': {'through_m': [[0.1, 0, -0.8], [0, 0.2, -0.8]], 'blend_m': 0.01}}
+    assert statement(spline, robot) == MoveSB((near, far), limits, 0.01)
+    cubic = {'cubic': {'to_m': [0.1, 0, -0.8], 'duration_s': 0.5, 'end_velocity_m_s': [0, 1, 0.5]}}
+    assert statement(cubic, robot) == Cubic(near, 0.5, (0.0, 1.0, 0.5))
+    del cubic['cubic']['end_velocity_m_s']
+    assert statement(cubic, robot) == Cubic(near, 0.5)
+    assert statement({'dwell': {'time_s': 0.25}}, robot) == Dwell(0.25)
+    output = {'output': {'name': 'gripper', 'value': True, 'before_m': 0.005, 'payload_kg': 0.50004}}
+    assert statement(output, robot) == Output('gripper', 1.0, 0.005, 0.5)  # payloads in steps of 0.1 g
+    assert statement({'output': {'name': 'output7', 'value': False}}, robot) == Output('output7', 0.0)
+
+
+def test_a_point_is_given_by_numbers_by_its_name_or_by_a_step(robot):
+    points = {'pick': [0.1, 0.2, -0.8]}
+    cases = {
+        Target((0.1, 0.2, -0.8)): 'pick',
+        Target((0.0, 0.0, 0.05), relative=True): {'by_m': [0, 0, 0.05]},
+        Target((0.1, 0.2, -0.75)): {'point': 'pick', 'by_m': [0, 0, 0.05]},
+        Target((0.1, 0.0, -0.75)): {'point': [0.1, 0, -0.8], 'by_m': [0, 0, 0.05]},
+    }
+    for expected, given_ in cases.items():
+        found = statement({'move_l': {'to_m': given_}}, robot, points=points).to
+        assert (found.relative, found.point_m) == (expected.relative, pytest.approx(expected.point_m))
+    start = parse({'start_m': 'pick', 'points': points, 'moves': [to(0, 0, -0.8)]}, robot).start_m
+    assert start == (0.1, 0.2, -0.8)
+
+
+def test_limits_come_from_the_move_else_the_program_else_the_robot(robot):
+    fast = {'speed_m_s': 2.0, 'jerk_m_s3': math.inf}
+    program = parse({'limits': fast, 'moves': [to(0, 0, -0.8, speed_m_s=0.5), to(0, 0, -0.7)]}, robot)
+    own, common = (statement.limits for statement in program.statements)
+    assert own == Limits(0.5, 15.0, math.inf)
+    assert common == Limits(2.0, 15.0, math.inf)
+
+
+def test_one_hundred_points_are_read_and_not_101(robot):
+    through = [[0.001 * n, 0.0, -0.8] for n in range(101)]
+    assert len(statement({'move_sb': {'through_m': through[:100]}}, robot).through) == 100
+    sentence = refusal(statement, {'move_sb': {'through_m': through}}, robot)
+    assert sentence == 'moves[0].move_sb.through_m has 101 points, the limit is 100'
+
+
+# what is refused
+
+GOOD = {
+    'name': 'x',
+    'start_m': [0, 0, -0.75],
+    'repeat': 2,
+    'limits': {'speed_m_s': 1},
+    'moves': [to(0, 0, -0.8)],
+}
+
+
+def changed(**fields):
+    return {**GOOD, **fields}
+
+
+def only(**kind):
+    """Return a program of one statement."""
+    return changed(moves=[kind])
+
+
+@pytest.mark.parametrize(
+    ('document', 'reason'),
+    [
+        (None, 'the program must be a mapping, not None'),
+        ([], 'the program must be a mapping, not []'),
+        ('moves', "the program must be a mapping, not 'moves'"),
+        ({}, 'the program: missing key moves'),
+        (
+            changed(speed=1),
+            "unknown key 'speed', expected one of limits, moves, name, payload_kg, points, repeat, start_m",
+        ),
+        (changed(**{'': 1}), "unknown key ''"),
+        ({**GOOD, 1: 2}, 'unknown key 1'),
+        (changed(name=3), 'name must be a text, not 3'),
+        (changed(name='a\nb'), "name must be one line of at most 100 characters, not 'a\\nb'"),
+        (changed(name='x' * 101), 'name must be one line of at most 100 characters, not '),
+        (changed(repeat=0), 'repeat is 0, but must be a whole number between 1 and 10000'),
+        (changed(repeat=1.5), 'repeat is 1.5'),
+        (changed(repeat=True), 'repeat is True'),
+        (changed(repeat=10_001), 'repeat is 10001'),
+        (changed(repeat='2'), "repeat is '2'"),
+        (changed(payload_kg=-1), 'payload_kg is -1, but must be between 0 and 999'),
+        (changed(payload_kg=1000), 'payload_kg is 1000, but must be between 0 and 999'),
+        (changed(payload_kg='1'), "payload_kg must be a number, not '1'"),
+        (changed(moves=[]), 'moves must be a list of at least one move'),
+        (changed(moves=None), 'moves must be a list'),
+        (changed(moves={'move_l': {}}), 'moves must be a list'),
+        (
+            changed(repeat=10_000, moves=[to(0, 0, -0.8)] * 3),
+            'the program has 30000 moves, the limit is 20000',
+        ),
+        (changed(moves=['go']), "moves[0] must be a mapping, not 'go'"),
+        (
+            changed(moves=[to(0, 0, -0.8), {}]),
+            'moves[1] must hold exactly one of move_l, move_c, move_sb, cubic, dwell, output',
+        ),
+        (changed(moves=[{'dwell': {'time_s': 1}, 'move_l': {}}]), 'moves[0] must hold exactly one of '),
+        (only(jump=1), "moves[0]: unknown key 'jump'"),
+        (only(move_l=None), 'moves[0].move_l must be a mapping, not None'),
+        (only(move_l={}), 'moves[0].move_l: missing key to_m'),
+        (only(move_l={'to_m': [0, 0, -0.8], 'to': 1}), "moves[0].move_l: unknown key 'to'"),
+        (only(move_l={'to_m': [0, 0]}), 'moves[0].move_l.to_m must be a list of 3 numbers [m]'),
+        (only(move_l={'to_m': 'home'}), "moves[0].move_l.to_m: unknown point 'home', the points are: none"),
+        (changed(moves=[to(0, 'a', -0.8)]), "moves[0].move_l.to_m[1] must be a number, not 'a'"),
+        (changed(moves=[to(0, True, -0.8)]), 'moves[0].move_l.to_m[1] must be a number, not True'),
+        (changed(moves=[to(0, math.nan, -0.8)]), 'moves[0].move_l.to_m[1] must be a number, not nan'),
+        (changed(moves=[to(0, math.inf, -0.8)]), 'moves[0].move_l.to_m must be finite'),
+        (changed(moves=[to(0, 0, -750)]), 'farther than 10 m: are these millimetres?'),
+        (
+            changed(moves=[to(0, 0, -0.8, blend_m=-0.1)]),
+            'moves[0].move_l.blend_m is -0.1, but must be between 0 and 1',
+        ),
+        (
+            changed(moves=[to(0, 0, -0.8, blend_m=20)]),
+            'moves[0].move_l.blend_m is 20, but must be between 0 and 1',
+        ),
+        (
+            changed(moves=[to(0, 0, -0.8, blend_m=1e-5)]),
+            'moves[0].move_l.blend_m is 1e-05, but must be 0 or at least',
+        ),
+        (changed(moves=[to(0, 0, -0.8, blend_m=None)]), 'moves[0].move_l.blend_m must be a number, not None'),
+        (changed(moves=[to(0, 0, -0.8, strict=1)]), 'moves[0].move_l.strict must be true or false, not 1'),
+        (only(move_l={'to_m': {}}), 'moves[0].move_l.to_m: missing key by_m'),
+        (only(move_l={'to_m': {'by': [0, 0, 0]}}), "moves[0].move_l.to_m: unknown key 'by'"),
+        (only(move_l={'to_m': {'by_m': 'x'}}), "moves[0].move_l.to_m.by_m: unknown point 'x'"),
+        (
+            only(move_l={'to_m': {'by_m': [0, 0, 50]}}),
+            'moves[0].move_l.to_m.by_m is [0, 0, 50] m, farther than 10 m',
+        ),
+        (
+            only(move_l={'to_m': {'point': 'x', 'by_m': [0, 0, 0]}}),
+            "moves[0].move_l.to_m.point: unknown point 'x'",
+        ),
+        (only(move_c={'to_m': [0, 0, -0.8]}), 'moves[0].move_c: missing key via_m'),
+        (only(move_c={'via_m': [0, 0, -0.8]}), 'moves[0].move_c: missing key to_m'),
+        (
+            only(move_c={'via_m': 5, 'to_m': [0, 0, -0.8]}),
+            'moves[0].move_c.via_m must be a list of 3 numbers [m]',
+        ),
+        (only(move_sb={}), 'moves[0].move_sb: missing key through_m'),
+        (only(move_sb={'through_m': []}), 'moves[0].move_sb.through_m must be a list of at least one point'),
+        (only(move_sb={'through_m': 'a'}), 'moves[0].move_sb.through_m must be a list of at least one point'),
+        (
+            only(move_sb={'through_m': [[0, 0, -0.8], [0, 0]]}),
+            'moves[0].move_sb.through_m[1] must be a list of 3 numbers',
+        ),
+        (only(cubic={'to_m': [0, 0, -0.8]}), 'moves[0].cubic: missing key duration_s'),
+        (
+            only(cubic={'to_m': [0, 0, -0.8], 'duration_s': 0}),
+            'moves[0].cubic.duration_s is 0, but must be between 0.001 and 3600',
+        ),
+        (
+            only(cubic={'to_m': [0, 0, -0.8], 'duration_s': 1, 'end_velocity_m_s': [1, 2]}),
+            'moves[0].cubic.end_velocity_m_s must be a list of 3 numbers [m/s]',
+        ),
+        (
+            only(cubic={'to_m': [0, 0, -0.8], 'duration_s': 1, 'end_velocity_m_s': [0, 0, 1e300]}),
+            'moves[0].cubic.end_velocity_m_s may be up to 100 m/s on each axis',
+        ),
+        (only(cubic={'to_m': [0, 0, -0.8], 'duration_s': 1, 'speed_m_s': 1}), "unknown key 'speed_m_s'"),
+        (only(dwell=1), 'moves[0].dwell must be a mapping, not 1'),
+        (only(dwell={'time_s': 0}), 'moves[0].dwell.time_s is 0.0, but must be positive and at most 3600'),
+        (only(dwell={'time_s': 3601}), 'moves[0].dwell.time_s is 3601.0'),
+        (only(output={'name': 'gripper'}), 'moves[0].output: missing key value'),
+        (
+            only(output={'name': 'horn', 'value': True}),
+            f"moves[0].output.name is 'horn', but must be one of {', '.join(OUTPUTS)}",
+        ),
+        (
+            only(output={'name': ['gripper'], 'value': True}),
+            "moves[0].output.name is ['gripper'], but must be one of",
+        ),
+        (only(output={'name': 'gripper', 'value': 1}), 'moves[0].output.value must be true or false, not 1'),
+        (
+            only(output={'name': 'gripper', 'value': True, 'before_m': -1}),
+            'moves[0].output.before_m is -1, but must be between 0 and 10',
+        ),
+        (
+            only(output={'name': 'gripper', 'value': True, 'payload_kg': 1e6}),
+            'moves[0].output.payload_kg is 1e+06, but must be between 0 and 999',
+        ),
+        (
+            changed(start_m=[0, 0, -750.0]),
+            'start_m is [0, 0, -750.0] m, farther than 10 m: are these millimetres?',
+        ),
+        (changed(start_m=None), 'start_m must be a list of 3 numbers [m], not None'),
+        (changed(points=[1]), 'points must be a mapping, not [1]'),
+        (changed(points={1: [0, 0, 0]}), 'points: the name of a point must be a text, not 1'),
+        (changed(points={'a\nb': [0, 0, 0]}), 'points: the name of a point must be one line of at most 100'),
+        (changed(points={'a': 'a'}), "points.a: unknown point 'a'"),
+        (changed(points={'a': [0, 0, -800]}), 'points.a is [0, 0, -800] m, farther than 10 m'),
+        (
+            changed(points={'a': [0, 0, 1]}, moves=[{'move_l': {'to_m': 'b'}}]),
+            "unknown point 'b', the points are: 'a'",
+        ),
+        (changed(limits=[1]), 'limits must be a mapping'),
+        (changed(limits={'speed': 1}), "limits: unknown key 'speed'"),
+        (changed(limits={'speed_m_s': 0}), 'limits.speed_m_s is 0.0, but must be a positive number'),
+        (changed(limits={'speed_m_s': '1'}), "limits.speed_m_s must be a number, not '1'"),
+        (changed(limits={'acceleration_m_s2': math.inf}), 'limits.acceleration_m_s2 is inf, but must be'),
+        (changed(limits={'jerk_m_s3': -1}), 'limits.jerk_m_s3 is -1.0, but must be'),
+        (
+            changed(limits={'jerk_m_s3': 1e300}),
+            'limits.jerk_m_s3 is 1e+300, but must be between 1e-06 and 1e+09',
+        ),
+        (changed(moves=[to(0, 0, -0.8, speed_m_s=-2)]), 'moves[0].move_l.speed_m_s is -2.0, but must be'),
+        (changed(moves=[to(0, 0, -0.8, speed_m_s=1e-320)]), 'but must be between 1e-06 and 1e+09'),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else '',
+)
+def test_the_reader_says_what_is_wrong_and_where(document, reason, robot):
+    assert reason in refusal(parse, document, robot)
+
+
+@pytest.mark.parametrize('number', [10**400, -(10**400), 16**5000], ids=['10^400', '-10^400', '16^5000'])
+@pytest.mark.parametrize(
+    'document',
+    [
+        lambda n: changed(moves=[to(0, 0, n)]),
+        lambda n: changed(moves=[to(0, 0, -0.8, blend_m=n)]),
+        lambda n: only(dwell={'time_s': n}),
+        lambda n: only(cubic={'to_m': [0, 0, -0.8], 'duration_s': n}),
+        lambda n: only(output={'name': 'gripper', 'value': n}),
+        lambda n: changed(repeat=n),
+        lambda n: changed(payload_kg=n),
+        lambda n: changed(limits={'jerk_m_s3': n}),
+        lambda n: changed(name=n),
+        lambda n: changed(points={'a': [n, n, n]}),
+        lambda n: {**GOOD, n: 1},
+        lambda n: n,
+    ],
+)
+def test_numbers_beyond_all_machine_numbers_are_refused(document, number, robot):
+    refusal(parse, document(number), robot)
+
+
+@pytest.mark.parametrize(
+    ('where', 'document'),
+    [
+        ('name', lambda text: changed(name=text)),
+        ('points', lambda text: changed(points={text: [0, 0]})),
+        ('unknown point', lambda text: changed(points={'a': [0, 0, 0]}, moves=[{'move_l': {'to_m': text}}])),
+        ('output', lambda text: only(output={'name': text, 'value': True})),
+        ('unknown key', lambda text: changed(**{text: 1})),
+        ('moves[0]', lambda text: changed(moves=[{text: 1}])),
+    ],
+)
+def test_a_long_text_with_line_breaks_does_not_come_back_in_the_sentence(where, document, robot):
+    assert where in refusal(parse, document('go\n' * 1000), robot)
+
+
+def test_many_points_with_long_names_are_not_all_told(robot):
+    points = {f'{n:->100}': [0.0, 0.0, -0.8] for n in range(1000)}
+    refusal(parse, changed(points=points, moves=[{'move_l': {'to_m': 'x'}}]), robot)
+
+
+# files
+
+
+def written(tmp_path, text):
+    path = tmp_path / 'program.yaml'
+    path.write_text(text)
+    return path
+
+
+def test_a_program_without_a_name_is_called_after_its_file(robot, tmp_path):
+    path = written(tmp_path, 'moves: [{move_l: {to_m: [0, 0, -0.8], jerk_m_s3: .inf}}]')
+    program = programs.load(path, robot.motion)
+    assert (program.name, program.statements[0].limits.jerk_m_s3) == ('program', math.inf)
+
+
+BOMB = 'a: &a [x, x]\n' + '\n'.join(
+    f'{n}: &{n} [*{p}, *{p}]' for p, n in itertools.pairwise('abcdefghijklmnopqrstuvw')
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('moves: &a [*a]', 'aliases are not allowed'),
+        (BOMB, 'aliases are not allowed'),
+        ('moves: [', 'is not valid YAML'),
+        ('moves: []\nmoves: []', "the key 'moves' stands twice at line 2"),
+        ('[' * 100_000, 'is not valid YAML'),
+        ('x' * (4 * 1024 * 1024 + 1), 'is larger than 4 MiB'),
+        ('moves: !!python/object/apply:os.system ["true"]', 'is not valid YAML'),
+        ('moves: [{dwell: {time_s: .nan}}]', 'moves[0].dwell.time_s must be a number, not nan'),
+        ('moves: [{dwell: {time_s: 1e999}}]', 'moves[0].dwell.time_s '),
+        ('', 'the program must be a mapping, not None'),
+    ],
+    ids=['alias', 'bomb', 'open', 'twice', 'deep', 'large', 'object', 'nan', 'infinite', 'empty'],
+)
+def test_a_file_that_is_no_program_is_refused_with_one_sentence(text, reason, robot, tmp_path):
+    assert reason in refusal(programs.load, written(tmp_path, text), robot.motion)
+
+
+def test_a_file_that_cannot_be_read_is_named(robot, tmp_path):
+    assert 'cannot read program file nowhere: ' in refusal(programs.load, 'nowhere', robot.motion)
+    assert 'cannot read program file ' in refusal(programs.load, tmp_path, robot.motion)
+    (tmp_path / 'x.yaml').write_bytes(b'name: \xff\xfe')
+    assert 'is not valid YAML' in refusal(programs.load, tmp_path / 'x.yaml', robot.motion)
+
+
+def test_packaged_programs_are_found_by_their_names(robot):
+    names = programs.packaged_names()
+    assert 'experiment1' in names
+    for name in names:
+        assert programs.load(name, robot.motion).statements
+
+
+# whatever comes
+
+KEYS = st.sampled_from(
+    [
+        'name', 'start_m', 'repeat', 'limits', 'points', 'payload_kg', 'moves', 'move_l', 'move_c', 'move_sb', 'cubic',
+        'dwell', 'output', 'to_m', 'via_m', 'through_m', 'by_m', 'point', 'time_s', 'duration_s', 'speed_m_s',
+        'blend_m', 'strict', 'value', 'before_m',
+    ]
+)  # fmt: skip
+SCALARS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=5),
+    st.binary(max_size=3),
+    st.just(dt.date(2026, 1, 1)),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda children: st.one_of(
+        st.lists(children, max_size=4),
+        st.dictionaries(st.one_of(KEYS, SCALARS.filter(lambda key: key == key)), children, max_size=4),
+    ),
+    max_leaves=12,
+)
+NUMBERS = st.one_of(st.floats(-1.0, 1.0), VALUES)
+COORDINATES = st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.95, -0.7)).map(list)
+STEPS = st.fixed_dictionaries({'by_m': st.lists(st.floats(-0.1, 0.1), min_size=3, max_size=3)})
+
+
+def statements(points, limits, numbers, flags):
+    """Return a strategy for statements whose fields come from others."""
+    path = {
+        'speed_m_s': limits,
+        'acceleration_m_s2': limits,
+        'jerk_m_s3': limits,
+        'blend_m': numbers,
+        'strict': flags,
+    }
+    return st.one_of(
+        *[
+            st.fixed_dictionaries({kind: st.fixed_dictionaries(required, optional=optional)})
+            for kind, required, optional in (
+                ('move_l', {'to_m': points}, path),
+                ('move_c', {'via_m': points, 'to_m': points}, path),
+                ('move_sb', {'through_m': st.lists(points, max_size=5)}, path),
+                ('cubic', {'to_m': points, 'duration_s': numbers}, {'end_velocity_m_s': points}),
+                ('dwell', {'time_s': numbers}, {}),
+                (
+                    'output',
+                    {'name': st.one_of(st.sampled_from(OUTPUTS), points), 'value': flags},
+                    {'before_m': numbers, 'payload_kg': numbers},
+                ),
+            )
+        ]
+    )
+
+
+ANY_POINT = st.one_of(st.lists(NUMBERS, min_size=3, max_size=3), VALUES)
+ANY_STATEMENT = st.one_of(statements(ANY_POINT, NUMBERS, NUMBERS, st.one_of(st.booleans(), VALUES)), VALUES)
+ANY_PROGRAM = st.fixed_dictionaries(
+    {'moves': st.one_of(st.lists(ANY_STATEMENT, max_size=3), VALUES)},
+    optional={
+        'name': VALUES,
+        'repeat': st.one_of(st.integers(1, 20_000), VALUES),
+        'start_m': ANY_POINT,
+        'limits': VALUES,
+        'points': st.one_of(st.dictionaries(st.text(max_size=3), ANY_POINT, max_size=2), VALUES),
+        'payload_kg': NUMBERS,
+    },
+)
+
+
+@settings(max_examples=300)
+@given(st.one_of(ANY_PROGRAM, VALUES))
+def test_whatever_a_document_holds_it_is_a_program_or_refused_with_one_sentence(robot, document):
+    try:
+        program = parse(document, robot)
+    except ProgramError as error:
+        sentence = str(error)
+    else:
+        sentence = 'accepted'
+        assert program.statements
+        assert 1 <= program.repeat <= programs.REPEAT_MAX
+    assert 0 < len(sentence) < SENTENCE_MAX
+    assert '\n' not in sentence
+
+
+@settings(max_examples=200)
+@given(st.text(alphabet='moves:{}[]-, \n\tl_&*!#|>\'"0123.e\x00\x85\ud800', max_size=60))
+@example('moves: &a [*a]')
+@example('moves: [{move_l: {to_m: [0, 0, .nan]}}]')
+def test_whatever_a_file_holds_it_is_a_program_or_refused(robot, tmp_path_factory, text):
+    path = tmp_path_factory.getbasetemp() / 'program.yaml'
+    path.write_bytes(text.encode('utf-8', 'surrogatepass'))
+    with contextlib.suppress(ProgramError):
+        programs.load(path, robot.motion)
+
+
+PLACES = st.one_of(COORDINATES, COORDINATES, STEPS)
+SOME_OPTIONS = {
+    'speed_m_s': st.one_of(st.floats(1e-6, 1e9), st.floats(0.1, 10.0)),
+    'acceleration_m_s2': st.one_of(st.floats(1e-6, 1e9), st.floats(1.0, 500.0)),
+    'jerk_m_s3': st.one_of(st.floats(1e-6, 1e9), st.floats(10.0, 1e5), st.just(math.inf)),
+    'strict': st.sampled_from([False, False, True]),
+}
+SOME_STATEMENT = st.one_of(
+    *[
+        st.fixed_dictionaries({kind: st.fixed_dictionaries(required, optional=optional)})
+        for kind, required, optional in (
+            ('move_l', {'to_m': PLACES}, SOME_OPTIONS),
+            ('move_l', {'to_m': PLACES, 'blend_m': st.floats(0.0, 0.03)}, SOME_OPTIONS),
+            ('move_c', {'via_m': PLACES, 'to_m': PLACES}, SOME_OPTIONS),
+            ('move_sb', {'through_m': st.lists(PLACES, min_size=1, max_size=5)}, SOME_OPTIONS),
+            ('cubic', {'to_m': PLACES, 'duration_s': st.floats(0.05, 5.0)}, {}),
+            ('dwell', {'time_s': st.floats(0.001, 5.0)}, {}),
+            (
+                'output',
+                {'name': st.sampled_from(OUTPUTS), 'value': st.booleans()},
+                {'payload_kg': st.floats(0.0, 20.0)},
+            ),
+        )
+    ]
+)
+SOME_PROGRAM = st.fixed_dictionaries(
+    {'moves': st.lists(SOME_STATEMENT, min_size=1, max_size=5)},
+    optional={'repeat': st.integers(1, 3), 'payload_kg': st.floats(0.0, 20.0)},
+)
+
+
+@settings(max_examples=150)
+@given(SOME_PROGRAM)
+def test_whatever_is_read_is_planned_within_the_workspace_or_refused_with_one_sentence(robot, document):
+    try:
+        planned = planning.plan(parse(document, robot), HOME, robot)
+    except ProgramError as error:
+        event(checked(error)[:40])
+        return
+    event('planned')
+    for notice in planned.notices:
+        checked(notice)
+    plan = planned.plan
+    p, master, numbers = sample_plan(plan, np.linspace(0.0, plan.duration_s, 500))
+    assert np.isfinite(p).all()
+    assert np.hypot(p[:, 0], p[:, 1]).max() <= 0.6 + 1e-4
+    assert -0.95 - 1e-4 <= p[:, 2].min() <= p[:, 2].max() <= -0.7 + 1e-4
+    assert (master[:, 1] >= -1e-6).all()
+    assert max(planned.rms_current_a) <= robot.motor.nominal_current_a * (1.0 + 1e-6)
+    lengths = np.array([plan.move(n).length_m for n in numbers])
+    assert (master[:, 0] <= lengths * (1.0 + 1e-9)).all()
+    ends = [plan.move(n).end_m() for n in range(len(plan))]
+    for n in range(1, len(plan)):
+        assert np.abs(plan.move(n).segments[0, 1::6] - ends[n - 1]).max() < 1e-6
+    assert all(plan.move(n).kind in MoveKind for n in range(len(plan)))
