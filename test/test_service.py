@@ -28,6 +28,7 @@ from delta3_pacdrive.drive.diagnostics import FAULTS, DriveFault, DriveWarning
 from delta3_pacdrive.drive.idn import (
     ALWAYS,
     BEFORE_CP4,
+    PHASE,
     RESET_CLASS_1_DIAGNOSTIC,
     TABLE,
     Group,
@@ -41,8 +42,6 @@ KV, K_I, MASS_OBSERVER, SPEED, UNKNOWN = (
     parse_idn(text) for text in ('S-0-0104', 'P-0-0011', 'P-0-0022', 'S-0-0040', 'S-0-4000')
 )
 WRITABLE = [row for row in TABLE.values() if row.writable_in]
-# what the drive's record does not hold yet; the node adds them
-NOT_IN_STATE = {'interface_status', 'mst_losses'}
 
 IDNS = st.integers(0, 0xFFFF)
 VALUES = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -576,14 +575,13 @@ class Drive:
 
     def __init__(self, robot, reset=True):
         self.state = np.zeros(1, STATE)
-        self.others = dict.fromkeys(NOT_IN_STATE, 0.0)
         self.changes = []
         self.resets = 0
         self._reset = reset
         self.register = Register(robot, self._actual, self.changes.append, self._count_reset)
 
     def _actual(self, name):
-        return self.others[name] if name in self.others else self.state[name][0]
+        return float(self.state[name][0])
 
     def _count_reset(self):
         self.resets += 1
@@ -631,7 +629,7 @@ def test_the_standard_numbers_have_their_standard_meaning():
 
 def test_fields_of_actual_values_are_those_of_the_state_record():
     fields = {source for row in TABLE.values() for source in row.sources if '.' not in source}
-    assert fields - set(STATE.names) <= NOT_IN_STATE
+    assert fields - {PHASE} <= set(STATE.names)
 
 
 @pytest.mark.parametrize('row', TABLE.values(), ids=lambda row: format_idn(row.idn))
@@ -823,7 +821,6 @@ def test_actual_values_are_those_of_the_drive_s_record(drive, robot):
     drive.state['status'] = 0xC008
     drive.state['control'] = 0xE000
     drive.state['mdt_losses'] = 3
-    drive.others = {'interface_status': 4, 'mst_losses': 2}
     constant = robot.motor.torque_constant_n_m_a
     expected = {
         'S-0-0051': 1.25,
@@ -835,8 +832,7 @@ def test_actual_values_are_those_of_the_drive_s_record(drive, robot):
         'S-0-0189': 0.25,
         'S-0-0135': 0xC008,
         'S-0-0134': 0xE000,
-        'S-0-0014': 4,
-        'S-0-0028': 2,
+        'S-0-0028': 3,
         'S-0-0029': 3,
     }
     assert {text: drive.register.read(parse_idn(text)).value for text in expected} == expected
@@ -860,6 +856,17 @@ def test_diagnostics_tell_the_fault_by_bit_and_number(fault, drive):
     row = FAULTS.get(fault)
     assert drive.register.read(parse_idn('S-0-0011')).value == (int(row.class_1) if row else 0)
     assert drive.register.read(parse_idn('S-0-0390')).value == (row.number if row else 0)
+
+
+@pytest.mark.parametrize('phase', [Phase.CP2, Phase.CP3, Phase.CP4])
+def test_the_interface_status_tells_the_phase_and_lost_telegrams(phase, drive):
+    access = Access(parse_idn('S-0-0014'), Operation.READ)
+    for fault in DriveFault:
+        drive.state['fault'] = int(fault)
+        word = int(drive.register.serve(access, phase).value)
+        assert word & 7 == phase
+        assert bool(word & 1 << 3) == (fault == DriveFault.MASTER_SILENT)
+        assert bool(word & 1 << 4) == (fault == DriveFault.TELEGRAM)
 
 
 def test_warnings_are_class_2_diagnostics_and_come_after_faults(drive):

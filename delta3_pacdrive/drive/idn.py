@@ -31,6 +31,7 @@ BEFORE_CP4 = frozenset({Phase.CP2, Phase.CP3})
 ALWAYS = frozenset({Phase.CP2, Phase.CP3, Phase.CP4})
 ONE = '1'  # unit of what has no dimension
 BITS = 'bits'  # unit of words
+PHASE = 'phase'  # source: communication phase of the access
 
 
 class Group(StrEnum):
@@ -56,7 +57,7 @@ class OperationData:
     ----------
     sources
         Where the value lives: with a dot a parameter (``drive.velocity_feedforward``), without one a field of the
-        drive's ``STATE`` record.
+        drive's ``STATE`` record, or ``PHASE``.
     formula
         Makes the value of the sources, in their order.
     writable_in
@@ -103,6 +104,12 @@ def _diagnostic_number(fault: float, warning: float) -> float:
     if fault:
         return FAULTS[DriveFault(int(fault))].number
     return next((row.number for bit, row in WARNINGS.items() if int(warning) & bit), 0)
+
+
+def _interface_status(phase: float, fault: float) -> float:
+    """Communication phase in bits 2 to 0, failure of the MST in bit 3, of the MDT in bit 4, latched as the fault is."""
+    failures = {DriveFault.MASTER_SILENT: 1 << 3, DriveFault.TELEGRAM: 1 << 4}
+    return int(phase) | failures.get(DriveFault(int(fault)), 0)
 
 
 def _nothing() -> float:
@@ -216,8 +223,10 @@ _ROWS = (
     # diagnostics
     _row('S-0-0011', 'Class 1 diagnostic', BITS, Group.DIAGNOSTICS, 'fault', formula=_class_1),
     _row('S-0-0012', 'Class 2 diagnostic', BITS, Group.DIAGNOSTICS, 'warning', formula=_class_2),
-    _row('S-0-0014', 'Interface status', BITS, Group.DIAGNOSTICS, 'interface_status'),
-    _row('S-0-0028', 'MST error counter', ONE, Group.DIAGNOSTICS, 'mst_losses'),
+    _row('S-0-0014', 'Interface status', BITS, Group.DIAGNOSTICS,
+         PHASE, 'fault', formula=_interface_status),
+    # the MDT is the synchronisation as well: who loses one has lost the other
+    _row('S-0-0028', 'MST error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
     _row('S-0-0029', 'MDT error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
     _row('S-0-0134', 'Drive control', BITS, Group.DIAGNOSTICS, 'control'),
     _row('S-0-0135', 'Drive status', BITS, Group.DIAGNOSTICS, 'status'),
@@ -293,10 +302,12 @@ class Register:
         self.refusal = ''
         self._actual = actual
         self._on_change = on_change
+        self._phase = Phase.CP2
         self._commands = {RESET_CLASS_1_DIAGNOSTIC: reset}
 
     def serve(self, access: Access, phase: Phase) -> Answer:
         """Answer an access of the service channel in a communication phase."""
+        self._phase = phase
         if phase < Phase.CP2:
             return self._refuse(access, ServiceError.NOT_OPEN)
         if access.operation == Operation.READ:
@@ -339,6 +350,8 @@ class Register:
         return Answer(idn, value=0.0)
 
     def _source(self, source: str) -> float:
+        if source == PHASE:
+            return float(self._phase)
         group, dot, name = source.partition('.')
         return float(getattr(getattr(self.parameters, group), name) if dot else self._actual(source))
 
