@@ -11,10 +11,11 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.master import sample_master
+from delta3_pacdrive.motion.master import master_at_distances, sample_master
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.motion.timeline import NEVER, Course, Timeline, velocity_stop
+from delta3_pacdrive.motion.timeline import NEVER, Course, Timeline, slowest, velocity_stop
 
 CYCLE_S = 1e-3
 START = (0.0, 0.0, -0.75)
@@ -346,3 +347,123 @@ def test_a_plan_of_infinite_jerk_can_be_held_and_resumed(share, robot):
     assert rows[-1, 0] == len(timeline.plan) - 1
     assert rows[-1, 2] == 0.0
     assert np.abs(rows[:, 3]).max() <= 12.0 * CONNECTION
+
+
+# programs that are hard to hold: cubics, which run to their end at full rate, and legs with limits of their own
+
+HARD = {
+    'cubics': [
+        {'cubic': {'to_m': [0.1, 0.0, -0.8], 'duration_s': 0.4, 'end_velocity_m_s': [0.3, 0.2, 0.0]}},
+        {'cubic': {'to_m': [0.2, 0.1, -0.8], 'duration_s': 0.5}},
+        {'move_l': {'to_m': [0.0, 0.0, -0.75]}},
+    ],
+    'a cubic that a motor slows down': [
+        {'cubic': {'to_m': [0.3, 0.0, -0.75], 'duration_s': 0.06}},
+        {'dwell': {'time_s': 10.0}},
+    ],
+    'a quick leg and a slow one': [
+        {'move_l': {'to_m': [0.2, 0.0, -0.75], 'blend_m': 0.02, 'speed_m_s': 1.5, 'acceleration_m_s2': 15.0}},
+        {'move_l': {'to_m': [0.2, 0.06, -0.75], 'speed_m_s': 0.1, 'acceleration_m_s2': 1.0}},
+        {'dwell': {'time_s': 0.1}},
+    ],
+    'bends that ask for slowness': [
+        {
+            'move_sb': {
+                'through_m': [[0.1, 0.1, -0.8], [0.2, 0.0, -0.85], [0.1, -0.1, -0.8], [0.0, 0.0, -0.75]]
+            }
+        },
+        {'move_c': {'via_m': [0.03, 0.03, -0.76], 'to_m': [0.06, 0.0, -0.76]}},
+    ],
+    'small jerk': [
+        {'move_l': {'to_m': [0.15, 0.0, -0.8], 'jerk_m_s3': 20.0}},
+        {'move_l': {'to_m': [0.0, 0.0, -0.75]}},
+    ],
+}
+
+
+@pytest.fixture(scope='module')
+def hard(robot):
+    """Plans of the programs that are hard to hold."""
+    return {
+        name: planning.plan(programs.parse({'moves': moves}, robot.motion), START, robot).plan
+        for name, moves in HARD.items()
+    }
+
+
+def require_on_its_way(rows, plan):
+    """The master never turns back, never leaves its move, and has no jump in distance and speed."""
+    for number in np.unique(rows[:, 0]):
+        s, v, a = rows[rows[:, 0] == number][:, 1:].T
+        assert (np.diff(s) >= -ROUNDING).all()
+        assert s.max() <= plan.move(int(number)).length_m + ROUNDING
+        assert s.min() >= -ROUNDING
+        assert (v >= -ROUNDING).all()
+        # distance is the integral of the speed, but where the acceleration turns within the cycle
+        turn = np.abs(np.diff(a)) * CYCLE_S**2
+        assert (np.abs(np.diff(s) - 0.5 * CYCLE_S * (v[1:] + v[:-1])) <= turn + 1e-7).all()
+    assert (np.diff(rows[:, 0]) >= 0.0).all()
+
+
+@pytest.mark.parametrize('name', HARD)
+def test_a_hold_in_any_cycle_stops_before_the_move_ends_and_nowhere_faster_than_the_plan(name, hard):
+    plan = hard[name]
+    whole = started(plan).end_cycle
+    moving = plan.duration_s if plan.move(1).kind != MoveKind.DWELL else plan.tables.starts[1]
+    for cycle in range(0, int(moving / CYCLE_S), max(1, int(moving / CYCLE_S / 40))):
+        timeline = started(plan)
+        before = timeline.at(cycle)
+        move = plan.move(before.number)
+        timeline.change(timeline.stop(cycle))
+        assert timeline.end_cycle <= whole
+        rows = states(timeline, cycle, timeline.end_cycle + 3)
+        require_on_its_way(rows, plan)
+        assert rows[-1, 2:].tolist() == [0.0, 0.0]
+        allowed = master_at_distances(np.minimum(rows[:, 1], move.length_m), move.master)[:, 2]
+        assert (rows[:, 2] <= allowed * CONNECTION + 2e-3 * allowed.max()).all()
+        timeline.change(rejoin(timeline, timeline.end_cycle + 4, 1.0))
+        rows = states(timeline, timeline.start_cycle, timeline.start_cycle + 1500)
+        require_on_its_way(rows, plan)
+
+
+@given(data=st.data())
+@settings(max_examples=40)
+def test_whatever_is_held_resumed_and_overridden_the_plan_is_driven_to_its_end(data, hard, plan):
+    one = data.draw(
+        st.sampled_from([plan, *[hard[name] for name in HARD if name != 'a cubic that a motor slows down']])
+    )
+    rates = st.sampled_from([0.3, 0.5, 1.0, 1.2, 1.5])
+    timeline = started(one, 0, data.draw(rates))
+    cycle = 0
+    for _ in range(data.draw(st.integers(1, 6))):
+        held = timeline.course.held
+        end = timeline.end_cycle
+        cycle = end + data.draw(st.integers(0, 5)) if held else cycle + data.draw(st.integers(1, 300))
+        if not held and cycle >= end:
+            break
+        rows = states(timeline, timeline.start_cycle, cycle + 1)
+        require_on_its_way(rows, one)
+        before = timeline.at(cycle)
+        if held or data.draw(st.booleans()):
+            course = rejoin(timeline, cycle, data.draw(rates))
+        else:
+            course = timeline.stop(cycle)
+        assert Course.from_array(course.to_array()).rate == course.rate
+        timeline.change(course)
+        after = timeline.at(cycle)
+        places = [sample_path([x.distance_m], one.move(x.number).segments)[0, 0] for x in (before, after)]
+        assert np.abs(places[0] - places[1]).max() < 1e-6
+        assert after.speed_m_s == pytest.approx(before.speed_m_s, abs=1e-6)
+    if timeline.course.held:
+        timeline.change(rejoin(timeline, timeline.end_cycle, 1.0))
+    rows = states(timeline, timeline.start_cycle, timeline.end_cycle + 2)
+    require_on_its_way(rows, one)
+    assert rows[-1, :2].tolist() == [len(one) - 1, pytest.approx(one.move(len(one) - 1).length_m, abs=1e-12)]
+    assert abs(rows[-1, 2]) < ROUNDING
+
+
+def test_phases_know_their_slowest_speed_also_within_a_phase():
+    phases = np.array([[0.0, 0.0, 0.1, -2.0, 30.0], [0.2, 0.0, 0.3, 4.0, 0.0], [0.3, 0.0, 0.7, 0.0, 0.0]])
+    times = np.linspace(0.0, 0.3, 30_001)
+    assert slowest(phases) == pytest.approx(sample_master(times, phases)[:-1, 1].min(), abs=1e-6)
+    assert slowest(phases) == pytest.approx(0.1 - 2.0**2 / (2.0 * 30.0))
+    assert slowest(np.array([[0.0, 0.1, 0.0, 0.0, 0.0]])) == 0.0

@@ -162,6 +162,7 @@ def _bounds(robot: Any) -> dict[str, float]:
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.motion.checks import Limits
     from delta3_pacdrive.motion.curves import Curve
+    from delta3_pacdrive.motion.moves import Timing
 
     program = programs.load('packaging', robot.motion)
     moves = planning.plan(program, program.start_m or START, robot).plan.moves
@@ -173,7 +174,7 @@ def _bounds(robot: Any) -> dict[str, float]:
         ('free jerk', Limits(limits.speed_m_s, limits.acceleration_m_s2, np.inf)),
         ('motors alone', Limits(100.0, 1e6, np.inf)),
     ):
-        case = planning.Timing(curve, [(move.length_m, wish)], [], move.payload_kg, robot)
+        case = Timing(curve, [(move.length_m, wish)], [], move.payload_kg, robot)
         speed = timing.fastest(case.place_limits(True, case.speed, case.acceleration))
         bounds[name] = timing.duration(case.distance, speed)
     bounds |= _toppra(curve, limits, robot)

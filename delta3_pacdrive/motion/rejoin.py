@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.master import master_at_distances, profile_rows, sample_master
 from delta3_pacdrive.motion.plan import Move, MoveKind
-from delta3_pacdrive.motion.timeline import Course, Timeline, remainder
+from delta3_pacdrive.motion.timeline import BACK_M_S, Course, Timeline, remainder, slowest
 
 CANDIDATES = 200  # places of a move at which the plan may be joined
 SAMPLES = 64  # places at which a way to the plan is compared with it
@@ -37,12 +37,13 @@ def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
     if move.kind == MoveKind.DWELL:
         left = max(timeline.left_of_move_s(cycle), 0.0)
         return Course(cycle, now.number, np.array([[0.0] * 5, [left / rate, 0.0, 0.0, 0.0, 0.0]]), rate)
-    if move.length_m - now.distance_m < END_M and now.speed_m_s < END_M:
+    held = timeline.course is not None and timeline.course.held
+    if held and move.length_m - now.distance_m < END_M:
         return Course(cycle, now.number, np.array([[0.0, move.length_m, 0.0, 0.0, 0.0]]), rate)
     before = timeline.course.rate if timeline.course else 1.0
     room = max(1.0, rate, before)
     limits = (move.stop_acceleration * room**2, move.stop_jerk * room**3)
-    if timeline.course is not None and timeline.course.held:
+    if held:
         for gentle in GENTLE:
             state = (now.distance_m, now.speed_m_s, now.acceleration_m_s2)
             table = _join(move, state, rate, room, (limits[0] * gentle, limits[1] * gentle))
@@ -117,8 +118,8 @@ def _connection(
 
 def _stays_under(table: Floats, master: Floats, factor: float, speed_max: float) -> bool:
     """Whether the phases never turn back nor exceed the planned speed, times a factor, at the same place."""
-    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
-    if (v < -1e-9).any():
+    if slowest(table) < -BACK_M_S:
         return False
+    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
     allowed = master_at_distances(np.maximum.accumulate(s), master)[:, 2] * factor
     return bool((v <= allowed * OVER_PLAN + 1e-4 * speed_max).all())

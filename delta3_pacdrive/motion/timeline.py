@@ -17,12 +17,24 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, profile_rows, sample_master
+from delta3_pacdrive.motion.master import (
+    PHASE_COLUMNS,
+    master_at,
+    master_at_distances,
+    profile_rows,
+    sample_master,
+)
 from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
 
 NEVER = 2**62
 RATE_MIN, RATE_MAX = 0.01, 1.5  # of an override
 JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
+HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
+SAMPLES, FASTER = (
+    64,
+    1e-3,
+)  # places at which a stop is compared with the present course, and how much faster it may be there
+BACK_M_S = 1e-9  # rounding of a speed that never turns back
 COURSE_HEADER = 4  # cycle, number of the move, rate, whether it ends held
 
 COURSE = np.dtype(
@@ -233,21 +245,47 @@ class Timeline:
         return course.cycle + math.ceil(time / self.cycle_time_s - 1e-9)
 
     def stop(self, cycle: int) -> Course:
-        """Return the course that stops the master on its path as quickly as the move's limits allow."""
+        """Return the course that stops the master on its path, within the limits of the move where that is possible.
+
+        It brakes harder where the present course does so too, or its move would end before: it is nowhere faster.
+        """
         now = self.at(cycle)
         rate = 1.0 if self.course is None else self.course.rate
         move = self.plan.move(now.number)
+        present = self.rest_of_move(cycle)
         room = max(1.0, rate)
-        table = velocity_stop(
-            now.distance_m,
-            now.speed_m_s,
-            now.acceleration_m_s2,
-            move.stop_acceleration * room**2,
-            move.stop_jerk * room**3,
-        )
+        acceleration, jerk = move.stop_acceleration * room**2, move.stop_jerk * room**3
+        for harder in range(HARDER_MAX):
+            table = velocity_stop(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
+            if never_faster(table, present):
+                break
+            if harder == 0:
+                acceleration = max(acceleration, float(np.abs(present[:, 3]).max()))
+                jerk = max(jerk, float(np.abs(present[:, 4]).max()))
+            else:
+                acceleration, jerk = acceleration * HARDER**2, jerk * HARDER**3
+        else:
+            table = present
         # rounding may carry a stop that ends with the move a little beyond it
         table[:, 1] = np.minimum(table[:, 1], move.length_m)
         return Course(cycle, now.number, table, rate, held=True)
+
+
+def slowest(phases: Floats) -> float:
+    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
+    _, _, v, a, j = phases[:-1].T
+    with np.errstate(divide='ignore', invalid='ignore'):
+        turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
+    return float((v + turn * (a + 0.5 * turn * j)).min(initial=float(phases[:, 2].min())))
+
+
+def never_faster(table: Floats, other: Floats) -> bool:
+    """Whether phases never turn back, end no farther than others, and are nowhere faster at the same place."""
+    if slowest(table) < -BACK_M_S or not table[-1, 1] <= other[-1, 1] + JOINED:
+        return False
+    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
+    allowed = master_at_distances(np.maximum.accumulate(s), other)[:, 2]
+    return bool((v <= allowed * (1.0 + FASTER) + FASTER * other[:, 2].max()).all())
 
 
 def remainder(phases: Floats, time: float, rate: float) -> Floats:
