@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.master import sample_master
 from delta3_pacdrive.motion.master import master_at_distances, sample_master
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import MoveKind
@@ -443,10 +442,8 @@ def test_whatever_is_held_resumed_and_overridden_the_plan_is_driven_to_its_end(d
         rows = states(timeline, timeline.start_cycle, cycle + 1)
         require_on_its_way(rows, one)
         before = timeline.at(cycle)
-        if held or data.draw(st.booleans()):
-            course = rejoin(timeline, cycle, data.draw(rates))
-        else:
-            course = timeline.stop(cycle)
+        goes_on = held or data.draw(st.booleans())
+        course = rejoin(timeline, cycle, data.draw(rates)) if goes_on else timeline.stop(cycle)
         assert Course.from_array(course.to_array()).rate == course.rate
         timeline.change(course)
         after = timeline.at(cycle)

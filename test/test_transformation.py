@@ -1,5 +1,6 @@
 """Facts about the transformation task (thesis 6, 7.3): commands on path and grid, following error, cycles."""
 
+import itertools
 import math
 
 import numpy as np
@@ -13,6 +14,7 @@ from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.curves import line
 from delta3_pacdrive.motion.master import plan_master
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
+from delta3_pacdrive.motion.rejoin import rejoin
 from delta3_pacdrive.transformation import (
     FOLLOWING_ERROR,
     HISTORY,
@@ -337,3 +339,72 @@ def test_a_held_tcp_stands_on_its_line_until_the_program_is_unloaded(robot):
     task.unload()
     task.command(standing + 50)
     assert np.array_equal(task.state['tcp'][0], place)
+
+
+def outputs_over(task, first, last):
+    """Rows (cycle, move, distance, outputs, payload) of the cycles between two."""
+    rows = []
+    for cycle in range(first, last):
+        task.command(cycle)
+        rows.append((cycle, *task.progress()[:2], task.outputs, task.payload))
+    return rows
+
+
+def test_every_round_of_a_program_switches_its_outputs_at_their_places(robot):
+    moves = [
+        {'move_l': {'to_m': [0.2, 0.0, -0.75]}},
+        {'output': {'name': 'gripper', 'value': True, 'before_m': 0.05, 'payload_kg': 0.7}},
+        {'move_l': {'to_m': [0.0, 0.0, -0.75]}},
+        {'output': {'name': 'gripper', 'value': False, 'before_m': 0.1, 'payload_kg': 0.0}},
+    ]
+    task, plan = loaded(robot, moves, repeat=3, payload_kg=0.0)
+    assert len(plan) == 6
+    end = task.start(0)
+    rows = outputs_over(task, 0, end + 2)
+    switched = [b for a, b in itertools.pairwise(rows) if a[3] != b[3]]
+    assert [(row[1], row[3], row[4]) for row in switched] == [
+        (n, (n + 1) % 2, 0.7 * ((n + 1) % 2)) for n in range(6)
+    ]
+    for row in switched:
+        before = rows[row[0] - 1]
+        place = 0.15 if row[3] else 0.1
+        assert before[1] == row[1]
+        assert before[2] < place - ROUNDING <= row[2]
+
+
+def test_an_output_behind_the_place_of_a_hold_waits_for_the_program_to_go_on(robot):
+    moves = [
+        {'move_l': {'to_m': [0.3, 0.0, -0.75]}},
+        {'output': {'name': 'output2', 'value': True, 'before_m': 0.1}},
+        {'dwell': {'time_s': 0.1}},
+    ]
+    task, _ = loaded(robot, moves)
+    end = task.start(0)
+    plan_cycle = next(row[0] for row in outputs_over(task, 0, end) if row[3])
+    task, _ = loaded(robot, moves)
+    task.start(0)
+    # far enough before the place that the stop ends before it: 1.5 m/s, 15 m/s2 and 600 m/s3 need 94 mm
+    rows = outputs_over(task, 0, plan_cycle - 90)
+    task.hold()
+    stopped = task.end_cycle
+    rows += outputs_over(task, rows[-1][0] + 1, stopped + 200)
+    assert rows[-1][2] < 0.2
+    assert not any(row[3] for row in rows)
+    timeline = task._timeline
+    task.change(rejoin(timeline, stopped + 220, 0.5))
+    rows = outputs_over(task, stopped + 200, task.coming_last_cycle)
+    n = next(n for n, row in enumerate(rows) if row[3])
+    assert rows[n - 1][2] < 0.2 - ROUNDING <= rows[n][2]
+
+
+def test_the_payload_of_the_first_move_is_gripped_from_the_start(robot):
+    task, _ = loaded(robot, [{'move_l': {'to_m': [0.1, 0.0, -0.75]}}], payload_kg=1.23456)
+    before = task.payload
+    task.start(10)
+    assert (before, task.payload) == (robot.dynamics.payload_mass_kg, 1.2346)
+    gripped, _ = loaded(
+        robot, [{'output': {'name': 'gripper', 'value': True, 'payload_kg': 2.5}}, {'dwell': {'time_s': 1.0}}]
+    )
+    gripped.start(10)
+    gripped.command(10)
+    assert gripped.payload == 2.5

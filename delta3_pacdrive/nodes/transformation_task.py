@@ -104,7 +104,7 @@ class TransformationTaskNode(PollingNode):
         self._expected = [0] * 3
         self._at_losses, self._losses_in_a_row = [0] * 3, [0] * 3
         self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
-        self._last_answer_s = 0.0
+        self._last_answer_s = self._last_report_s = 0.0
         self._wall_start_s = 0.0
 
         self._service = [ServiceMaster() for _ in DRIVES]
@@ -452,9 +452,15 @@ class TransformationTaskNode(PollingNode):
         self._stop(reason)
 
     def _check_silence(self) -> None:
+        now = time.monotonic()
+        blocked = now - self._last_report_s > 2.0 * PROGRESS_S
+        self._last_report_s = now
         if self._phase != Phase.CP4 or self._down or self._cycle == self._answered:
             return
-        silence = time.monotonic() - self._last_answer_s
+        if blocked:
+            # this process itself was held up, and may not have read what came meanwhile
+            self._last_answer_s = now
+        silence = now - self._last_answer_s
         if silence > SILENCE_S:
             silent = [
                 axis for axis, inbox in zip(DRIVES, self._inbox, strict=True) if self._answered not in inbox

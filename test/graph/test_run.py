@@ -34,10 +34,24 @@ def long_run(
     tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
 ) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     """Start a run that lasts for ten minutes, and wait until it is recording the motion."""
+    yield from _long_run(tmp_path, start_delta3)
+
+
+@pytest.fixture
+def light_run(
+    tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
+) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """Start such a run in one process, which leaves half of a small machine to others."""
+    yield from _long_run(tmp_path, start_delta3, '--single-process')
+
+
+def _long_run(
+    tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], *options: str
+) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     program = tmp_path / 'long.yaml'
     program.write_text(LONG_PROGRAM)
     bag = tmp_path / 'bag'
-    process = start_delta3('run', program, '--bag', bag)
+    process = start_delta3('run', program, '--bag', bag, *options)
     try:
         # the recorder's file grows only once cyclic operation has begun
         file = bag / 'bag.mcap'
@@ -114,9 +128,9 @@ def test_a_second_robot_in_the_same_namespace_is_refused_and_the_first_runs_on(
     _end(process)
 
 
-def test_a_second_robot_in_another_namespace_runs_beside_the_first(long_run: tuple, delta3: Runner) -> None:
-    process, _ = long_run
-    done = delta3('run', '--namespace', 'cell2', '--json')
+def test_a_second_robot_in_another_namespace_runs_beside_the_first(light_run: tuple, delta3: Runner) -> None:
+    process, _ = light_run
+    done = delta3('run', '--namespace', 'cell2', '--single-process', '--json')
     assert done.returncode == 0, done.stderr
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
