@@ -429,8 +429,8 @@ def require_blend(before, after, radius):
     require_c2(curve)
     assert unevenness(curve) < EVEN
     place = after.at(0.0)[0]
-    assert np.linalg.norm(dense(curve)[0][:, 0] - place, axis=1).max() <= radius * (1.0 + 1e-9)
-    assert curve.length_m < 2.0 * radius * (1.0 + 1e-9)
+    assert np.linalg.norm(dense(curve)[0][:, 0] - place, axis=1).max() <= radius * (1.0 + EVEN)
+    assert curve.length_m < 2.0 * radius * (1.0 + EVEN)
     return curve
 
 
@@ -463,6 +463,19 @@ def test_a_blend_of_an_arc_and_a_line_is_c2_and_stays_within_its_radius(a, c, b,
     turn = math.acos(np.clip(-after.at(0.0)[1] @ backwards.at(0.0)[1], -1.0, 1.0))
     assume(turn < 2.5)
     require_blend(curves.line(after.at(0.2)[0], b), backwards, radius)
+
+
+@given(corner_points(turn_max=1.0), st.floats(0.01, 1.0), st.floats(0.1, 2.0))
+def test_a_blend_cut_from_a_spline_is_c2_and_as_even_as_the_spline(p, share, turn):
+    before = curves.spline(p)
+    direction = before.at(before.length_m)[1]
+    sideways = np.cross(direction, [0.3, -0.5, 0.8])
+    sideways /= np.linalg.norm(sideways)
+    after = curves.line(p[-1], p[-1] + 0.2 * (math.cos(turn) * direction + math.sin(turn) * sideways))
+    radius = share * min(0.02, 0.5 * before.length_m)
+    curve = require_blend(before, after, radius)
+    cut = before.at(before.length_m - radius)
+    assert abs(np.linalg.norm(curve.at(0.0)[1]) - np.linalg.norm(cut[1])) < EVEN
 
 
 @pytest.mark.parametrize('turn', [TURN_MAX_RAD + 1e-3, math.pi])

@@ -672,6 +672,19 @@ def test_each_different_round_is_planned_once(robot):
     assert (len(back.plan), len(back.plan.moves)) == (2000, 2)
 
 
+@settings(max_examples=20)
+@given(st.lists(st.tuples(*[st.floats(-0.04, 0.04)] * 3), min_size=1, max_size=3))
+def test_rounds_of_relative_moves_that_come_back_are_one_round_but_for_rounding(robot, steps):
+    steps = [np.round(step, 3) for step in steps]
+    assume(min(np.linalg.norm(step) for step in [*steps, np.sum(steps, axis=0)]) > 2e-3)
+    there = [{'move_l': {'to_m': {'by_m': step.tolist()}}} for step in steps]
+    back = {'move_l': {'to_m': {'by_m': (-np.sum(steps, axis=0)).tolist()}}}
+    planned = plan(robot, [*there, back], position=(0.01, 0.02, -0.83), repeat=100)
+    assert len(planned.plan.moves) <= 2 * (len(there) + 1)
+    starts = np.array([planned.plan.move(n).segments[0, 1::6] for n in range(1, len(planned.plan))])
+    assert np.abs(ends_of(planned)[:-1] - starts).max() < 1e-9
+
+
 def test_a_payload_carried_into_the_next_round_makes_it_another_one(robot):
     moves = [to(0, 0, -0.8), output(payload_kg=2.0), to(*HOME)]
     planned = plan(robot, moves, repeat=4)

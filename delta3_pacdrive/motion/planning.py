@@ -35,7 +35,6 @@ from delta3_pacdrive.motion.program import (
     MoveL,
     MoveSB,
     Output,
-    Point,
     Program,
     Statement,
     Target,
@@ -44,6 +43,7 @@ from delta3_pacdrive.motion.program import (
 from delta3_pacdrive.motion.timeline import RATE_MAX
 from delta3_pacdrive.parameters import Parameters
 
+SAME_DECIMALS = 9  # of two starts [m] that are one
 START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
 )
@@ -99,9 +99,10 @@ def plan(program: Program, position_m: ArrayLike, parameters: Parameters) -> Pla
     payload = parameters.dynamics.payload_mass_kg if program.payload_kg is None else program.payload_kg
     drafts: list[Draft] = []
     order: list[int] = []
-    known: dict[tuple[Point, float], tuple[list[int], Floats, float]] = {}
+    known: dict[tuple[tuple[float, ...], float], tuple[list[int], Floats, float]] = {}
     for _ in range(program.repeat):
-        key = ((float(here[0]), float(here[1]), float(here[2])), payload)
+        # rounds that begin a rounding error apart are the same
+        key = (tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
         if key not in known:
             round_ = _Round(program.statements, here, payload, parameters)
             numbers = []
