@@ -158,7 +158,7 @@ def _bounds(robot: Any) -> dict[str, float]:
     """Shortest times [s] of the rounded half cycle: as planned, without limit of jerk, and with the motors alone."""
     import numpy as np
 
-    from delta3_pacdrive.motion import planning, timing
+    from delta3_pacdrive.motion import planning
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.motion.checks import Limits
     from delta3_pacdrive.motion.curves import Curve
@@ -175,8 +175,7 @@ def _bounds(robot: Any) -> dict[str, float]:
         ('motors alone', Limits(100.0, 1e6, np.inf)),
     ):
         case = Timing(curve, [(move.length_m, wish)], [], move.payload_kg, robot)
-        speed = timing.fastest(case.place_limits(True, case.speed, case.acceleration))
-        bounds[name] = timing.duration(case.distance, speed)
+        bounds[name] = case.bound_s()
     bounds |= _toppra(curve, limits, robot)
     return bounds
 
@@ -264,7 +263,8 @@ def _measure_standing(seconds: float, plans_per_s: float) -> dict[str, Any]:
             bringup.stop()
 
     result = bringup.run(show)
-    facts = {item.key: item.value for item in diagnostics[-1].status[0].values}
+    own = [array.status[0] for array in diagnostics if array.status[0].name.endswith('transformation_task')]
+    facts = {item.key: item.value for item in own[-1].values}
     return {
         'plans': sent,
         'plan_bytes': 8 * len(message.data),

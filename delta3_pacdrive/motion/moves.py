@@ -290,6 +290,11 @@ class Timing:
             acceleration /= relief**2
         return timing.slowed(chosen, best)
 
+    def bound_s(self) -> float:
+        """Shortest time [s] that limits of speed and acceleration and the motors allow, whatever the jerk."""
+        limits = self.place_limits(True, self.speed[::2], self.acceleration[::2])
+        return timing.duration(self.distance, timing.fastest(limits))
+
     def _standing(self) -> Demand:
         """Evaluate standstill at every place of the grid."""
         master = np.zeros((len(self.places), 4))

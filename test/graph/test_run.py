@@ -189,3 +189,21 @@ def test_bad_arguments_are_one_sentence(delta3: Runner, tmp_path: Path, nothing_
         assert done.returncode == status, arguments
         assert expected in done.stderr, arguments
         assert 'Traceback' not in done.stderr, arguments
+
+
+def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runner) -> None:
+    done = delta3('bench', 'motion', '--seconds', '3', '--json')
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result['planning_ms'].keys() == result['cycle_us'].keys()
+    assert all(times['p50'] > 0.0 for times in result['planning_ms'].values())
+    errors = result['errors']
+    assert errors['circle_m'] < 1e-6
+    assert errors['cruise_speed'] < 1e-3
+    assert errors['points_m'] < 1e-9
+    bounds = result['packaging']['bounds']
+    assert bounds['motors alone'] < bounds['free jerk'] < bounds['planned']
+    arriving = result['plans_arriving']
+    assert arriving['without']['plans'] == 0
+    assert arriving['with']['plans'] >= 50
+    assert arriving['with']['lateness_ms'].keys() == arriving['without']['lateness_ms'].keys()
