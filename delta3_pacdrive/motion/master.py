@@ -132,13 +132,24 @@ def _sample_at_distances(distances, phases, out):
             continue
         a, j = phases[n, 3], phases[n, 4]
         low, high = 0.0, phases[n + 1, 0] - phases[n, 0]
-        for _ in range(36):
-            t = 0.5 * (low + high)
-            if phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0)) < s:
+        way = phases[n + 1, 1] - phases[n, 1]
+        t = high * (s - phases[n, 1]) / way if way > 0.0 else 0.0
+        # Newton's steps, and halvings where they would leave the bracket
+        for _ in range(60):
+            error = phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0)) - s
+            if error < 0.0:
                 low = t
             else:
                 high = t
-        t = 0.5 * (low + high)
+            speed = phases[n, 2] + t * (a + t * j / 2.0)
+            step = error / speed if speed > 0.0 else high - low
+            if error == 0.0 or high - low <= 1e-15 * (1.0 + t):
+                break
+            if abs(step) <= 1e-15 * (1.0 + t):
+                break
+            t = t - step
+            if not low < t < high:
+                t = 0.5 * (low + high)
         out[i, 0] = phases[n, 0] + t
         out[i, 1] = s
         out[i, 2] = phases[n, 2] + t * (a + t * j / 2.0)
