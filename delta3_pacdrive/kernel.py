@@ -88,3 +88,16 @@ def kernel(function: _Function) -> _Function:
         return numba.njit(cache=True, error_model='numpy')(function)  # type: ignore[no-any-return]
     finally:
         numba.config.CACHE_DIR = configured
+
+
+@kernel
+def row_at(value, table, first, last):
+    """Last row of a table, between two rows, whose first column does not exceed a value; bisection."""
+    low, high = first, last
+    while low < high:
+        middle = (low + high + 1) // 2
+        if table[middle, 0] <= value:
+            low = middle
+        else:
+            high = middle - 1
+    return low

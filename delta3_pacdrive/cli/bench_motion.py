@@ -227,52 +227,15 @@ def _standing_robot(seconds: float, plans_per_s: float) -> dict[str, Any]:
 
 
 def _measure_standing(seconds: float, plans_per_s: float) -> dict[str, Any]:
-    from diagnostic_msgs.msg import DiagnosticArray
-    from std_msgs.msg import Float64MultiArray
-
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.motion import planning
     from delta3_pacdrive.motion import program as programs
-    from delta3_pacdrive.nodes.bringup import Bringup, Options
-    from delta3_pacdrive.nodes.motion_server import numbers
-    from delta3_pacdrive.nodes.qos import PLAN, REPORT
+    from delta3_pacdrive.nodes.standing import measure
 
     robot = core.load()
     statement = _statements()['MoveSB, 100 points']
-    home = robot.motion.home_m
-    plan = planning.plan(programs.parse({'moves': [statement]}, robot.motion), home, robot).plan
-    message = numbers(plan.moves[0].to_array(0, 2), 'SPLINE')
-    bringup = Bringup(Options(program=None))
-    diagnostics: list[Any] = []
-    publishers: list[Any] = []
-    begun = 0.0
-    sent = 0
-
-    def show(_: dict[str, Any]) -> None:
-        nonlocal begun, sent
-        now = time.monotonic()
-        if not publishers:
-            node = bringup.node
-            publishers.append(node.create_publisher(Float64MultiArray, 'motion/plan', PLAN))
-            node.create_subscription(DiagnosticArray, '/diagnostics', diagnostics.append, REPORT)
-            begun = now
-        while plans_per_s and sent < (now - begun) * plans_per_s:
-            publishers[0].publish(message)
-            sent += 1
-        if now - begun > seconds:
-            bringup.stop()
-
-    result = bringup.run(show)
-    own = [array.status[0] for array in diagnostics if array.status[0].name.endswith('transformation_task')]
-    facts = {item.key: item.value for item in own[-1].values}
-    return {
-        'plans': sent,
-        'plan_bytes': 8 * len(message.data),
-        'cycles': result['cycles'],
-        'overruns': result['overruns'],
-        'lateness_ms': json.loads(facts['lateness_ms']),
-        'mdt_to_last_at_ms': json.loads(facts['mdt_to_last_at_ms']),
-    }
+    program = programs.parse({'moves': [statement]}, robot.motion)
+    return measure(seconds, plans_per_s, planning.plan(program, robot.motion.home_m, robot).plan)
 
 
 def _print(result: dict[str, Any]) -> None:

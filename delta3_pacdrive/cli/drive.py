@@ -48,24 +48,13 @@ def _list(as_json: bool) -> int:
 
 
 def _ask(options: argparse.Namespace) -> int:
-    import rclpy
-
-    from delta3_pacdrive.nodes import discovery, runtime
-    from delta3_pacdrive.nodes.operator import OperatorNode
+    from delta3_pacdrive.nodes.operator import operating
 
     axis, idn, value = options.axis, options.idn, options.value
     action = 'read' if value is None else 'command' if value == 'command' else 'write'
     request = f'{axis} {action} {idn}' + (f' {value}' if action == 'write' else '')
-    discovery.keep_to_this_machine()
-    rclpy.init()
-    process = runtime.Process()
-    operator = OperatorNode(process.spin_for, namespace='/' + options.namespace.strip('/'))
-    process.add(operator)
-    try:
+    with operating(options.namespace) as operator:
         sentence = operator.drive(request)
-    finally:
-        process.close()
-        rclpy.try_shutdown()
     print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
     return 0
 

@@ -117,23 +117,13 @@ def _run(options: argparse.Namespace) -> int:
         if len(values) != 1:
             raise ProgramError(f'move override takes one number, not {len(values)}')
         percent = values[0]
-    import rclpy
+    from delta3_pacdrive.nodes.operator import operating
 
-    from delta3_pacdrive.nodes import discovery, runtime
-    from delta3_pacdrive.nodes.operator import OperatorNode
-
-    discovery.keep_to_this_machine()
-    rclpy.init()
-    process = runtime.Process()
-    operator = OperatorNode(process.spin_for, namespace='/' + options.namespace.strip('/'))
-    process.add(operator)
     try:
-        sentences = _act(options, operator, document, percent)
+        with operating(options.namespace) as operator:
+            sentences = _act(options, operator, document, percent)
     except KeyboardInterrupt:
         raise RunError('interrupted') from None
-    finally:
-        process.close()
-        rclpy.try_shutdown()
     if options.json:
         facts = {key: operator.progress.get(key) for key in ('state', 'bus_time_s', 'move', 'moves', 'rate')}
         print(json.dumps({'ok': True, 'answers': sentences, **facts}))

@@ -4,7 +4,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from delta3_pacdrive.errors import Delta3Error
@@ -101,8 +101,3 @@ def print_figures(result: dict[str, Any]) -> None:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost telegrams'))
     for name, text in rows:
         print(f'{name:>14}  {text}')
-
-
-def arguments_or_none(arguments: Sequence[str] | None) -> Sequence[str] | None:
-    """Return the arguments for argparse; None means those of the process."""
-    return None if arguments is None else list(arguments)

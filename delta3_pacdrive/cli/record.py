@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from delta3_pacdrive.cli.output import guarded, parser_for
@@ -22,21 +21,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _record(options: argparse.Namespace) -> int:
-    from rclpy.parameter import Parameter
-
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.errors import RunError
-    from delta3_pacdrive.nodes import discovery, runtime
-    from delta3_pacdrive.nodes.recorder import RecorderNode
+    from delta3_pacdrive.nodes.recorder import record
 
     folder = Path(options.bag).absolute()
     if folder.exists():
         raise RunError(f'cannot record into {folder}: it exists already')
-    flat = core.flatten(core.load(options.parameters)) | {'bag': str(folder)}
-    overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
-    discovery.keep_to_this_machine()
-    namespace = '/' + options.namespace.strip('/')
-    return runtime.run([partial(RecorderNode, namespace=namespace, parameter_overrides=overrides)], [])
+    return record(folder, core.load(options.parameters), '/' + options.namespace.strip('/'))
 
 
 if __name__ == '__main__':

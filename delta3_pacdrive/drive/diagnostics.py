@@ -47,7 +47,6 @@ class DriveFault(IntEnum):
     OVER_CURRENT = 8
     OVERTRAVEL = 9
     MASTER_SILENT = 10
-    UNDER_VOLTAGE = 11
 
 
 class DriveWarning(IntFlag):
@@ -93,9 +92,6 @@ FAULTS = {
     ),
     DriveFault.MASTER_SILENT: Diagnostic(
         8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'
-    ),
-    DriveFault.UNDER_VOLTAGE: Diagnostic(
-        8907, 3, Reaction.AD, Class1.UNDER_VOLTAGE, 'DC link voltage too low'
     ),
 }
 

@@ -23,6 +23,8 @@ class DriveState(IntEnum):
     HALTED = 7  # stands, or comes to a stand, in torque and follows no command
 
 
+IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
+
 STATE = np.dtype(
     [
         # state machine
@@ -167,7 +169,10 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
         'following_error_limit': drive.following_error_limit_rad,
         'travel_min': math.radians(parameters.dynamics.end_stop_min_deg) * parameters.dynamics.gear_ratio,
         'travel_max': math.radians(parameters.dynamics.end_stop_max_deg) * parameters.dynamics.gear_ratio,
-        'encoder_step_max': 1.5 * motor.max_speed_rad_s * drive.overspeed_factor * bus.cycle_time_s,
+        'encoder_step_max': IMPLAUSIBLE_SPEED
+        * motor.max_speed_rad_s
+        * drive.overspeed_factor
+        * bus.cycle_time_s,
         'stop_deceleration': drive.stop_deceleration_rad_s2,
         'command_step_max': motor.max_speed_rad_s * drive.overspeed_factor * bus.cycle_time_s,
         'overload_time': drive.overload_time_s,

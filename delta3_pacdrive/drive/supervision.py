@@ -48,7 +48,6 @@ LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
 FORGIVING_CYCLES = 100  # good cycles in which one loss is forgotten: the window is 1000 cycles
 OVERLOAD_WARNING = 0.8
 RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
-IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
 STILL_CYCLES = 20  # without a change of the command, after which the master has stopped
 SHORT_CIRCUIT = 1.3  # of the peak current
 
@@ -62,11 +61,7 @@ def take_telegram(command, control, s):
         s.next_command = s.command = s.command_before = first
         s.next_control = 0
         s.state = READY
-    s.command_before_that = s.command_before
-    s.command_before = s.command
-    if math.isfinite(s.next_command):
-        s.command = s.next_command
-    s.control = s.next_control
+    _validate_last(s)
     s.next_command = command
     s.next_control = control
     s.losses_in_a_row = 0
@@ -74,6 +69,16 @@ def take_telegram(command, control, s):
     if s.good_cycles >= FORGIVING_CYCLES:
         s.good_cycles = 0
         s.losses_in_window = max(0, s.losses_in_window - 1)
+
+
+@kernel
+def _validate_last(s):
+    """Make command and control word of the last MDT valid."""
+    s.command_before_that = s.command_before
+    s.command_before = s.command
+    if math.isfinite(s.next_command):
+        s.command = s.next_command
+    s.control = s.next_control
 
 
 @kernel
@@ -87,11 +92,7 @@ def bridge_telegram(s):
         s.next_command = s.command = s.command_before = s.sampled_position
         s.next_control = 0
         s.state = READY
-    s.command_before_that = s.command_before
-    s.command_before = s.command
-    if math.isfinite(s.next_command):
-        s.command = s.next_command
-    s.control = s.next_control
+    _validate_last(s)
     s.next_command = s.command + (s.command - s.command_before)
     s.mdt_losses += 1
     s.losses_in_a_row += 1

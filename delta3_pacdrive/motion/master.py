@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.kernel import kernel, row_at
 from delta3_pacdrive.kinematics import Floats
 
 PHASE_COLUMNS = (
@@ -78,7 +78,7 @@ def end_acceleration(phases: Floats) -> float:
 def master_at(time, phases, first, count):
     """Master position, speed and acceleration at a time after the start of a move; at rest after its end."""
     last = first + count - 1
-    n = _phase_index(time, phases, first, last)
+    n = row_at(time, phases, first, last)
     t = time - phases[n, 0]
     if n == last or t < 0.0:
         return phases[n, 1], 0.0, 0.0
@@ -88,24 +88,11 @@ def master_at(time, phases, first, count):
 
 
 @kernel
-def _phase_index(time, phases, first, last):
-    """Row of the phase at a time; bisection."""
-    low, high = first, last
-    while low < high:
-        middle = (low + high + 1) // 2
-        if phases[middle, 0] <= time:
-            low = middle
-        else:
-            high = middle - 1
-    return low
-
-
-@kernel
 def _sample(times, phases, out):
     last = phases.shape[0] - 1
     for n in range(times.shape[0]):
         out[n, 0], out[n, 1], out[n, 2] = master_at(times[n], phases, 0, phases.shape[0])
-        row = _phase_index(times[n], phases, 0, last)
+        row = row_at(times[n], phases, 0, last)
         out[n, 3] = phases[row, 4] if times[n] >= phases[0, 0] else 0.0
 
 

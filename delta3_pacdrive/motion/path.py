@@ -7,25 +7,12 @@ z in powers of s minus that start. ``curves`` makes the pieces; whoever evaluate
 import numpy as np
 from numpy.typing import ArrayLike
 
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.kernel import kernel, row_at
 from delta3_pacdrive.kinematics import Floats
 
 DEGREE = 5
 SEGMENT_COLUMNS = 1 + 3 * (DEGREE + 1)
 DERIVATIVES = 4  # position and three derivatives by the distance
-
-
-@kernel
-def segment_index(s, segments, first, count):
-    """Row of the piece that holds distance ``s``; bisection."""
-    low, high = first, first + count - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if segments[middle, 0] <= s:
-            low = middle
-        else:
-            high = middle - 1
-    return low
 
 
 @kernel
@@ -40,7 +27,7 @@ def _value(c, n, u, segments):
 @kernel
 def path_at(s, segments, first, count):
     """Position [m] at distance ``s``."""
-    n = segment_index(s, segments, first, count)
+    n = row_at(s, segments, first, first + count - 1)
     u = s - segments[n, 0]
     return (_value(1, n, u, segments), _value(7, n, u, segments), _value(13, n, u, segments))
 
@@ -48,7 +35,7 @@ def path_at(s, segments, first, count):
 @kernel
 def _sample(distances, segments, out):
     for i in range(distances.shape[0]):
-        n = segment_index(distances[i], segments, 0, segments.shape[0])
+        n = row_at(distances[i], segments, 0, segments.shape[0] - 1)
         u = distances[i] - segments[n, 0]
         for axis in range(3):
             c = 1 + 6 * axis

@@ -2,14 +2,17 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import rclpy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.errors import ProgramError, RunError
+from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT, REQUEST
 
@@ -131,3 +134,18 @@ class OperatorNode(PollingNode):
     def enable(self, on: bool) -> str:
         """Enable or disable the drives."""
         return self._result(self._enable, SetBool.Request(data=on), 'enable')
+
+
+@contextmanager
+def operating(namespace: str) -> Iterator[OperatorNode]:
+    """Be an operator of the robot in a namespace, in a process that does nothing else with ROS."""
+    discovery.keep_to_this_machine()
+    rclpy.init()
+    process = runtime.Process()
+    operator = OperatorNode(process.spin_for, namespace='/' + namespace.strip('/'))
+    process.add(operator)
+    try:
+        yield operator
+    finally:
+        process.close()
+        rclpy.try_shutdown()

@@ -3,11 +3,13 @@
 import json
 import struct
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.interfaces import (
     Qos,
@@ -23,8 +25,10 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String, UInt8
 
+from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -190,3 +194,11 @@ def _bag_qos(qos: QoSProfile) -> Qos:
         liveliness_lease_duration=_INFINITE,
         avoid_ros_namespace_conventions=False,
     )
+
+
+def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
+    """Be a process that records a robot into a new folder until it is interrupted; return the exit status."""
+    flat = core.flatten(robot) | {'bag': str(folder)}
+    overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
+    discovery.keep_to_this_machine()
+    return runtime.run([partial(RecorderNode, namespace=namespace, parameter_overrides=overrides)], [])
