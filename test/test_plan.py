@@ -1,6 +1,7 @@
 """Facts about plans: messages to the last bit, what is refused of a stranger's plan, moves one after the other."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves, planning
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.checks import check_reach
 from delta3_pacdrive.motion.master import plan_master, rest, sample_master
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, sample_path
 from delta3_pacdrive.motion.plan import (
@@ -280,3 +282,26 @@ def test_before_its_start_and_after_its_end_a_plan_stands(robot):
     assert np.abs(p[2] - p[3]).max() < EXACT
     assert numbers.tolist() == [0, 0, len(plan) - 1, len(plan) - 1]
     assert not master[[0, 3], 1].any()
+
+
+@pytest.mark.parametrize(
+    ('end', 'reason'),
+    [
+        ((0.7, 0.0, -0.8), 'the distance from the z axis is 0.7 m at s = '),
+        ((0.0, 0.0, -0.6), 'z is -0.6 m at s = '),
+        ((0.0, 0.0, -0.99), 'z is -0.99 m at s = '),
+    ],
+)
+def test_a_strangers_move_out_of_the_workspace_is_refused(end, reason, robot):
+    path = curves.line((0.0, 0.0, -0.8), end)
+    move = Move(MoveKind.LINE, plan_master(path.length_m, 1.0, 10.0, math.inf), path.segments)
+    with pytest.raises(ProgramError, match=re.escape(reason)):
+        check_reach(move, robot)
+
+
+def test_a_strangers_move_beyond_the_angles_of_the_arms_is_refused_and_another_is_not(robot):
+    path = curves.line((0.0, 0.0, -0.8), (0.0, 0.0, -0.94))
+    move = Move(MoveKind.LINE, plan_master(path.length_m, 1.0, 10.0, math.inf), path.segments)
+    check_reach(move, robot)
+    with pytest.raises(ProgramError, match=r'the angle of arm 1 is .* the limit is 20 deg'):
+        check_reach(move, robot.replace(kinematics__arm_angle_max_deg=20.0))
