@@ -4,7 +4,8 @@ With R and L phase to phase and K_m per ampere rms, one phase obeys
 
     v = (R/2) I + (L/2) dI/dt + (K_m/3) w,   |v| <= V_dc / sqrt(6),   torque = K_m I - F_s tanh(w/w_s) - F_v w
 
-where the current vector lies on the q axis (i_d = 0): I_eff = i_q / sqrt(2), signed (8.2).
+where the current vector lies on the q axis (i_d = 0): I_eff = i_q / sqrt(2), signed (8.2). A winding that is shorted at
+its terminals brakes with v = 0; the d axis, left out, would weaken that from the electrical speed R/L on.
 """
 
 import math
@@ -15,6 +16,10 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.parameters import Parameters
+
+TERMINAL_SHORT = (
+    0.02  # share of R and L that cable and arc leave the end stage, where the terminals are shorted
+)
 
 MOTOR = np.dtype(
     [
@@ -53,6 +58,13 @@ def motor(parameters: Parameters) -> NDArray[Any]:
 def winding_current(current, voltage, speed, m):
     """Current after one period under constant voltage and speed: the exact solution of the winding equation."""
     final = (voltage - m.back_emf_constant * speed) / m.phase_resistance
+    return final + (current - final) * m.current_decay
+
+
+@kernel
+def short_circuit_current(current, voltage, m):
+    """Current [A] of the end stage after one period into shorted terminals: no back-EMF, and L/R as ever."""
+    final = voltage / (TERMINAL_SHORT * m.phase_resistance)
     return final + (current - final) * m.current_decay
 
 

@@ -573,6 +573,107 @@ def test_a_jumping_encoder_takes_the_torque_away(axis, robot):
     assert not bench.currents[-1][axis].any()
 
 
+# hardware: winding, end stage
+
+
+DYNAMIC_BRAKING_A_S = K_M / 3.0 / 1.35  # back-EMF over the resistance of a phase, per rad/s
+WINDING_S = 13.0e-3 / 2.7
+TRIP_A = 1.3 * I_PEAK
+
+
+def shorted(bench, axes=(0, 1, 2), short=1):
+    """Short the terminals of some motors, or mend them."""
+    for axis in axes:
+        bench.robot.drives[axis].state['winding_short'] = short
+    return bench
+
+
+@pytest.mark.parametrize('speed', [0.0, 100.0, -100.0])
+@pytest.mark.parametrize('axis', [0, 2])
+def test_a_short_in_the_winding_trips_the_end_stage_within_a_bus_cycle(speed, axis, robot):
+    bench = Bench(robot).run(100).run(60, lambda n: speed * 1e-3 * (n + 1))
+    drive = bench.robot.drives[axis]
+    shorted(bench, [axis]).run(1, speed * 0.061)
+    assert drive.state['blocked'][0]
+    assert drive.fault == DriveFault.NONE
+    bench.run(1, speed * 0.062)
+    assert drive.fault == DriveFault.OVER_CURRENT
+    assert bench.states[-1][axis] == DriveState.FAULT
+    assert bench.status[-1][axis] & Status.ERROR
+    assert not drive.state['brake_release'][0]
+    assert [other.fault for n, other in enumerate(bench.robot.drives) if n != axis] == [DriveFault.NONE] * 2
+
+
+def test_the_end_stage_blocks_itself_in_the_current_loop_period_of_the_over_current(robot):
+    drive = enabled_drive(robot.replace(bus__exchange_period_s=125e-6))
+    stand(drive, 0.0, 5, position=0.01)
+    drive.state['winding_short'] = 1
+    drive.begin_cycle(0.0, CONTROL_ENABLE, 0.01, 0.0, 0.0)
+    measured = []
+    for _ in range(8):
+        drive.run_period(0.01, 0.0, 0.0)
+        measured.append(abs(float(drive.state['current'][0])))
+        if drive.state['blocked'][0]:
+            break
+    assert len(measured) < 8
+    assert measured[-1] in (TRIP_A, 0.0)  # in the second or in the first of the two periods
+    drive.run_period(0.01, 0.0, 0.0)
+    assert drive.state['current'][0] == 0.0
+    assert drive.drive_state == DriveState.ENABLED  # the state machine runs once per bus cycle
+
+
+@pytest.mark.parametrize('speed', [0.0, 100.0, -100.0])
+def test_a_shorted_motor_has_no_more_torque_than_dynamic_braking(speed, robot):
+    bench = Bench(robot).run(100).run(100, lambda n: speed * 1e-3 * (n + 1))
+    before = np.abs(np.array(bench.currents[-1])[:, -1]).max()
+    shorted(bench).run(60, speed * 0.101)
+    fastest = np.abs(np.array(bench.shafts[99:])[:, 3:6]).max()
+    braking = np.array(bench.currents[200:])
+    assert np.abs(braking).max() <= max(before, fastest * DYNAMIC_BRAKING_A_S)
+
+
+def test_a_shorted_motor_draws_the_current_of_its_back_emf(robot):
+    drive = MC4(robot.replace(bus__exchange_period_s=125e-6))
+    drive.state['winding_short'] = 1
+    currents = stand(drive, 0.0, 30, speed=100.0, control=CONTROL_ON)
+    t = 62.5e-6 * np.arange(1, len(currents) + 1)
+    expected = -100.0 * DYNAMIC_BRAKING_A_S * (1.0 - np.exp(-t / WINDING_S))
+    # the observer's shaft slows down by 2 rad/s between exchanges
+    assert currents == pytest.approx(expected, rel=0.02)
+    assert drive.state['current'][0] == 0.0  # the end stage is off and measures nothing
+
+
+def test_a_short_brakes_the_coasting_arms_before_their_brakes_do(robot):
+    def speed_15_ms_after_the_power_went(short):
+        bench = Bench(robot).run(100).run(60, ramp(0.1, 6.0))
+        if short:
+            shorted(bench)
+        bench.run(17, 6.0, control=CONTROL_OFF)
+        assert bench.states[-1][0] in (DriveState.FAULT, DriveState.READY)
+        assert bench.released[-1].all()
+        return np.array(bench.shafts[-1][3:6])
+
+    assert speed_15_ms_after_the_power_went(short=False).min() > 80.0
+    assert np.abs(speed_15_ms_after_the_power_went(short=True)).max() < 20.0
+
+
+def test_over_current_is_cleared_only_when_the_short_is_gone_and_the_drive_works_again(robot):
+    bench = Bench(robot).run(100)
+    shorted(bench, [1]).run(60, control=CONTROL_ON)
+    drive = bench.robot.drives[1]
+    assert drive.fault == DriveFault.OVER_CURRENT
+    assert not drive.clear_fault()
+    bench.run(10, control=CONTROL_ON)
+    assert drive.state['blocked'][0]
+    shorted(bench, [1], short=0).run(1, control=CONTROL_ON)
+    assert drive.clear_fault()
+    assert not drive.state['blocked'][0]
+    stood = bench.moved[-1].copy()
+    bench.run(400, stood)
+    assert bench.states[-1] == [DriveState.ENABLED] * 3
+    assert np.abs(bench.moved[-1] - stood).max() < 20 * INCREMENT_RAD
+
+
 def test_an_encoder_that_only_jitters_is_no_fault(robot):
     bench = Bench(robot).run(100)
     for drive in bench.robot.drives:

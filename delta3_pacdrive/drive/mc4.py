@@ -5,6 +5,7 @@ import numpy as np
 from delta3_pacdrive.bus.increments import to_increments
 from delta3_pacdrive.bus.words import payload_on_grid
 from delta3_pacdrive.drive.cascade import (
+    clamp,
     current_feedforward,
     current_loop,
     hold_place,
@@ -25,7 +26,7 @@ from delta3_pacdrive.drive.supervision import (
 )
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motor import motor, phase_currents, winding_current
+from delta3_pacdrive.motor import motor, phase_currents, short_circuit_current, winding_current
 from delta3_pacdrive.parameters import Parameters
 
 
@@ -61,14 +62,30 @@ def mc4_begin_cycle(heard, command, control, position, speed, coupling, answer, 
 
 
 @kernel
+def _end_stage(s, c, m):
+    """Feed the winding through one current-loop period; return whether the end stage is still on."""
+    voltage = s.voltage
+    current_loop(m.voltage_max, s, c)
+    if s.winding_short != 0:
+        s.current = short_circuit_current(s.current, voltage, m)
+    else:
+        s.current = winding_current(s.current, voltage, s.speed, m)
+    if abs(s.current) > c.current_trip:
+        # its comparator does not wait for the next bus cycle
+        s.current = clamp(s.current, c.current_trip)
+        s.blocked = 1
+    return s.blocked == 0
+
+
+@kernel
 def mc4_run_period(position, speed, coupling, currents, state, constants, motor_record):
     """Close the loops through one exchange period; return the brake output.
 
-    ``currents`` takes I_eff at the end of each current-loop period.
+    ``currents`` takes I_eff of the motor's winding at the end of each current-loop period.
     """
     s, c, m = state[0], constants[0], motor_record[0]
     reset_observer(position, speed, coupling, s)
-    powered = is_powered(s)
+    powered = is_powered(s) and s.blocked == 0
     for n in range(currents.shape[0]):
         if s.step % c.steps_per_velocity == 0:
             before = s.increments
@@ -89,16 +106,18 @@ def mc4_run_period(position, speed, coupling, currents, state, constants, motor_
                 else:
                     s.speed_reference = stopping_speed(s, c)
                 velocity_loop(actual, feedforward, s, c)
+        before_current = s.motor_current
+        carries_current = powered or s.winding_short != 0
         if powered:
-            voltage = s.voltage
-            before_current = s.current
-            current_loop(m.voltage_max, s, c)
-            s.current = winding_current(before_current, voltage, s.speed, m)
-            advance_observer(0.5 * (before_current + s.current), s, c, m)
+            powered = _end_stage(s, c, m)
         else:
             s.current = 0.0
-            advance_observer(0.0, s, c, m)
-        currents[n] = s.current
+        if s.winding_short != 0:
+            s.motor_current = winding_current(before_current, 0.0, s.speed, m)
+        else:
+            s.motor_current = s.current
+        advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
+        currents[n] = s.motor_current
         s.step += 1
     return s.brake_release
 
@@ -117,7 +136,7 @@ class MC4:
         What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on
         the increment grid, speed [rad/s], torque K_m I_eff [N m].
     currents
-        I_eff [A] at the end of each current-loop period of the last ``run_period``.
+        I_eff [A] of the motor's winding at the end of each current-loop period of the last ``run_period``.
     payload
         Payload [kg] that the controller's outputs have gripped; like a command, it is that of the MDT before.
 

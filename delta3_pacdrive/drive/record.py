@@ -24,6 +24,7 @@ class DriveState(IntEnum):
 
 
 IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
+SHORT_CIRCUIT = 1.3  # of the peak current, at which the end stage blocks itself
 
 STATE = np.dtype(
     [
@@ -69,8 +70,12 @@ STATE = np.dtype(
         ('current_filtered', 'f8'),  # [A]
         ('current_integral', 'f8'),  # [V]
         ('voltage', 'f8'),  # [V], computed in the last period, applied in this one
-        ('current', 'f8'),  # I_eff [A]
+        ('current', 'f8'),  # I_eff [A] of the end stage, as its sensors measure it
         ('overload', 'f8'),  # [s]
+        # end stage and motor
+        ('blocked', 'i8'),  # the end stage has switched itself off, over-current
+        ('winding_short', 'i8'),  # injected: a short at the motor's terminals
+        ('motor_current', 'f8'),  # I_eff [A] in the motor's winding; without a short that of the end stage
         # shaft as the drive sees it between exchanges
         ('position', 'f8'),  # [rad]
         ('speed', 'f8'),  # [rad/s]
@@ -107,6 +112,7 @@ CONSTANTS = np.dtype(
         ('speed_max', 'f8'),
         ('speed_trip', 'f8'),
         ('current_max', 'f8'),
+        ('current_trip', 'f8'),  # blocks the end stage
         ('current_nominal', 'f8'),
         ('torque_constant', 'f8'),
         ('observer_inertia', 'f8'),  # motor side
@@ -163,6 +169,7 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
         'speed_max': motor.max_speed_rad_s,
         'speed_trip': motor.max_speed_rad_s * drive.overspeed_factor,
         'current_max': motor.peak_current_a,
+        'current_trip': SHORT_CIRCUIT * motor.peak_current_a,
         'current_nominal': motor.nominal_current_a,
         'torque_constant': motor.torque_constant_n_m_a,
         'observer_inertia': drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2,

@@ -49,7 +49,6 @@ FORGIVING_CYCLES = 100  # good cycles in which one loss is forgotten: the window
 OVERLOAD_WARNING = 0.8
 RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
 STILL_CYCLES = 20  # without a change of the command, after which the master has stopped
-SHORT_CIRCUIT = 1.3  # of the peak current
 
 
 @kernel
@@ -105,7 +104,7 @@ def detect_fault(s, c):
     """Return the fault that this cycle shows; the strongest reaction first."""
     if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
         return ENCODER
-    if abs(s.current) > SHORT_CIRCUIT * c.current_max:
+    if s.blocked != 0:
         return OVER_CURRENT
     if s.silent != 0:
         return MASTER_SILENT
@@ -284,7 +283,7 @@ def clear_fault(s, c):
     """Clear the latched fault (S-0-0099) if its cause is gone and the drive stands; return whether it is clear."""
     if s.fault == NO_FAULT:
         return True
-    if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0:
+    if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0 or s.winding_short != 0:
         return False
     if s.overload > RESET_OVERLOAD * c.overload_time or abs(s.speed) > STANDSTILL_RAD_S:
         return False
@@ -293,6 +292,7 @@ def clear_fault(s, c):
     s.fault = NO_FAULT
     s.reaction = NO_REACTION
     s.losses_in_window = 0
+    s.blocked = 0
     s.state = READY
     s.timer = 0
     return True
