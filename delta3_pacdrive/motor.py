@@ -27,7 +27,6 @@ MOTOR = np.dtype(
         ('phase_resistance', 'f8'),
         ('current_decay', 'f8'),
         ('back_emf_constant', 'f8'),
-        ('voltage_max', 'f8'),
         ('viscous_friction', 'f8'),
         ('static_friction', 'f8'),
         ('friction_smoothing', 'f8'),
@@ -46,12 +45,17 @@ def motor(parameters: Parameters) -> NDArray[Any]:
     time_constant = p.winding_inductance_h / p.winding_resistance_ohm
     record['current_decay'] = math.exp(-drive.current_period_s / time_constant)
     record['back_emf_constant'] = p.torque_constant_n_m_a / 3.0
-    record['voltage_max'] = drive.dc_link_voltage_v / math.sqrt(6.0)
     record['viscous_friction'] = p.viscous_friction_n_m_s_rad
     record['static_friction'] = p.static_friction_n_m
     record['friction_smoothing'] = p.friction_smoothing_rad_s
     record['pole_pairs'] = p.pole_pairs
     return record
+
+
+@kernel
+def phase_voltage_max(dc_link):
+    """Largest voltage [V rms] of a phase that a DC link [V] allows."""
+    return dc_link / math.sqrt(6.0)
 
 
 @kernel

@@ -674,6 +674,81 @@ def test_over_current_is_cleared_only_when_the_short_is_gone_and_the_drive_works
     assert np.abs(bench.moved[-1] - stood).max() < 20 * INCREMENT_RAD
 
 
+# hardware: DC link
+
+
+V_NOMINAL = 560.0
+
+
+def supply(bench, volts, axes=(0, 1, 2)):
+    """Change the voltage of the DC link of some drives."""
+    for axis in axes:
+        bench.robot.drives[axis].state['dc_link'] = volts
+    return bench
+
+
+@pytest.mark.parametrize(
+    ('share', 'fault', 'bit'), [(0.5, DriveFault.UNDER_VOLTAGE, 9), (1.4, DriveFault.OVER_VOLTAGE, 8)]
+)
+def test_outside_the_limits_of_its_dc_link_a_drive_drops_its_power_and_its_brake(share, fault, bit, robot):
+    bench = Bench(robot).run(100)
+    supply(bench, share * V_NOMINAL, [1]).run(1)
+    assert bench.robot.drives[1].fault == fault
+    assert class_1_diagnostic(fault) == 1 << bit
+    assert not bench.currents[-1][1].any()
+    bench.run(round(robot.motor.brake_apply_s * 1e3) + 30)
+    assert_stopped(bench, 1, fault)
+
+
+@pytest.mark.parametrize('share', [0.76, 1.34])
+def test_a_dc_link_within_its_limits_is_no_fault(share, robot):
+    bench = supply(Bench(robot), share * V_NOMINAL).run(200)
+    assert bench.states[-1] == [DriveState.ENABLED] * 3
+
+
+def test_a_drive_that_rests_reports_a_missing_dc_link_and_is_not_enabled(robot):
+    bench = Bench(robot).run(5, control=CONTROL_ON)
+    supply(bench, 0.0, [0]).run(5, control=CONTROL_ON).run(80)
+    assert bench.faults[0] == DriveFault.UNDER_VOLTAGE
+    assert bench.states[-1] == [DriveState.FAULT, DriveState.ENABLED, DriveState.ENABLED]
+    assert not np.array(bench.currents)[:, 0].any()
+
+
+@pytest.mark.parametrize('share', [0.7, 1.4])
+def test_a_fault_of_the_dc_link_is_cleared_only_when_its_voltage_is_back(share, robot):
+    bench = Bench(robot).run(100)
+    supply(bench, share * V_NOMINAL, [2]).run(60, control=CONTROL_ON)
+    drive = bench.robot.drives[2]
+    assert not drive.clear_fault()
+    supply(bench, V_NOMINAL, [2]).run(1, control=CONTROL_ON)
+    assert drive.clear_fault()
+    bench.run(100, bench.moved[-1])
+    assert bench.states[-1] == [DriveState.ENABLED] * 3
+
+
+def test_a_second_cause_keeps_a_fault_of_another_kind_from_being_cleared(robot):
+    bench = Bench(robot).run(100).run(100, np.array([0.0, math.nan, 0.0])).run(5, control=CONTROL_ON)
+    drive = bench.robot.drives[1]
+    assert (drive.fault, drive.drive_state) == (DriveFault.COMMAND_NOT_FINITE, DriveState.FAULT)
+    supply(bench, 0.0, [1]).run(1, control=CONTROL_ON)
+    assert drive.fault == DriveFault.COMMAND_NOT_FINITE
+    assert not drive.clear_fault()
+    supply(bench, V_NOMINAL, [1])
+    assert drive.clear_fault()
+
+
+@pytest.mark.parametrize('share', [1.0, 0.76])
+def test_near_full_speed_the_dc_link_limits_the_current(share, robot):
+    drive, speed = enabled_drive(robot.replace(drive__following_error_limit_rad=100.0)), 600.0
+    drive.state['dc_link'] = share * V_NOMINAL
+    currents = np.concatenate([stand(drive, 0.6 * n, speed=speed) for n in range(60)])
+    back_emf = K_M / 3.0 * speed
+    possible = (share * V_NOMINAL / math.sqrt(6.0) - back_emf) / 1.35
+    assert drive.fault == DriveFault.NONE
+    assert 0.85 * min(possible, I_PEAK) < currents[-1]
+    assert currents.max() < min(possible, CURRENT_OVERSHOOT * I_PEAK)
+
+
 def test_an_encoder_that_only_jitters_is_no_fault(robot):
     bench = Bench(robot).run(100)
     for drive in bench.robot.drives:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delta3_pacdrive.motor import friction_torque, motor, phase_currents, winding_current
+from delta3_pacdrive.motor import friction_torque, motor, phase_currents, phase_voltage_max, winding_current
 
 PERIOD_S = 62.5e-6
 RESISTANCE, INDUCTANCE = 2.7 / 2.0, 13.0e-3 / 2.0  # of one phase: the name plate gives phase to phase
@@ -76,8 +76,9 @@ def test_the_line_voltage_at_maximum_speed_is_400_v_peak(m, robot):
     phase_rms = m['back_emf_constant'] * robot.motor.max_speed_rad_s
     line_peak = phase_rms * math.sqrt(3.0) * math.sqrt(2.0)
     assert line_peak == pytest.approx(400.0, abs=1.0)
-    assert m['voltage_max'] * math.sqrt(6.0) == pytest.approx(560.0)
-    assert winding_current(0.0, m['voltage_max'], MAX_SPEED, m) > 0.0
+    dc_link = robot.drive.dc_link_voltage_v
+    assert line_peak < dc_link
+    assert winding_current(0.0, phase_voltage_max(dc_link), MAX_SPEED, m) > 0.0
 
 
 def test_beyond_the_dc_links_voltage_the_motor_can_only_brake(m):
@@ -85,7 +86,7 @@ def test_beyond_the_dc_links_voltage_the_motor_can_only_brake(m):
     assert fastest > 1.1 * MAX_SPEED  # the overspeed trip still has torque
     current = 0.0
     for _ in range(1000):
-        current = winding_current(current, m['voltage_max'], 1.05 * fastest, m)
+        current = winding_current(current, phase_voltage_max(560.0), 1.05 * fastest, m)
     assert current < 0.0
 
 

@@ -821,6 +821,7 @@ def test_actual_values_are_those_of_the_drive_s_record(drive, robot):
     drive.state['status'] = 0xC008
     drive.state['control'] = 0xE000
     drive.state['mdt_losses'] = 3
+    drive.state['dc_link'] = 541.5
     constant = robot.motor.torque_constant_n_m_a
     expected = {
         'S-0-0051': 1.25,
@@ -834,6 +835,7 @@ def test_actual_values_are_those_of_the_drive_s_record(drive, robot):
         'S-0-0134': 0xE000,
         'S-0-0028': 3,
         'S-0-0029': 3,
+        'S-0-0380': 541.5,
     }
     assert {text: drive.register.read(parse_idn(text)).value for text in expected} == expected
 

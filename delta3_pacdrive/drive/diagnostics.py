@@ -47,6 +47,8 @@ class DriveFault(IntEnum):
     OVER_CURRENT = 8
     OVERTRAVEL = 9
     MASTER_SILENT = 10
+    UNDER_VOLTAGE = 11
+    OVER_VOLTAGE = 12
 
 
 class DriveWarning(IntFlag):
@@ -92,6 +94,13 @@ FAULTS = {
     ),
     DriveFault.MASTER_SILENT: Diagnostic(
         8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'
+    ),
+    # without its DC link the drive has no power for a controlled stop
+    DriveFault.UNDER_VOLTAGE: Diagnostic(
+        8909, 3, Reaction.AD, Class1.UNDER_VOLTAGE, 'DC link below 75 % of its voltage'
+    ),
+    DriveFault.OVER_VOLTAGE: Diagnostic(
+        8910, 3, Reaction.AD, Class1.OVER_VOLTAGE, 'DC link above 135 % of its voltage'
     ),
 }
 

@@ -194,7 +194,6 @@ _ROWS = (
     _row('S-0-0109', 'Motor peak current', 'A', Group.MOTOR, 'motor.peak_current_a'),
     _row('S-0-0111', 'Motor continuous stall current', 'A', Group.MOTOR, 'motor.nominal_current_a'),
     _row('S-0-0113', 'Maximum motor speed', 'rad/s', Group.MOTOR, 'motor.max_speed_rad_s'),
-    _row('S-0-0380', 'DC bus voltage', 'V', Group.MOTOR, 'drive.dc_link_voltage_v'),
     _row('S-0-0206', 'Drive on delay time', 's', Group.MOTOR, 'motor.brake_release_s'),
     _row('S-0-0207', 'Drive off delay time', 's', Group.MOTOR, 'motor.brake_apply_s'),
     _row('P-0-0061', 'Torque constant', 'N m/A', Group.MOTOR, 'motor.torque_constant_n_m_a'),
@@ -206,6 +205,7 @@ _ROWS = (
     _row('P-0-0067', 'Viscous friction', 'N m s/rad', Group.MOTOR, 'motor.viscous_friction_n_m_s_rad'),
     _row('P-0-0068', 'Static friction', 'N m', Group.MOTOR, 'motor.static_friction_n_m'),
     _row('P-0-0069', 'Torque of the holding brake', 'N m', Group.MOTOR, 'motor.brake_torque_n_m'),
+    _row('P-0-0070', 'Nominal DC bus voltage', 'V', Group.MOTOR, 'drive.dc_link_voltage_v'),
     # actual values, of the bus cycle in which the drive answers
     _row('S-0-0036', 'Velocity command value', 'rad/s', Group.ACTUAL_VALUES, 'speed_reference'),
     _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', Group.ACTUAL_VALUES, 'speed'),
@@ -217,6 +217,7 @@ _ROWS = (
     _row('S-0-0084', 'Torque feedback value', 'N m', Group.ACTUAL_VALUES,
          'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
     _row('S-0-0189', 'Following distance', 'rad', Group.ACTUAL_VALUES, 'following_error'),
+    _row('S-0-0380', 'DC bus voltage', 'V', Group.ACTUAL_VALUES, 'dc_link'),
     _row('S-0-0389', 'Effective current', 'A', Group.ACTUAL_VALUES, 'current'),
     _row('P-0-0071', 'Voltage command value of a phase', 'V', Group.ACTUAL_VALUES, 'voltage'),
     _row('P-0-0072', 'Integral of the I2t monitoring', 's', Group.ACTUAL_VALUES, 'overload'),

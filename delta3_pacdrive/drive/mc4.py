@@ -26,7 +26,13 @@ from delta3_pacdrive.drive.supervision import (
 )
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motor import motor, phase_currents, short_circuit_current, winding_current
+from delta3_pacdrive.motor import (
+    motor,
+    phase_currents,
+    phase_voltage_max,
+    short_circuit_current,
+    winding_current,
+)
 from delta3_pacdrive.parameters import Parameters
 
 
@@ -65,7 +71,7 @@ def mc4_begin_cycle(heard, command, control, position, speed, coupling, answer, 
 def _end_stage(s, c, m):
     """Feed the winding through one current-loop period; return whether the end stage is still on."""
     voltage = s.voltage
-    current_loop(m.voltage_max, s, c)
+    current_loop(phase_voltage_max(s.dc_link), s, c)
     if s.winding_short != 0:
         s.current = short_circuit_current(s.current, voltage, m)
     else:
@@ -146,6 +152,7 @@ class MC4:
         self.constants = drive_constants(parameters)
         self._motor = motor(parameters)
         self.state = np.zeros(1, STATE)
+        self.state['dc_link'] = parameters.drive.dc_link_voltage_v
         self.answer: Floats = np.zeros(3)
         self.currents: Floats = np.zeros(int(self.constants['steps_per_exchange'][0]))
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)

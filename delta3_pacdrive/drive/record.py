@@ -25,6 +25,7 @@ class DriveState(IntEnum):
 
 IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
 SHORT_CIRCUIT = 1.3  # of the peak current, at which the end stage blocks itself
+UNDER_VOLTAGE, OVER_VOLTAGE = 0.75, 1.35  # of the nominal voltage of the DC link: 420 V and 756 V
 
 STATE = np.dtype(
     [
@@ -73,6 +74,7 @@ STATE = np.dtype(
         ('current', 'f8'),  # I_eff [A] of the end stage, as its sensors measure it
         ('overload', 'f8'),  # [s]
         # end stage and motor
+        ('dc_link', 'f8'),  # [V], actual value
         ('blocked', 'i8'),  # the end stage has switched itself off, over-current
         ('winding_short', 'i8'),  # injected: a short at the motor's terminals
         ('motor_current', 'f8'),  # I_eff [A] in the motor's winding; without a short that of the end stage
@@ -114,6 +116,8 @@ CONSTANTS = np.dtype(
         ('current_max', 'f8'),
         ('current_trip', 'f8'),  # blocks the end stage
         ('current_nominal', 'f8'),
+        ('dc_link_min', 'f8'),  # [V]
+        ('dc_link_max', 'f8'),
         ('torque_constant', 'f8'),
         ('observer_inertia', 'f8'),  # motor side
         ('following_error_limit', 'f8'),  # of the warning; eight times as much trips
@@ -171,6 +175,8 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
         'current_max': motor.peak_current_a,
         'current_trip': SHORT_CIRCUIT * motor.peak_current_a,
         'current_nominal': motor.nominal_current_a,
+        'dc_link_min': UNDER_VOLTAGE * drive.dc_link_voltage_v,
+        'dc_link_max': OVER_VOLTAGE * drive.dc_link_voltage_v,
         'torque_constant': motor.torque_constant_n_m_a,
         'observer_inertia': drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2,
         'following_error_limit': drive.following_error_limit_rad,

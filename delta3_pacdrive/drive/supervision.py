@@ -32,6 +32,7 @@ TELEGRAM, ENCODER, OVER_CURRENT = (
     int(DriveFault.OVER_CURRENT),
 )
 OVERTRAVEL, MASTER_SILENT = int(DriveFault.OVERTRAVEL), int(DriveFault.MASTER_SILENT)
+UNDER_VOLTAGE, OVER_VOLTAGE = int(DriveFault.UNDER_VOLTAGE), int(DriveFault.OVER_VOLTAGE)
 WARN_FOLLOWING, WARN_OVERLOAD = int(DriveWarning.FOLLOWING_ERROR), int(DriveWarning.OVERLOAD)
 NO_REACTION, BD2, BD1, AD = int(Reaction.NONE), int(Reaction.BD2), int(Reaction.BD1), int(Reaction.AD)
 DRIVE_ON, ENABLE, RUN = int(Control.DRIVE_ON), int(Control.ENABLE), int(Control.RUN)
@@ -106,6 +107,10 @@ def detect_fault(s, c):
         return ENCODER
     if s.blocked != 0:
         return OVER_CURRENT
+    if s.state != FAULT and s.dc_link < c.dc_link_min:
+        return UNDER_VOLTAGE
+    if s.state != FAULT and s.dc_link > c.dc_link_max:
+        return OVER_VOLTAGE
     if s.silent != 0:
         return MASTER_SILENT
     if s.losses_in_a_row >= LOSSES_IN_A_ROW or s.losses_in_window >= LOSSES_IN_WINDOW:
@@ -287,7 +292,7 @@ def clear_fault(s, c):
         return False
     if s.overload > RESET_OVERLOAD * c.overload_time or abs(s.speed) > STANDSTILL_RAD_S:
         return False
-    if s.losses_in_a_row > 0:
+    if s.losses_in_a_row > 0 or s.dc_link < c.dc_link_min or s.dc_link > c.dc_link_max:
         return False
     s.fault = NO_FAULT
     s.reaction = NO_REACTION
