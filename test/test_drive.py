@@ -749,6 +749,30 @@ def test_near_full_speed_the_dc_link_limits_the_current(share, robot):
     assert currents.max() < min(possible, CURRENT_OVERSHOOT * I_PEAK)
 
 
+@pytest.mark.parametrize('drift', [0.5, -0.2])
+@pytest.mark.parametrize('exchange_s', [1e-3, 125e-6])
+def test_a_drive_follows_an_encoder_whose_mounting_slips_without_noticing(drift, exchange_s, robot):
+    bench = Bench(robot.replace(bus__exchange_period_s=exchange_s)).run(100)
+    bench.robot.drives[1].state['encoder_drift'] = drift
+    bench.run(1000)
+    assert bench.faults == [DriveFault.NONE] * 3
+    # position and velocity loop see a ramp, of which the first leaves w / K_Ppos
+    lag = abs(drift) / 60.0 + 1e-3
+    assert np.abs(bench.answers[0] - bench.start).max() < lag
+    assert bench.moved[-1] == pytest.approx([0.0, -drift * 1.0, 0.0], abs=lag)
+
+
+def test_a_slipping_encoder_keeps_its_offset_when_it_is_tightened(robot):
+    bench = Bench(robot).run(100)
+    state = bench.robot.drives[0].state
+    state['encoder_drift'] = 0.5
+    bench.run(200)
+    state['encoder_drift'] = 0.0
+    bench.run(400)
+    assert state['encoder_offset'][0] == pytest.approx(0.1)
+    assert bench.moved[-1] == pytest.approx([-0.1, 0.0, 0.0], abs=20 * INCREMENT_RAD)
+
+
 def test_an_encoder_that_only_jitters_is_no_fault(robot):
     bench = Bench(robot).run(100)
     for drive in bench.robot.drives:

@@ -53,6 +53,7 @@ def mc4_begin_cycle(heard, command, control, position, speed, coupling, answer, 
     s, c = state[0], constants[0]
     reset_observer(position, speed, coupling, s)
     s.step = 0
+    s.encoder_offset += s.encoder_drift * c.cycle_time
     answer[0] = _encoder(position, s, c) / c.increments_per_rad
     answer[1] = speed
     answer[2] = c.torque_constant * s.current

@@ -51,6 +51,7 @@ STATE = np.dtype(
         # encoder
         ('encoder_broken', 'i8'),
         ('encoder_offset', 'f8'),  # [rad], of what it reads from the truth
+        ('encoder_drift', 'f8'),  # [rad/s], by which the offset grows: a mounting that slips
         ('encoder_noise', 'f8'),  # [rad], amplitude
         ('encoder_seed', 'u8'),  # of the noise
         ('last_sampled', 'f8'),  # [rad], one cycle before
