@@ -89,6 +89,8 @@ class Drive:
     following_error_limit_rad: float = _positive(
         'following error of warning 8132, motor side; eight times as much trips the drive (8111)', 1e3
     )
+    velocity_limit_rad_s: float = _positive("limit of the speed reference, besides the motor's maximum", 1e4)
+    torque_limit_n_m: float = _positive("limit of K_m times the current reference, besides i_peak's", 1e4)
     overspeed_factor: float = _quantity("speed that trips the drive over the motor's maximum", 1.0, 2.0)
     overload_time_s: float = _positive('integral of (I/i_nom)^2 - 1 that trips the drive', 1e3)
     enable_settle_s: float = _quantity('time the current loop holds before the brake is released', 0.0, 1.0)

@@ -65,6 +65,8 @@ CHOSEN = {  # what the derived figures of the parameter study were computed with
     'drive.observer_arm_inertia_kg_m2': 0.9425,
     'drive.current_reference_filter_s': 2.0e-4,
     'drive.dc_link_voltage_v': 560.0,
+    'drive.velocity_limit_rad_s': 6000.0 * math.tau / 60.0,  # of the motor, and so no limit
+    'drive.torque_limit_n_m': 0.78 * 17.0,
     'dynamics.upper_arm_mass_kg': 1.30,
     'dynamics.elbow_mass_kg': 0.25,
     'dynamics.forearm_mass_kg': 0.45,

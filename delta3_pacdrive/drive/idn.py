@@ -175,9 +175,9 @@ _ROWS = (
     _row('S-0-0295', 'Drive enable delay time', 's', Group.LIMITS,
          'drive.enable_settle_s', writable_in=BEFORE_CP4),
     _row('S-0-0091', 'Bipolar velocity limit value', 'rad/s', Group.LIMITS,
-         'motor.max_speed_rad_s'),
+         'drive.velocity_limit_rad_s', writable_in=ALWAYS),
     _row('S-0-0092', 'Bipolar torque limit value', 'N m', Group.LIMITS,
-         'motor.torque_constant_n_m_a', 'motor.peak_current_a', formula=operator.mul),
+         'drive.torque_limit_n_m', writable_in=ALWAYS),
     # timing
     _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
     _row('S-0-0002', 'Communication cycle time (tScyc)', 's', Group.TIMING, 'bus.cycle_time_s'),

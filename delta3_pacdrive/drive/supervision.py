@@ -3,6 +3,7 @@
 import math
 
 from delta3_pacdrive.bus.words import Control, Status
+from delta3_pacdrive.drive.cascade import clamp
 from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
 from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.kernel import kernel
@@ -141,7 +142,7 @@ def change_state(state, s):
 @kernel
 def switch_on(s, c):
     """Close the current loop with the torque that the load asks for, so that the arm will not sag."""
-    hold = s.coupling / c.torque_constant
+    hold = clamp(s.coupling / c.torque_constant, c.current_max)
     s.velocity_integral = hold
     s.current_reference = hold
     s.current_reference_filtered = hold
