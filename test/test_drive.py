@@ -835,6 +835,65 @@ def test_a_slipping_encoder_keeps_its_offset_when_it_is_tightened(robot):
     assert bench.moved[-1] == pytest.approx([-0.1, 0.0, 0.0], abs=20 * INCREMENT_RAD)
 
 
+# hardware: brakes and loads
+
+
+def test_a_worn_out_brake_lets_the_arm_sag_to_its_stop_when_the_power_goes(robot):
+    bench = Bench(robot).run(100)
+    bench.robot.plant.state['brake_share'] = 0.0
+    bench.run(2000, control=CONTROL_ON)
+    assert bench.states[-1] == [DriveState.READY] * 3
+    assert not bench.released[-1].any()
+    stop = robot.dynamics.end_stop_max_deg
+    theta = np.degrees((bench.start + bench.moved) / GEAR)
+    assert (theta[150] < 0.0).all()
+    assert (theta.max(axis=0) > stop).all()
+    assert (theta.max(axis=0) < stop + 2.0).all()
+
+
+def test_a_drive_whose_brake_sticks_slips_through_it_with_the_current_of_its_torque(robot):
+    def current_at_20_rad_s(stuck):
+        bench = Bench(robot)
+        bench.robot.plant.state['brake_stuck'][0, 0] = stuck
+        bench.run(100).run(200, ramp(0.02, 100.0))
+        assert bench.faults == [DriveFault.NONE] * 3
+        return np.array(bench.currents)[-50:, 0].mean()
+
+    more = current_at_20_rad_s(stuck=1) - current_at_20_rad_s(stuck=0)
+    assert more == pytest.approx(robot.motor.brake_torque_n_m / K_M, rel=0.01)
+
+
+def test_a_brake_that_sticks_holds_a_drive_of_less_torque_until_8111(robot):
+    bench = Bench(robot.replace(drive__torque_limit_n_m=2.0))
+    bench.robot.plant.state['brake_stuck'][0, 0] = 1
+    bench.run(100)
+    assert bench.states[-1] == [DriveState.ENABLED] * 3  # standing, nobody notices
+    bench.run(250, lambda n: 0.02 * (n + 1) * np.array([1.0, 0.0, 0.0]))
+    assert_stopped(bench, 0, DriveFault.FOLLOWING_ERROR)
+    assert np.ptp(bench.moved[:, 0]) == 0.0
+
+
+@pytest.mark.parametrize('load', [1.5, -1.5])
+def test_a_load_on_a_shaft_costs_its_torque_over_the_torque_constant_in_current(load, robot):
+    bench = Bench(robot).run(200)
+    before = np.array(bench.currents[-1])[:, -1]
+    bench.robot.plant.state['load_torque'][0, 1] = load
+    bench.run(600)
+    after = np.array(bench.currents[-1])[:, -1]
+    assert after - before == pytest.approx([0.0, load / K_M, 0.0], abs=0.02)
+    assert np.abs(bench.moved[-1]).max() < 100 * INCREMENT_RAD  # the integrator brings it back
+    assert bench.faults == [DriveFault.NONE] * 3
+
+
+def test_a_load_beyond_the_torque_of_motor_and_brake_trips_the_drive_and_turns_its_shaft_back(robot):
+    bench = Bench(robot).run(100).run(50, ramp(0.05, 100.0))
+    bench.robot.plant.state['load_torque'][0, 2] = 1.5 * K_M * I_PEAK
+    bench.run(100, lambda n: 0.05 * (n + 51))
+    assert bench.robot.drives[2].fault == DriveFault.FOLLOWING_ERROR
+    assert bench.moved[-1, 2] < bench.moved[149, 2] - 8.0 * robot.drive.following_error_limit_rad
+    assert np.abs(bench.currents).max() < TRIP_A
+
+
 def test_an_encoder_that_only_jitters_is_no_fault(robot):
     bench = Bench(robot).run(100)
     for drive in bench.robot.drives:

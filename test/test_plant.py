@@ -307,6 +307,87 @@ def test_a_short_blip_of_the_brake_command_opens_nothing(robot):
     assert np.array_equal(angles(plant), home)
 
 
+# injected
+
+
+def test_a_brake_without_torque_is_as_if_it_were_open(robot):
+    worn, open_ = Plant(robot), released_plant(robot)
+    worn.state['brake_share'] = 0.0
+    falls = drive(worn, 300, brakes=APPLIED), drive(open_, 300)
+    assert (falls[1][-1] - falls[1][0] > 0.4).all()
+    assert falls[0] == pytest.approx(falls[1], abs=1e-9)
+    deepest = np.degrees(drive(worn, 700, brakes=APPLIED)).max(axis=0)
+    stop = robot.dynamics.end_stop_max_deg
+    assert (stop < deepest).all()
+    assert (deepest < stop + 2.0).all()
+
+
+def test_a_worn_brake_holds_what_is_left_of_its_torque(robot):
+    load = np.array(Plant(robot).shafts()[6:])
+    enough, too_little = 1.02 * np.abs(load) / BRAKE_N_M, 0.9 * np.abs(load) / BRAKE_N_M
+    holding, slipping = Plant(robot), Plant(robot)
+    holding.state['brake_share'], slipping.state['brake_share'] = enough, too_little
+    home = angles(holding)
+    assert np.array_equal(drive(holding, 200, brakes=APPLIED)[-1], home)
+    # standing shafts give way at once; slipping ones have friction to overcome as well
+    slipping.advance(np.zeros((1, 3)), APPLIED)
+    fall = dynamics.forward(home, np.zeros(3), GEAR * too_little * BRAKE_N_M * np.sign(load), robot)
+    assert speeds(slipping) / GEAR / STEP_S == pytest.approx(fall, rel=1e-2)
+
+
+def test_a_brake_that_sticks_does_not_open_until_it_is_freed(robot):
+    plant = Plant(robot)
+    plant.state['brake_stuck'][0, 1] = 1
+    drive(plant, 100, np.array(plant.shafts()[6:]) / K_M)
+    assert plant.state['brake_released'][0].tolist() == [1, 0, 1]
+    plant.state['brake_stuck'] = 0
+    delay = round(robot.motor.brake_release_s * 1e3)
+    drive(plant, delay - 1)
+    assert plant.state['brake_released'][0].tolist() == [1, 0, 1]
+    drive(plant, 1)
+    assert plant.state['brake_released'].all()
+
+
+def test_an_open_brake_that_sticks_later_stays_open_until_it_is_applied(robot):
+    plant = released_plant(robot)
+    plant.state['brake_stuck'] = 1
+    drive(plant, 100, brakes=RELEASED)
+    assert plant.state['brake_released'].all()
+    drive(plant, 100, brakes=APPLIED)
+    drive(plant, 100, brakes=RELEASED)
+    assert not plant.state['brake_released'].any()
+    assert speeds(plant).tolist() == [0.0] * 3
+
+
+@pytest.mark.parametrize('load', [0.4, -0.4])
+def test_a_load_torque_is_taken_from_the_motors_and_felt_as_coupling(load, robot):
+    plant = released_plant(robot)
+    currents = np.array([2.0, -1.0, 0.5])
+    drive(plant, 20, currents)
+    plant.state['load_torque'][0, 2] = load
+    theta, w = angles(plant), speeds(plant)
+    loads = np.array([0.0, 0.0, load])
+    plant.advance(currents[None, :], RELEASED)
+    acceleration = dynamics.forward(theta, w / GEAR, GEAR * (K_M * currents - friction(w) - loads), robot)
+    assert (speeds(plant) - w) / GEAR / STEP_S == pytest.approx(acceleration, rel=1e-2)
+    theta, w = angles(plant), speeds(plant)
+    acceleration = dynamics.forward(theta, w / GEAR, GEAR * (K_M * currents - friction(w) - loads), robot)
+    assert plant.shafts()[6:] == pytest.approx(
+        dynamics.coupling(theta, w / GEAR, acceleration, robot) + loads, abs=1e-12
+    )
+
+
+@pytest.mark.parametrize('direction', [1.0, -1.0])
+def test_a_brake_holds_a_load_up_to_its_torque(direction, robot):
+    plant = Plant(robot)
+    home, weight = angles(plant), np.array(plant.shafts()[6:])
+    plant.state['load_torque'] = direction * 0.98 * BRAKE_N_M - weight
+    assert np.array_equal(drive(plant, 100, brakes=APPLIED)[-1], home)
+    plant.state['load_torque'] = direction * 1.1 * BRAKE_N_M - weight
+    # the load drives the shaft against its own sign
+    assert (direction * (drive(plant, 100, brakes=APPLIED)[-1] - home) < -1e-3).all()
+
+
 @pytest.mark.parametrize('payload', [0.0, 0.8, 3.0])
 def test_a_gripped_payload_weighs_and_is_as_if_it_had_always_been_there(payload, robot):
     gripping, born = Plant(robot), Plant(robot.replace(dynamics__payload_mass_kg=payload))

@@ -8,7 +8,7 @@ from delta3_pacdrive.kernel import kernel
 def advance_brake(i, s, c):
     """Let brake ``i`` follow its command after the release or apply delay; one integration step."""
     released = s.brake_released[i]
-    if s.brake_command[i] == released:
+    if s.brake_command[i] == released or (released == 0 and s.brake_stuck[i] != 0):
         s.brake_delay[i] = 0
         return
     s.brake_delay[i] += 1
@@ -22,24 +22,26 @@ def advance_brake(i, s, c):
 def braked_acceleration(mass, force, speed, s, c):
     """Arm accelerations with brakes applied: sticking shafts stand, slipping ones feel the full brake torque.
 
-    A sticking brake gives way where the torque that holds its shaft exceeds the brake's.
+    A sticking brake gives way where the torque that holds its shaft exceeds the brake's; ``brake_share`` is what wear
+    has left of that.
     """
     f = [force[0], force[1], force[2]]
     for i in range(3):
         if s.brake_released[i] == 0 and s.brake_locked[i] == 0:
             if speed[i] > 0.0:
-                f[i] -= c.brake_torque
+                f[i] -= s.brake_share[i] * c.brake_torque
             elif speed[i] < 0.0:
-                f[i] += c.brake_torque
+                f[i] += s.brake_share[i] * c.brake_torque
     acceleration = _with_locked_axes(mass, f, s)
     needed = multiply(mass, acceleration)
     slipping = False
     for i in range(3):
         if s.brake_locked[i] != 0:
             reaction = needed[i] - f[i]
-            if abs(reaction) > c.brake_torque:
+            torque = s.brake_share[i] * c.brake_torque
+            if abs(reaction) > torque:
                 s.brake_locked[i] = 0
-                f[i] += c.brake_torque if reaction > 0.0 else -c.brake_torque
+                f[i] += torque if reaction > 0.0 else -torque
                 slipping = True
     if slipping:
         acceleration = _with_locked_axes(mass, f, s)

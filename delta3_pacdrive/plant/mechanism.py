@@ -31,6 +31,10 @@ STATE = np.dtype(
         ('brake_released', 'i8', (3,)),
         ('brake_delay', 'i8', (3,)),  # steps since the command changed
         ('brake_locked', 'i8', (3,)),  # the shaft sticks
+        # injected
+        ('brake_share', 'f8', (3,)),  # of its torque that a brake still has: 1 as new, 0 worn out
+        ('brake_stuck', 'i8', (3,)),  # an applied brake does not open any more
+        ('load_torque', 'f8', (3,)),  # [N m], motor; positive is against a shaft that turns forwards
     ],
     align=True,
 )
@@ -88,8 +92,13 @@ def drive_torque(current, theta, thetadot, c, m):
 
 @kernel
 def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
-    """Arm accelerations [rad/s^2] of a state, and what the motors feel beyond the linear part (d, 4.31)."""
-    mass, bias = motion_terms(theta, thetadot, g, n)
+    """Arm accelerations [rad/s^2] of a state, and what the motors feel beyond the linear part (d, 4.31), with loads."""
+    mass, (b1, b2, b3) = motion_terms(theta, thetadot, g, n)
+    bias = (
+        b1 + c.gear_ratio * s.load_torque[0],
+        b2 + c.gear_ratio * s.load_torque[1],
+        b3 + c.gear_ratio * s.load_torque[2],
+    )
     force = (
         drive_torque(current[0], theta[0], thetadot[0], c, m) - bias[0],
         drive_torque(current[1], theta[1], thetadot[1], c, m) - bias[1],
@@ -178,6 +187,7 @@ class Plant:
         self.state = np.zeros(1, STATE)
         self.state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
         self.state['brake_locked'] = 1
+        self.state['brake_share'] = 1.0
         self._brakes = np.zeros(3, dtype=np.int64)
         self._shafts: Floats = np.zeros(9)
         self._advance_through(np.empty((0, 3)))
