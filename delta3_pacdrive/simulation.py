@@ -54,7 +54,7 @@ def _robot_cycle(
 ):
     """One bus cycle of drives and plant, exchange by exchange.
 
-    ``payload`` holds what is gripped now, what the last MDT said, and what the plant carries [kg].
+    ``payload`` holds what is gripped now, and what the last MDT said [kg].
     """
     motor_record, plant_state, plant_constants, geometry_record, inertia_record, shafts, matrix, brakes = (
         plant
@@ -84,12 +84,10 @@ def _robot_cycle(
             )
             for n in range(currents.shape[0]):
                 matrix[n, i] = currents[n]
-        if payload[0] != payload[2]:
-            inertia_record[0].plate += payload[0] - payload[2]
-            payload[2] = payload[0]
         advance_plant(
             matrix,
             brakes,
+            payload[0],
             shafts,
             plant_state,
             plant_constants,
@@ -106,9 +104,8 @@ class Robot:
         bus = parameters.bus
         self.plant = Plant(parameters)
         self.drives = [MC4(parameters) for _ in AXES]
-        carried = parameters.dynamics.payload_mass_kg
-        gripped = payload_on_grid(carried)
-        self.payload: Floats = np.array([gripped, gripped, carried])
+        gripped = payload_on_grid(parameters.dynamics.payload_mass_kg)
+        self.payload: Floats = np.array([gripped, gripped])
         self.exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
         steps = len(self.drives[0].currents)
         self.drive_arrays = tuple((drive.state, drive.answer, drive.currents) for drive in self.drives)

@@ -894,6 +894,35 @@ def test_a_load_beyond_the_torque_of_motor_and_brake_trips_the_drive_and_turns_i
     assert np.abs(bench.currents).max() < TRIP_A
 
 
+def test_a_lost_payload_is_missing_in_weight_and_acceleration(robot):
+    """The arms accelerate downwards with 62 rad/s2; what a payload of 2 kg needs for that is not asked for."""
+    rate = 2000.0
+    loaded, empty = (
+        # a shaft that has moved creeps back, and its friction hides a tenth of the weight
+        robot.replace(dynamics__payload_mass_kg=mass, motor__static_friction_n_m=0.0)
+        for mass in (2.0, 0.0)
+    )
+
+    def standing_and_accelerating(lost):
+        bench = Bench(loaded).run(100)
+        bench.robot.plant.state['payload_lost'] = lost
+        bench.run(400).run(60, lambda n: 0.5 * rate * (1e-3 * (n + 1)) ** 2)
+        assert bench.faults == [DriveFault.NONE] * 3
+        currents = np.array(bench.currents)
+        shafts = np.array(bench.shafts)[-21:]
+        return currents[499, :, -1], currents[-20:].mean(axis=(0, 2)), shafts.mean(axis=0)
+
+    (stood, carrying, shafts), (stood_lost, without, _) = (
+        standing_and_accelerating(lost) for lost in (False, True)
+    )
+    theta, w = shafts[:3] / GEAR, shafts[3:6] / GEAR
+    home = np.array(Robot(loaded).plant.shafts()[:3]) / GEAR
+    weight = dynamics.gravity(home, loaded) - dynamics.gravity(home, empty)
+    assert stood - stood_lost == pytest.approx(weight / GEAR / K_M, rel=0.02)
+    needed = [dynamics.inverse(theta, w, np.full(3, rate / GEAR), p) for p in (loaded, empty)]
+    assert carrying - without == pytest.approx((needed[0] - needed[1]) / GEAR / K_M, rel=0.05)
+
+
 def test_an_encoder_that_only_jitters_is_no_fault(robot):
     bench = Bench(robot).run(100)
     for drive in bench.robot.drives:

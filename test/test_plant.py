@@ -398,3 +398,31 @@ def test_a_gripped_payload_weighs_and_is_as_if_it_had_always_been_there(payload,
     # both fall from the same place; the sum of plate and payload is rounded differently
     assert np.abs(np.subtract(gripping.shafts(), born.shafts())).max() < 1e-9
     assert np.abs(born.shafts()[3:6]).min() > 1.0
+
+
+@pytest.mark.parametrize('payload', [0.8, 3.0])
+def test_a_payload_that_falls_off_is_gone_until_the_next_is_gripped(payload, robot):
+    losing, empty = (released_plant(robot, dynamics__payload_mass_kg=mass) for mass in (payload, 0.0))
+    losing.state['payload_lost'] = 1
+    silence = np.zeros((MS, 3))
+    for _ in range(60):
+        losing.advance(silence, RELEASED, payload)  # the controller still believes that it has it
+        empty.advance(silence, RELEASED)
+    assert np.abs(np.subtract(losing.shafts(), empty.shafts())).max() < 1e-9
+    assert (losing.state['gripped'][0], losing.state['carried'][0]) == (payload, 0.0)
+
+
+def test_the_next_payload_that_is_gripped_weighs_again(robot):
+    loaded, empty = (robot.replace(dynamics__payload_mass_kg=mass) for mass in (2.0, 0.0))
+    plant = Plant(loaded)
+    weights = {mass: dynamics.gravity(angles(plant), p) / GEAR for mass, p in ((2.0, loaded), (0.0, empty))}
+    plant.state['payload_lost'] = 1
+    for gripped, carried in ((2.0, 0.0), (2.0, 0.0), (0.0, 0.0), (2.0, 2.0), (2.0, 2.0)):
+        plant.advance(np.zeros((1, 3)), APPLIED, gripped)
+        assert plant.shafts()[6:] == pytest.approx(weights[carried], abs=1e-12)
+
+
+def test_losing_nothing_changes_nothing(robot):
+    losing, empty = (released_plant(robot, dynamics__payload_mass_kg=0.0) for _ in range(2))
+    losing.state['payload_lost'] = 1
+    assert np.array_equal(drive(losing, 50), drive(empty, 50))

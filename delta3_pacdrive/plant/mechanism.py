@@ -31,10 +31,13 @@ STATE = np.dtype(
         ('brake_released', 'i8', (3,)),
         ('brake_delay', 'i8', (3,)),  # steps since the command changed
         ('brake_locked', 'i8', (3,)),  # the shaft sticks
+        ('gripped', 'f8'),  # [kg], as the plant was told last
+        ('carried', 'f8'),  # [kg], what hangs at the plate in truth
         # injected
         ('brake_share', 'f8', (3,)),  # of its torque that a brake still has: 1 as new, 0 worn out
         ('brake_stuck', 'i8', (3,)),  # an applied brake does not open any more
         ('load_torque', 'f8', (3,)),  # [N m], motor; positive is against a shaft that turns forwards
+        ('payload_lost', 'i8'),  # what was gripped has fallen off, until another payload is gripped
     ],
     align=True,
 )
@@ -118,17 +121,35 @@ def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
 
 
 @kernel
+def _take_payload(payload_kg, s, n):
+    """Hang what is gripped at the plate, unless it has fallen off; a gripped part takes the plate's speed at once."""
+    if payload_kg != s.gripped:
+        s.gripped = payload_kg
+        s.payload_lost = 0
+    carried = 0.0 if s.payload_lost != 0 else s.gripped
+    if carried != s.carried:
+        n.plate += carried - s.carried
+        s.carried = carried
+
+
+@kernel
 def _tuple3(a):
     return (a[0], a[1], a[2])
 
 
 @kernel
-def advance_plant(currents, brakes, shafts, state, constants, geometry_record, inertia_record, motor_record):
-    """Integrate through ``currents`` (steps, 3), the values at the end of each step; fill the nine ``shafts``."""
+def advance_plant(
+    currents, brakes, payload_kg, shafts, state, constants, geometry_record, inertia_record, motor_record
+):
+    """Integrate through ``currents`` (steps, 3), the values at the end of each step; fill the nine ``shafts``.
+
+    ``brakes`` (3,) and ``payload_kg``, what the controller has gripped, are valid from the start on.
+    """
     s, c = state[0], constants[0]
     for i in range(3):
         s.brake_command[i] = brakes[i]
     g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
+    _take_payload(payload_kg, s, n)
     h = c.step
     theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
     before = _tuple3(s.current)
@@ -182,20 +203,21 @@ class Plant:
         self._constants = _constants(parameters)
         self._geometry = geometry(parameters.kinematics)
         self._inertia = inertia(parameters)
-        self._payload = parameters.dynamics.payload_mass_kg
         self._motor = motor(parameters)
         self.state = np.zeros(1, STATE)
         self.state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
         self.state['brake_locked'] = 1
         self.state['brake_share'] = 1.0
+        self.state['gripped'] = self.state['carried'] = parameters.dynamics.payload_mass_kg
         self._brakes = np.zeros(3, dtype=np.int64)
         self._shafts: Floats = np.zeros(9)
-        self._advance_through(np.empty((0, 3)))
+        self._advance_through(np.empty((0, 3)), parameters.dynamics.payload_mass_kg)
 
-    def _advance_through(self, currents: Floats) -> None:
+    def _advance_through(self, currents: Floats, payload_kg: float) -> None:
         advance_plant(
             currents,
             self._brakes,
+            payload_kg,
             self._shafts,
             self.state,
             self._constants,
@@ -220,15 +242,13 @@ class Plant:
         brakes_released
             Brake outputs of the three drives, valid from the start of the period.
         payload_kg
-            What hangs at the plate from the start of the period on, None: as before; a gripped part takes the plate's
-            speed at once.
+            What the controller has gripped, from the start of the period on; None: as before.
 
         """
-        if payload_kg is not None and payload_kg != self._payload:
-            self._inertia['plate'] += payload_kg - self._payload
-            self._payload = payload_kg
+        if payload_kg is None:
+            payload_kg = float(self.state['gripped'][0])
         self._brakes[:] = brakes_released
-        self._advance_through(currents)
+        self._advance_through(currents, payload_kg)
 
     def shafts(self) -> list[float]:
         """Motor side: three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]."""
