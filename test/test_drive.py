@@ -657,6 +657,7 @@ def test_a_short_in_the_winding_trips_the_end_stage_within_a_bus_cycle(speed, ax
     drive = bench.robot.drives[axis]
     shorted(bench, [axis]).run(1, speed * 0.061)
     assert drive.state['blocked'][0]
+    assert drive.state['current'][0] == 0.0  # a short rises over the threshold in a few of the 16 periods
     assert drive.fault == DriveFault.NONE
     bench.run(1, speed * 0.062)
     assert drive.fault == DriveFault.OVER_CURRENT
@@ -667,20 +668,18 @@ def test_a_short_in_the_winding_trips_the_end_stage_within_a_bus_cycle(speed, ax
 
 
 def test_the_end_stage_blocks_itself_in_the_current_loop_period_of_the_over_current(robot):
-    drive = enabled_drive(robot.replace(bus__exchange_period_s=125e-6))
-    stand(drive, 0.0, 5, position=0.01)
+    # one current-loop period per exchange
+    drive = enabled_drive(robot.replace(bus__exchange_period_s=125e-6, drive__current_period_s=125e-6))
+    drive.begin_cycle(0.0, CONTROL_ENABLE, 0.0, 0.0, 0.0)
+    drive.run_period(0.0, 0.0, 0.0)
     drive.state['winding_short'] = 1
-    drive.begin_cycle(0.0, CONTROL_ENABLE, 0.01, 0.0, 0.0)
     measured = []
-    for _ in range(8):
+    for _ in range(7):
         drive.run_period(0.01, 0.0, 0.0)
         measured.append(abs(float(drive.state['current'][0])))
-        if drive.state['blocked'][0]:
-            break
-    assert len(measured) < 8
-    assert measured[-1] in (TRIP_A, 0.0)  # in the second or in the first of the two periods
-    drive.run_period(0.01, 0.0, 0.0)
-    assert drive.state['current'][0] == 0.0
+    tripped = measured.index(TRIP_A)
+    assert 1 <= tripped < 6  # a voltage is applied one period after it was computed
+    assert measured[tripped + 1 :] == [0.0] * (6 - tripped)
     assert drive.drive_state == DriveState.ENABLED  # the state machine runs once per bus cycle
 
 
@@ -703,6 +702,18 @@ def test_a_shorted_motor_draws_the_current_of_its_back_emf(robot):
     # the observer's shaft slows down by 2 rad/s between exchanges
     assert currents == pytest.approx(expected, rel=0.02)
     assert drive.state['current'][0] == 0.0  # the end stage is off and measures nothing
+
+
+def test_the_observer_of_the_shaft_feels_the_braking_of_a_short(robot):
+    drive = MC4(robot)
+    drive.state['winding_short'] = 1
+    currents = stand(drive, 0.0, 5, speed=100.0, control=CONTROL_ON)[-16:]
+    inertia = robot.drive.observer_arm_inertia_kg_m2 / GEAR**2
+    friction = 0.10 + 3.0e-4 * 100.0
+    slower = (friction - K_M * currents.mean()) / inertia * 1e-3
+    assert 5.0 < slower < 15.0
+    # the currents are those at the ends of their periods
+    assert 100.0 - drive.state['speed'][0] == pytest.approx(slower, rel=0.02)
 
 
 def test_a_short_brakes_the_coasting_arms_before_their_brakes_do(robot):
