@@ -25,6 +25,10 @@ class TraceError(Delta3Error, ValueError):
     """A recording that cannot be read or lacks a signal."""
 
 
+class FigureError(Delta3Error, OSError):
+    """Figures that cannot be written."""
+
+
 class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
 

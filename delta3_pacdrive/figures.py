@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.errors import FigureError, TraceError
 from delta3_pacdrive.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -61,7 +62,21 @@ def draw(trace: Trace, folder: str | Path) -> list[Path]:
     Raises
     ------
     TraceError
-        A signal or the gear ratio is missing, no cycle of the program is recorded, or a file cannot be written.
+        A signal or the gear ratio is missing, or no cycle of the program is recorded.
+    FigureError
+        A file cannot be written.
+
+    """
+    return save({name: partial(make, trace) for name, make in FIGURES.items()}, folder)
+
+
+def save(makers: Mapping[str, Callable[[], Figure]], folder: str | Path) -> list[Path]:
+    """Make figures, write each under its name into ``folder``, made if it is not there; return the paths.
+
+    Raises
+    ------
+    FigureError
+        A file cannot be written.
 
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -70,11 +85,11 @@ def draw(trace: Trace, folder: str | Path) -> list[Path]:
     paths = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, make in FIGURES.items():
+        for name, make in makers.items():
             paths.append(folder / name)
-            FigureCanvasAgg(make(trace)).print_png(paths[-1])
+            FigureCanvasAgg(make()).print_png(paths[-1])
     except OSError as error:
-        raise TraceError(f'cannot write figures to {folder}: {error.strerror or error}') from error
+        raise FigureError(f'cannot write figures to {folder}: {error.strerror or error}') from error
     return paths
 
 
