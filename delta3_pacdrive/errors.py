@@ -13,6 +13,10 @@ class UnreachableError(Delta3Error, ValueError):
     """A pose that the arms cannot reach, or an angle triple that closes no chain."""
 
 
+class SingularityError(Delta3Error, ValueError):
+    """A pose in which the Jacobian has no inverse."""
+
+
 class ProgramError(Delta3Error, ValueError):
     """A motion program is malformed, or a move in it is refused."""
 

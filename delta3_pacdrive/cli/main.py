@@ -13,6 +13,7 @@ COMMANDS = {
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
     'plot': 'draw the figures of a bag or a trace',
+    'arm': 'kinematics of the two-link arm of chapter 3',
     'bench': 'measure (graph, motion, simulate)',
 }
 

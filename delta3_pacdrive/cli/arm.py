@@ -1,0 +1,134 @@
+"""``delta3 arm``: the two-link arm of chapter 3 at one point, and its figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.cli.output import guarded, parser_for
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+NUMBER_MAX = 1e6
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    parser = parser_for(
+        'arm',
+        'Both solutions of the planar two-link arm (chapter 3) for one point, with Jacobian, determinant and inverse.',
+    )
+    parser.add_argument(
+        '--lengths',
+        nargs=2,
+        type=_number,
+        metavar=('A', 'B'),
+        default=[0.4, 0.3],
+        help='lower and upper arm [m]',
+    )
+    parser.add_argument(
+        '--point', nargs=2, type=_number, metavar=('X', 'Y'), default=[0.5, 0.2], help='of the tool [m]'
+    )
+    parser.add_argument(
+        '--velocity',
+        nargs=2,
+        type=_number,
+        metavar=('VX', 'VY'),
+        help='of the tool [m/s]: gives joint speeds',
+    )
+    parser.add_argument('--figures', metavar='FOLDER', help='draw the figures as PNG files into this folder')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    options = parser.parse_args(arguments)
+    return guarded(lambda: _arm(options), options.json)
+
+
+def _number(text: str) -> float:
+    """Read a number whose square no computation overflows."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float('nan')
+    if not abs(value) <= NUMBER_MAX:
+        raise argparse.ArgumentTypeError(f'{text!r} is no number from {-NUMBER_MAX:g} to {NUMBER_MAX:g}')
+    return value
+
+
+def _arm(options: argparse.Namespace) -> int:
+    from delta3_pacdrive.two_link_arm import Branch, TwoLinkArm
+
+    arm = TwoLinkArm(*options.lengths)
+    result: dict[str, Any] = {
+        'ok': True,
+        'lengths_m': options.lengths,
+        'reach_m': [arm.inner_reach_m, arm.outer_reach_m],
+        'point_m': options.point,
+        'velocity_m_s': options.velocity,
+        'solutions': {branch.name.lower(): _solution(options, arm, branch) for branch in Branch},
+        'files': [],
+    }
+    if options.figures is not None:
+        from delta3_pacdrive import two_link_figures
+
+        result['files'] = [str(path) for path in two_link_figures.draw(arm, options.point, options.figures)]
+    print(json.dumps(result) if options.json else _text(result))
+    return 0
+
+
+def _solution(options: argparse.Namespace, arm: Any, branch: Any) -> dict[str, Any]:
+    from delta3_pacdrive import two_link_arm as core
+
+    theta = core.inverse(options.point, arm, branch)
+    singular = bool(core.is_singular(theta))
+    solution = {
+        'theta_rad': theta.tolist(),
+        'elbow_m': core.elbow(theta, arm).tolist(),
+        'jacobian_m_rad': core.jacobian(theta, arm).tolist(),
+        'determinant_m2': float(core.determinant(theta, arm)),
+        'singular': singular,
+        'jacobian_inverse_rad_m': None if singular else core.jacobian_inverse(theta, arm).tolist(),
+    }
+    if options.velocity is not None:
+        solution['joint_speeds_rad_s'] = core.joint_speeds(theta, options.velocity, arm).tolist()
+    return solution
+
+
+def _text(result: dict[str, Any]) -> str:
+    import math
+
+    (a, b), (inner, outer), (x, y) = (result[key] for key in ('lengths_m', 'reach_m', 'point_m'))
+    rows = [
+        ('arm', f'a = {a:g} m, b = {b:g} m, reaches from {inner:g} to {outer:g} m'),
+        ('point', f'({x:g}, {y:g}) m, {math.hypot(x, y):g} m from the base'),
+    ]
+    for name, solution in result['solutions'].items():
+        theta_1, theta_2 = (math.degrees(angle) for angle in solution['theta_rad'])
+        elbow_x, elbow_y = solution['elbow_m']
+        rows += [
+            ('', ''),
+            (name.replace('_', ' '), f'theta_1 = {theta_1:z.4f} deg, theta_2 = {theta_2:z.4f} deg'),
+            ('elbow', f'({elbow_x:z.6f}, {elbow_y:z.6f}) m'),
+            *_matrix_rows('Jacobian', solution['jacobian_m_rad'], 'm/rad'),
+            ('determinant', f'{solution["determinant_m2"]:z.8f} m2'),
+        ]
+        if solution['singular']:
+            rows.append(('inverse', 'none: this pose is singular'))
+        else:
+            rows += _matrix_rows('inverse', solution['jacobian_inverse_rad_m'], 'rad/m')
+        if 'joint_speeds_rad_s' in solution:
+            first, second = (math.degrees(speed) for speed in solution['joint_speeds_rad_s'])
+            rows.append(('joint speeds', f'{first:z.4f} deg/s, {second:z.4f} deg/s'))
+    if result['files']:
+        rows += [('', ''), *(('figure', file) for file in result['files'])]
+    return '\n'.join(f'{name:>14}  {text}'.rstrip() for name, text in rows)
+
+
+def _matrix_rows(name: str, matrix: list[list[float]], unit: str) -> list[tuple[str, str]]:
+    lines = [' '.join(f'{value:z10.5f}' for value in row) for row in matrix]
+    return [(name, f'[{lines[0]} ]'), ('', f'[{lines[1]} ] {unit}')]
+
+
+if __name__ == '__main__':
+    sys.exit(main())
