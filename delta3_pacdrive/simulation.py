@@ -257,6 +257,8 @@ def _rehearse_nodes(parameters: Parameters) -> None:
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
     drive.clear_fault()
+    drive.bridge_cycle(*shaft)
+    drive.leave_bus()
     plant.advance(np.zeros((len(drive.currents), 3)), [False] * 3)
 
 

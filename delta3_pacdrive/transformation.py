@@ -25,6 +25,7 @@ from delta3_pacdrive.parameters import Parameters
 
 HISTORY = 64  # cycles of commands kept for the answers that are still on their way
 SETTLE_CYCLES = 100  # after the end of a program, before the final position is taken
+DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 
 STATE = np.dtype(
     [
@@ -184,7 +185,8 @@ class Transformation:
         self._coming: Course | None = None
         self._cycle = 0  # of the next command
         self.loaded = False
-        self.enable_cycle = NEVER
+        self.enable_cycle = self.disable_cycle = NEVER
+        self._stop_cycle = NEVER
         self.motors: Floats = np.zeros(3)
         self.answer: Floats = np.zeros(ANSWER_COLUMNS)
 
@@ -230,6 +232,24 @@ class Transformation:
         course = self._timeline.stop(max(self._cycle, self._timeline.start_cycle))
         self._follow(course)
         return course
+
+    def stop_at(self, cycle: int) -> None:
+        """Stop on the path from a cycle on that is still to come, then take the torque off."""
+        self._stop_cycle = min(self._stop_cycle, max(cycle, self._cycle))
+
+    def give_up(self) -> None:
+        """Forget program, stop and enabling: there are no more cycles."""
+        self.unload()
+        self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
+
+    def _stop(self, cycle: int) -> None:
+        self._stop_cycle = NEVER
+        if self.loaded and cycle < int(self.state['start_cycle'][0]):
+            self.unload()
+        if self.loaded and not self.held:
+            self.hold()
+        stands = max(self.end_cycle, cycle) if self.loaded else cycle
+        self.disable_cycle = stands + DISABLE_CYCLES
 
     def change(self, course: Course) -> None:
         """Go over to another course at its cycle, which is still to come; raises ProgramError."""
@@ -301,13 +321,17 @@ class Transformation:
 
     def control(self, cycle: int) -> int:
         """Control word S-0-0134 of a cycle, the same for all drives."""
-        return CONTROL_ENABLE if cycle >= self.enable_cycle else CONTROL_ON
+        return CONTROL_ENABLE if self.enable_cycle <= cycle < self.disable_cycle else CONTROL_ON
 
     def command(self, cycle: int) -> Floats:
         """Motor shaft commands [rad] of a cycle, on the increment grid; cycles are asked for in order."""
         if self._coming is not None and cycle >= self._coming.cycle:
             course, self._coming = self._coming, None
             self._follow(course)
+        if cycle >= self._stop_cycle:
+            self._stop(cycle)
+        if cycle >= self.disable_cycle:
+            self.enable_cycle = self.disable_cycle = NEVER
         timeline = self._timeline
         command_cycle(
             cycle,

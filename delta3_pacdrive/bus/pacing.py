@@ -64,6 +64,11 @@ class Pacing:
     _origin_s: float | None = None
     _held: bool = False
 
+    def restart(self) -> None:
+        """Take the next cycle as the first one of a new schedule."""
+        self._origin_s = None
+        self._held = False
+
     def may_start(self, cycle: int, outstanding: int, now_s: float) -> bool:
         """Whether ``cycle`` starts now."""
         if self._origin_s is None:

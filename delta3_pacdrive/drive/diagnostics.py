@@ -115,6 +115,9 @@ WARNINGS = {
 REACTIONS = tuple(int(FAULTS[fault].reaction) if fault else 0 for fault in DriveFault)
 
 
+FAULT_OF_NUMBER = {row.number: fault for fault, row in FAULTS.items()}
+
+
 def class_1_diagnostic(fault: DriveFault) -> int:
     """S-0-0011 of a latched fault."""
     return int(FAULTS[fault].class_1) if fault else 0

@@ -21,6 +21,7 @@ from delta3_pacdrive.drive.supervision import (
     clear_fault,
     follows,
     is_powered,
+    leave_bus,
     stopping_speed,
     take_telegram,
 )
@@ -200,6 +201,15 @@ class MC4:
     def clear_fault(self) -> bool:
         """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
         return bool(clear_fault(self.state[0], self.constants[0]))
+
+    def leave_bus(self) -> None:
+        """Leave cyclic operation, without torque; a latched fault stays."""
+        leave_bus(self.state[0])
+
+    @property
+    def powered(self) -> bool:
+        """Whether the end stage feeds the motor."""
+        return bool(is_powered(self.state[0]))
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""

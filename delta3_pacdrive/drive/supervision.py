@@ -61,7 +61,7 @@ def take_telegram(command, control, s):
         first = command if math.isfinite(command) else s.sampled_position
         s.next_command = s.command = s.command_before = first
         s.next_control = 0
-        s.state = READY
+        s.state = READY if s.fault == NO_FAULT else FAULT
     _validate_last(s)
     s.next_command = command
     s.next_control = control
@@ -92,7 +92,7 @@ def bridge_telegram(s):
         s.started = 1
         s.next_command = s.command = s.command_before = s.sampled_position
         s.next_control = 0
-        s.state = READY
+        s.state = READY if s.fault == NO_FAULT else FAULT
     _validate_last(s)
     s.next_command = s.command + (s.command - s.command_before)
     s.mdt_losses += 1
@@ -302,6 +302,25 @@ def clear_fault(s, c):
     s.state = READY
     s.timer = 0
     return True
+
+
+@kernel
+def leave_bus(s):
+    """Take no part in cyclic operation any more: without torque, brake applied; a fault stays latched."""
+    s.started = 0
+    s.silent = 0
+    s.along = 0
+    s.brake_release = 0
+    s.control = s.next_control = 0
+    s.losses_in_a_row = s.losses_in_window = 0
+    s.warning = 0
+    s.current = 0.0
+    if s.fault == NO_FAULT:
+        s.reaction = NO_REACTION
+        change_state(NOT_READY, s)
+    else:
+        change_state(FAULT, s)
+    s.status = _status_word(s)
 
 
 @kernel

@@ -1,11 +1,13 @@
 """Node of one MC-4 servo drive.
 
-In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN`` (encoder, status),
-``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request),
-``/diagnostics`` (1 Hz).
+In: ``sercos/phase``, ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN``
+(encoder, status), ``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s,
+on request), ``/diagnostics`` (1 Hz).
 """
 
 import json
+import math
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,11 +15,13 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.service import ServiceSlave
+from delta3_pacdrive.bus.silence import BUS_SILENT_S, MASTER_SILENT_S, Watch
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.bus.words import Phase
+from delta3_pacdrive.bus.words import Phase, Status
 from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diagnostic, fault_text
 from delta3_pacdrive.drive.idn import TABLE, Register
 from delta3_pacdrive.drive.mc4 import MC4
@@ -25,12 +29,14 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.participant import Participant
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, REPORT
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.parameters import Parameters, flatten
 
 HOUSEKEEPING_S = 0.25
 DIAGNOSTICS_EVERY = 4
+PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
+RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 # what may change in cyclic operation, by the name of the parameter: ROS parameters of the drive and IDNs of the bus
 WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in}
 
@@ -46,6 +52,13 @@ class MC4DriveNode(Node):
         self._index = number - 1
         self._axis = axis = DRIVES[self._index]
         self._drive = MC4(parameters)
+        self._session = telegram.NO_SESSION
+        self._cyclic = False
+        self._parting = False  # no master any more: the drive stops by itself
+        self._parted = 0  # bus cycles since then
+        stop_s = parameters.drive.stop_time_max_s + parameters.motor.brake_apply_s
+        self._parting_cycles = math.ceil(stop_s / bus.cycle_time_s) + PARTING_CYCLES
+        self._master = Watch(HOUSEKEEPING_S)
         self._cycles = Clock(bus.cycle_time_s)
         self._exchanges = Clock(bus.exchange_period_s)
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
@@ -64,7 +77,7 @@ class MC4DriveNode(Node):
         self._looks = 0
 
         self._register = Register(parameters, self._actual, self._configure, self._drive.clear_fault)
-        self._service = ServiceSlave(lambda access: self._register.serve(access, Phase(self._words[0])))
+        self._service = self._new_service()
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._mdt = telegram.mdt_codec()
         self._at = telegram.at_codec(axis)
@@ -77,6 +90,7 @@ class MC4DriveNode(Node):
             self.create_publisher(JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER)
         )
         self._phases = Output(self, JointState, f'{axis}/phase_current', REPORT)
+        self.create_subscription(Header, 'sercos/phase', self._on_phase, LATCHED)
         self.create_subscription(JointState, 'sercos/mdt', self._on_mdt, CYCLIC_SUBSCRIPTION, raw=True)
         self.create_subscription(
             JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
@@ -85,34 +99,106 @@ class MC4DriveNode(Node):
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
+    def _new_service(self) -> ServiceSlave:
+        return ServiceSlave(lambda access: self._register.serve(access, Phase(self._words[0])))
+
     def _refuse(self, error: TelegramError) -> None:
         self._refused += 1
         self.get_logger().warning(f'{self._axis}: {error}', throttle_duration_sec=1.0)
 
+    # phases of the bus ------------------------------------------------------------------------------------------------
+
+    def _on_phase(self, message: Header) -> None:
+        try:
+            phase, session, stamp = telegram.parse_phase(message)
+            cycle = self._cycles.count(*stamp)
+        except TelegramError as error:
+            self._refuse(error)
+            return
+        if session != self._session and self._cyclic and self.count_publishers('sercos/phase') > 1:
+            return  # a second master; a new one announces itself again when the last one has gone
+        if phase == Phase.CP0:
+            if self._cyclic and self._drive.powered:
+                self._part('the phase fell to CP0')
+            else:
+                self._leave()
+        elif phase != Phase.CP4:
+            if self._cyclic:
+                self._leave()
+            if session != self._session:
+                self._session = session
+                self._current_frames.clear()
+        elif session == self._session and not self._cyclic:
+            self._join(cycle)
+
+    def _join(self, cycle: int) -> None:
+        """Begin cyclic operation with a bus cycle; what came of it already waits."""
+        self._exchange = cycle * self._exchanges_per_cycle
+        self._commands = {key: value for key, value in self._commands.items() if key >= cycle}
+        self._shafts = {key: value for key, value in self._shafts.items() if key >= self._exchange}
+        self._newest_command = max(self._commands, default=-1)
+        self._cyclic, self._parting = True, False
+        self._master.heard(time.monotonic())
+        self._advance()
+
+    def _part(self, reason: str) -> None:
+        """Go on without a master: stop by reaction BD2, with the plant only, then leave the bus (8506)."""
+        self._parting, self._parted = True, 0
+        self._drive.state['silent'] = 1
+        self._master.heard(time.monotonic())
+        self.get_logger().error(f'{self._axis}: {reason} in bus cycle {self._cycle}')
+        self._advance()
+
+    def _leave(self) -> None:
+        """Leave the bus without torque; a fault stays latched."""
+        self._commands.clear()
+        self._shafts.clear()
+        self._resting_position = None
+        self._frame = b''
+        if self._session != telegram.NO_SESSION:
+            self._session = telegram.NO_SESSION
+            self._cyclic = self._parting = False
+            self._drive.leave_bus()
+            self._service = self._new_service()
+            self._participant.announce()
+
+    @property
+    def _cycle(self) -> int:
+        return self._exchange // self._exchanges_per_cycle
+
+    # telegrams --------------------------------------------------------------------------------------------------------
+
     def _on_mdt(self, data: bytes) -> None:
+        if self._session == telegram.NO_SESSION:
+            return
         try:
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
             if frame != self._frame:
-                self._words = telegram.parse_mdt_frame(frame, self._index)
+                self._words = telegram.parse_mdt_frame(frame, self._index, self._session)
                 self._frame = frame
         except TelegramError as error:
             self._refuse(error)
             return
         if cycle >= 0:
+            self._master.heard(time.monotonic())
             if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
                 self._commands[cycle] = (values[self._index], *self._words[1:])
                 self._newest_command = max(self._newest_command, cycle)
                 self._advance()
             else:
                 self._late += 1  # late, or repeated
-        elif self._resting_position is not None:
+        elif self._resting_position is not None and not self._cyclic:
             position = self._drive.encoder_position(self._resting_position)
-            self._publish_at(self._at.encode((ACYCLIC_SEC, 0), b'4000 0000', (position, 0.0, 0.0)))
+            frame = telegram.at_frame(RESTING, 0, self._session)
+            self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
 
     def _on_shafts(self, data: bytes) -> None:
+        if self._session == telegram.NO_SESSION:
+            return
         try:
-            sec, nanosec, _, values = self._shaft.decode(data)
+            sec, nanosec, frame, values = self._shaft.decode(data)
+            telegram.require_session(frame, self._session)
             exchange = self._exchanges.count(sec, nanosec)
         except TelegramError as error:
             self._refuse(error)
@@ -121,17 +207,16 @@ class MC4DriveNode(Node):
         if exchange >= 0:
             self._shafts[exchange] = (values[i], values[3 + i], values[6 + i])
             self._advance()
-        else:
+        elif not self._cyclic:
             self._resting_position = values[i]
-            silence = (0.0,) * len(self._drive.currents)
-            self._publish_current(
-                self._current.encode((ACYCLIC_SEC, 0), telegram.current_frame(False, 0.0), silence)
-            )
+            nothing = (0.0,) * len(self._drive.currents)
+            frame = telegram.current_frame(False, 0.0, self._session)
+            self._publish_current(self._current.encode((ACYCLIC_SEC, 0), frame, nothing))
 
     def _advance(self) -> None:
         """Run every exchange whose telegrams are there, in the order of their stamps."""
         drive = self._drive
-        while True:
+        while self._cyclic:
             exchange = self._exchange
             shaft = self._shafts.get(exchange)
             if shaft is None:
@@ -143,15 +228,21 @@ class MC4DriveNode(Node):
                     command, control, service, payload = telegram_
                     self._service.received(service)
                     status = drive.begin_cycle(command, control, *shaft, payload)
-                elif self._newest_command > cycle:
+                elif self._newest_command > cycle or self._parting:
                     # telegrams of one sender keep their order: a later one says that this one was lost
                     status = drive.bridge_cycle(*shaft)
+                    if self._parting:
+                        self._master.heard(time.monotonic())
+                        self._parted += 1
+                        if self._parted > self._parting_cycles:
+                            self._leave()
+                            return
                 else:
                     return
                 self._publish_at(
                     self._at.encode(
                         self._cycles.stamp(cycle),
-                        telegram.at_frame(status, self._service.to_send()),
+                        telegram.at_frame(status, self._service.to_send(), self._session),
                         drive.answer.tolist(),
                     )
                 )
@@ -167,7 +258,8 @@ class MC4DriveNode(Node):
     def _current_frame(self, released: bool, payload: float) -> bytes:
         frame = self._current_frames.get((released, payload))
         if frame is None:
-            frame = self._current_frames[released, payload] = telegram.current_frame(released, payload)
+            frame = telegram.current_frame(released, payload, self._session)
+            self._current_frames[released, payload] = frame
         return frame
 
     def _actual(self, name: str) -> float:
@@ -177,7 +269,6 @@ class MC4DriveNode(Node):
     def _configure(self, parameters: Parameters) -> None:
         """Take over parameters that were written, and keep those of ROS equal to them."""
         self._drive.configure(parameters)
-        cycle = self._exchange // self._exchanges_per_cycle
         mine = flatten(parameters)
         changed = [
             Parameter(name, value=mine[name])
@@ -186,7 +277,7 @@ class MC4DriveNode(Node):
         ]
         for parameter in changed:
             self.get_logger().info(
-                f'{self._axis}: {parameter.name} = {parameter.value:g} from bus cycle {cycle} on'
+                f'{self._axis}: {parameter.name} = {parameter.value:g} from bus cycle {self._cycle} on'
             )
         if not self._setting:
             self._setting = True
@@ -226,16 +317,27 @@ class MC4DriveNode(Node):
         self._looks += 1
         if self._looks % DIAGNOSTICS_EVERY == 0 and self._diagnostics.wanted:
             self._publish_diagnostics()
-        if self._exchange:
+        if self._cyclic:
+            self._check_silence()
             return
         waiting = ''
-        if self._resting_position is None:
+        if self.count_publishers('plant/motor_shafts') == 0:
             waiting = 'waiting for plant'
         elif self.count_publishers('sercos/mdt') == 0:
             waiting = 'waiting for transformation_task'
         if waiting != self._waiting:
             self._waiting = waiting
             self.get_logger().info(f'{self._axis}: {waiting or "all partners are there"}')
+
+    def _check_silence(self) -> None:
+        silence = self._master.silence_s(time.monotonic())
+        if self._parting:
+            if silence > BUS_SILENT_S:
+                self._leave()  # the plant is silent as well: there is nothing left to stop
+        elif self._exchange % self._exchanges_per_cycle or self._exchange not in self._shafts:
+            self._master.heard(time.monotonic())  # it is the plant that is waited for
+        elif silence > MASTER_SILENT_S:
+            self._part(f'no MDT for {silence:.1f} s (8506)')
 
     def diagnostics(self) -> dict[str, Any]:
         """What the drive says of itself, by SERCOS names."""

@@ -28,7 +28,6 @@ from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.transformation import Transformation
 
-DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 ORDER = 'ORDER'  # label of the message that ends a plan: start cycle (-1: as soon as possible), rate, numbers of moves
 ORDER_HEADER = 2
@@ -81,6 +80,7 @@ class MotionServer:
         self._parts: list[Move] = []
         self._aborting = False
         self._outputs, self._payload = task.outputs, task.payload
+        self._told: Course | None = None  # the course that was published last
         self._due = NEVER  # command cycle at which something ends
         self._state_publisher = node.create_publisher(String, 'motion/state', LATCHED)
         self._course = node.create_publisher(Float64MultiArray, 'motion/course', LATCHED)
@@ -104,13 +104,8 @@ class MotionServer:
         self._publish_outputs(stamp)
 
     def fail(self) -> None:
-        """Stop on the path, where something moves, then disable the drives; only a reset leads out of this state."""
-        if self.state == MotionState.MOVING:
-            self._task.hold()
-            self._follow()
-        stands = self._task.end_cycle if self._task.held else 0
-        self.ends = NEVER
-        self._due = max(stands, self._task.next_cycle) + DISABLE_CYCLES
+        """Give the program up: the task stops it and takes the torque off; only a reset leads out of this state."""
+        self.starts = self.ends = self._due = NEVER
         self._enter(MotionState.ERROR)
 
     def commanded(self, cycle: int) -> None:
@@ -119,11 +114,11 @@ class MotionServer:
         if task.outputs != self._outputs or task.payload != self._payload:
             self._outputs, self._payload = task.outputs, task.payload
             self._publish_outputs(self._cycles.stamp(cycle))
+        if self.state == MotionState.ERROR and task.loaded and task.course is not self._told:
+            self._tell_course()
         if cycle >= self._due:
             self._due = NEVER
-            if self.state == MotionState.ERROR:
-                task.enable_cycle = NEVER
-            elif self._aborting:
+            if self._aborting:
                 self._aborting = False
                 task.unload()
                 self.starts = NEVER
@@ -211,8 +206,12 @@ class MotionServer:
         task = self._task
         self._due = task.end_cycle if task.held else NEVER
         self.ends = NEVER if task.held else task.last_cycle
-        if task.course is not None:
-            self._course.publish(numbers(task.course.to_array(), 'COURSE'))
+        self._tell_course()
+
+    def _tell_course(self) -> None:
+        self._told = self._task.course
+        if self._told is not None:
+            self._course.publish(numbers(self._told.to_array(), 'COURSE'))
 
     def _on_change(self, message: Float64MultiArray) -> None:
         try:
@@ -228,6 +227,7 @@ class MotionServer:
             return
         self.ends = self._task.coming_last_cycle
         self._due = NEVER
+        self._told = course
         self._course.publish(numbers(course.to_array(), 'COURSE'))
         self._enter(MotionState.MOVING)
 

@@ -1,5 +1,6 @@
 """Announcement of bus participants: who is there, and what they were configured with."""
 
+from collections.abc import Callable
 from dataclasses import asdict, fields
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -21,25 +22,58 @@ class Participant:
         self._identity = Identity.of(parameters)
         self.announce()
 
-    def announce(self, links: tuple[str, ...] = ()) -> None:
-        """Publish the identity and the partners that have been heard."""
-        facts = asdict(self._identity) | {'links': ' '.join(links)}
+    def announce(self, links: tuple[str, ...] = (), bus_cycle: int = 0) -> None:
+        """Publish the identity, the partners that have been heard and the bus time that is over [cycles]."""
+        facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
         message = DiagnosticStatus(name=self._name, message='present')
         message.values = [KeyValue(key=key, value=value) for key, value in facts.items()]
         self._publisher.publish(message)
 
 
 class Roll:
-    """What the master knows of the participants."""
+    """What the master knows of the participants.
 
-    def __init__(self, node: Node) -> None:
+    Attributes
+    ----------
+    identities
+        Of those that are there.
+    links
+        Partners that each of them has heard.
+    bus_cycle
+        First bus cycle that nobody has seen yet.
+
+    """
+
+    def __init__(self, node: Node, on_newcomer: Callable[[str], None]) -> None:
         self.identities: dict[str, Identity] = {}
         self.links: dict[str, tuple[str, ...]] = {}
+        self.bus_cycle = 0
+        self._on_newcomer = on_newcomer
+        self._closed = False
+        self._newcomers: set[str] = set()
         node.create_subscription(DiagnosticStatus, TOPIC, self._on_announcement, LATCHED_FROM_MANY)
+
+    def close(self) -> None:
+        """Begin cyclic operation: who announces itself now comes too late, or comes back."""
+        self._closed = True
+        self._newcomers.clear()
+
+    def call_again(self) -> None:
+        """Forget everybody who has not come back meanwhile."""
+        self._closed = False
+        self.identities = {name: self.identities[name] for name in self._newcomers}
+        self.links = dict.fromkeys(self._newcomers, ())
 
     def _on_announcement(self, message: DiagnosticStatus) -> None:
         facts = {item.key: item.value for item in message.values}
-        links = facts.pop('links', '')
-        if message.name in PARTICIPANTS and facts.keys() == {f.name for f in fields(Identity)}:
-            self.identities[message.name] = Identity(**facts)
-            self.links[message.name] = tuple(links.split())
+        links, bus_cycle = facts.pop('links', ''), facts.pop('bus_cycle', '')
+        if message.name not in PARTICIPANTS or facts.keys() != {f.name for f in fields(Identity)}:
+            return
+        if not bus_cycle.isdecimal():
+            return
+        self.identities[message.name] = Identity(**facts)
+        self.links[message.name] = tuple(links.split())
+        self.bus_cycle = max(self.bus_cycle, int(bus_cycle))
+        if self._closed:
+            self._newcomers.add(message.name)
+            self._on_newcomer(message.name)

@@ -23,7 +23,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String, UInt8
+from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES
@@ -57,7 +57,7 @@ OTHER: dict[str, tuple[type, QoSProfile]] = {
     'motion/course': (Float64MultiArray, LATCHED),
     'motion/state': (String, LATCHED),
     'outputs': (JointState, LATCHED),
-    'sercos/phase': (UInt8, LATCHED),
+    'sercos/phase': (Header, LATCHED),
     'sercos/participants': (DiagnosticStatus, LATCHED_FROM_MANY),
     'unit_robot/answer': (String, LATCHED),
 }

@@ -4,13 +4,14 @@ In: ``sercos/service/request`` (String: "axis1 read S-0-0104", "axis2 write S-0-
 Out: ``sercos/service/answer`` (String: one sentence for each request, with value and unit, or message 8503).
 """
 
+from collections import deque
 from collections.abc import Callable
 
 from rclpy.node import Node
 from std_msgs.msg import String
 
 from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.service import Access, Answer, Operation, format_idn, parse_idn
+from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceMaster, format_idn, parse_idn
 from delta3_pacdrive.drive.idn import TABLE, refusal
 from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
 from delta3_pacdrive.nodes.qos import REQUEST
@@ -20,17 +21,61 @@ OPERATIONS = {operation.name.lower(): operation for operation in Operation}
 
 
 class ServiceDesk:
-    """Reads requests, hands them to the bus, and writes the answers down."""
+    """The master's ends of the three service channels, and who asks what through them.
 
-    def __init__(self, node: Node, ask: Callable[[int, Access, Done], None]) -> None:
-        self._ask = ask
+    Parameters
+    ----------
+    node
+        Publishes the answers.
+    closed
+        Returns why the channels are closed, empty while they are open.
+
+    """
+
+    def __init__(self, node: Node, closed: Callable[[], str]) -> None:
+        self._closed = closed
+        self._channels = [ServiceMaster() for _ in DRIVES]
+        self._waiting: list[deque[Done]] = [deque() for _ in DRIVES]
+        self._accesses = 0
         self._answers = node.create_publisher(String, 'sercos/service/answer', REQUEST)
         node.create_subscription(String, 'sercos/service/request', self._on_request, REQUEST)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an access is under way."""
+        return self._accesses > 0
+
+    def ask(self, index: int, access: Access, done: Done) -> None:
+        """Ask a drive; ``done`` is called with the answer some ten cycles later. Raises TelegramError."""
+        reason = self._closed()
+        if reason:
+            raise TelegramError(f'the service channel needs cyclic operation, {reason}')
+        self._channels[index].request(access)
+        self._waiting[index].append(done)
+        self._accesses += 1
+
+    def to_send(self) -> list[int]:
+        """Return the words for the MDT of a cycle."""
+        return [channel.to_send() for channel in self._channels]
+
+    def received(self, index: int, word: int | None) -> None:
+        """Take the word of an AT, None for one that was lost."""
+        answer = self._channels[index].received(word)
+        if answer is not None:
+            self._accesses -= 1
+            self._waiting[index].popleft()(index, answer)
+
+    def close(self) -> None:
+        """End all accesses: there are no more cycles."""
+        for index, channel in enumerate(self._channels):
+            channel.close()
+            while channel.outstanding:
+                self.received(index, None)
 
     def _on_request(self, message: String) -> None:
         try:
             index, access = parse_request(message.data)
-            self._ask(index, access, lambda index, answer: self._say(sentence(index, access, answer)))
+            self.ask(index, access, lambda index, answer: self._say(sentence(index, access, answer)))
         except Delta3Error as error:
             self._say(f'refused: {error}')
 

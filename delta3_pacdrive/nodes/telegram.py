@@ -5,6 +5,7 @@ packing and checking it takes 2 us instead of the 40 us of building or parsing a
 ordinary messages. What does not fit the layout (any client may publish) is parsed the ordinary way and checked.
 """
 
+import secrets
 import struct
 from collections.abc import Callable, Sequence
 from operator import itemgetter
@@ -14,8 +15,9 @@ from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
-from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG
+from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, Phase
 from delta3_pacdrive.errors import TelegramError
 
 _ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
@@ -181,14 +183,26 @@ def raw_publish(publisher: Publisher) -> Callable[[bytes], None]:
 AXES = ('axis1', 'axis2', 'axis3')
 BASE_FRAME = b'base'
 
-# MDT: frame = communication phase, the control words S-0-0134 of the three drives, their service channel words and the
-# payload that the controller's outputs have gripped [kg], "CP4 e000 e000 e000 0000 0000 0000 000.5000"
-MDT_FRAME_LENGTH = 42
-# AT: frame = status word S-0-0135 and service channel word, "c008 0000"
-AT_FRAME_LENGTH = 9
-# motor current: frame = brake output and gripped payload [kg], "free 000.5000" or "held 000.5000"
-CURRENT_FRAME_LENGTH = 13
+# Every telegram between participants ends with the session, four hexadecimal digits that the master draws whenever it
+# phases the bus up: what a stranger publishes, a second robot or a bag that is played back, is of another session.
+NO_SESSION = b'0000'
+# MDT: frame = communication phase, the control words S-0-0134 of the three drives, their service channel words, the
+# payload that the controller's outputs have gripped [kg] and the session,
+# "CP4 e000 e000 e000 0000 0000 0000 000.5000 3fa9"
+MDT_FRAME_LENGTH = 47
+# AT: frame = status word S-0-0135, service channel word and session, "c008 0000 3fa9"
+AT_FRAME_LENGTH = 14
+# motor current: frame = brake output, gripped payload [kg] and session, "free 000.5000 3fa9" or "held 000.5000 3fa9"
+CURRENT_FRAME_LENGTH = 18
+# shafts: frame = session
+SHAFTS_FRAME_LENGTH = 4
 BRAKE_FREE, BRAKE_HELD = 'free', 'held'
+_SESSIONS = 1 << 16
+
+
+def new_session() -> bytes:
+    """Draw a session."""
+    return b'%04x' % (1 + secrets.randbelow(_SESSIONS - 1))
 
 
 def mdt_codec() -> JointStateCodec:
@@ -208,7 +222,7 @@ def current_codec(axis: str, samples: int) -> JointStateCodec:
 
 def shafts_codec() -> JointStateCodec:
     """Codec of ``plant/motor_shafts``: positions, speeds, coupling torques d."""
-    return JointStateCodec(AXES, (3, 3, 3), len(BASE_FRAME))
+    return JointStateCodec(AXES, (3, 3, 3), SHAFTS_FRAME_LENGTH)
 
 
 def following_error_codec() -> JointStateCodec:
@@ -221,43 +235,56 @@ def joint_states_codec() -> JointStateCodec:
     return JointStateCodec(AXES, (3, 3, 3), len(BASE_FRAME))
 
 
-def mdt_frame(phase: int, control: int, payload_kg: float, service: Sequence[int] = (0, 0, 0)) -> bytes:
+def mdt_frame(
+    phase: int, control: int, payload_kg: float, session: bytes, service: Sequence[int] = (0, 0, 0)
+) -> bytes:
     """Frame of an MDT that gives all drives the same control word, and each its word of the service channel."""
     word = f'{control:04x}'
     channel = ' '.join(f'{item:04x}' for item in service)
-    return f'CP{phase} {word} {word} {word} {channel} {payload_kg:08.4f}'.encode()
+    return f'CP{phase} {word} {word} {word} {channel} {payload_kg:08.4f} '.encode() + session
 
 
-def parse_mdt_frame(frame: bytes, axis_index: int) -> tuple[int, int, int, float]:
+def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> tuple[int, int, int, float]:
     """Return (phase, control word and service channel word of an axis, payload [kg]); raises TelegramError."""
     try:
-        head, *words, payload = frame.decode('ascii').split()
+        head, *words, payload, theirs = frame.decode('ascii').split()
         if len(words) != 2 * len(AXES) or not head.startswith('CP'):
             raise ValueError
         service = int(words[len(AXES) + axis_index], 16)
-        return int(head[2:]), int(words[axis_index], 16), service, _payload(payload)
+        parsed = int(head[2:]), int(words[axis_index], 16), service, _payload(payload)
     except ValueError:
         raise TelegramError(
-            f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww ssss ssss ssss ppp.pppp"'
+            f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww ssss ssss ssss ppp.pppp hhhh"'
         ) from None
+    _require(session, theirs.encode(), 'an MDT')
+    return parsed
 
 
-def current_frame(released: bool, payload_kg: float) -> bytes:
+def _require(session: bytes, theirs: bytes, what: str) -> None:
+    if theirs != session:
+        raise TelegramError(
+            f'{what} belongs to session {theirs.decode()!r:.12}, but this one is {session.decode()}'
+        )
+
+
+def current_frame(released: bool, payload_kg: float, session: bytes) -> bytes:
     """Frame of a motor current."""
-    return f'{BRAKE_FREE if released else BRAKE_HELD} {payload_kg:08.4f}'.encode()
+    return f'{BRAKE_FREE if released else BRAKE_HELD} {payload_kg:08.4f} '.encode() + session
 
 
-def parse_current_frame(frame: bytes) -> tuple[bool, float]:
+def parse_current_frame(frame: bytes, session: bytes) -> tuple[bool, float]:
     """Return (whether the brake is released, payload [kg]); raises TelegramError."""
     try:
-        brake, payload = frame.decode('ascii').split()
+        brake, payload, theirs = frame.decode('ascii').split()
         if brake not in (BRAKE_FREE, BRAKE_HELD):
             raise ValueError
-        return brake == BRAKE_FREE, _payload(payload)
+        parsed = brake == BRAKE_FREE, _payload(payload)
     except ValueError:
         raise TelegramError(
-            f'frame_id {frame!r:.60} of a motor current is not "free" or "held" and a payload'
+            f'frame_id {frame!r:.60} of a motor current is not "free" or "held", a payload and a session'
         ) from None
+    _require(session, theirs.encode(), 'a motor current')
+    return parsed
 
 
 def _payload(text: str) -> float:
@@ -267,15 +294,40 @@ def _payload(text: str) -> float:
     return value
 
 
-def at_frame(status: int, service: int) -> bytes:
+def at_frame(status: int, service: int, session: bytes) -> bytes:
     """Frame of an AT."""
-    return b'%04x %04x' % (status, service)
+    return b'%04x %04x %b' % (status, service, session)
 
 
-def parse_at_frame(frame: bytes) -> tuple[int, int]:
+def parse_at_frame(frame: bytes, session: bytes) -> tuple[int, int]:
     """Return (status word, service channel word) of an AT; raises TelegramError."""
     try:
-        status, service = frame.split()
-        return int(status, 16), int(service, 16)
+        status, service, theirs = frame.split()
+        parsed = int(status, 16), int(service, 16)
     except ValueError:
-        raise TelegramError(f'frame_id {frame!r:.60} of an AT is not "wwww ssss"') from None
+        raise TelegramError(f'frame_id {frame!r:.60} of an AT is not "wwww ssss hhhh"') from None
+    if theirs != session:
+        _require(session, theirs, 'an AT')
+    return parsed
+
+
+def require_session(frame: bytes, session: bytes) -> None:
+    """Refuse shafts of another session; raises TelegramError."""
+    if frame != session:
+        _require(session, frame, 'a message of motor shafts')
+
+
+def phase_message(phase: Phase, session: bytes, stamp: tuple[int, int]) -> Header:
+    """Announcement of a communication phase: in CP4 the stamp is the bus time at which cyclic operation begins."""
+    message = Header(frame_id=f'{phase.name} {session.decode()}')
+    message.stamp.sec, message.stamp.nanosec = stamp
+    return message
+
+
+def parse_phase(message: Header) -> tuple[Phase, bytes, tuple[int, int]]:
+    """Return (phase, session, stamp); raises TelegramError."""
+    try:
+        name, session = message.frame_id.split()
+        return Phase[name], session.encode('ascii'), (message.stamp.sec, message.stamp.nanosec)
+    except (KeyError, ValueError):
+        raise TelegramError(f'frame_id {message.frame_id!r:.60} of a phase is not "CPn hhhh"') from None

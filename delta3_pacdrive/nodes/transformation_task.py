@@ -9,30 +9,32 @@ the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (
 import json
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String, UInt8
+from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
+from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
-from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
-from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceMaster
+from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity
+from delta3_pacdrive.bus.service import Access, Answer, Operation, parse_idn
+from delta3_pacdrive.bus.silence import ANSWER_SILENT_S, BUS_SILENT_S, Watch
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, Status, in_torque
-from delta3_pacdrive.errors import ProgramError, TelegramError, UnreachableError
+from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, in_torque
+from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
+from delta3_pacdrive.errors import ParameterError, ProgramError, RunError, TelegramError, UnreachableError
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
-from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
+from delta3_pacdrive.nodes.motion_server import MotionServer
 from delta3_pacdrive.nodes.output import Output, TelegramOutput
 from delta3_pacdrive.nodes.participant import Roll
+from delta3_pacdrive.nodes.phase_up import PhaseUp, doubled
 from delta3_pacdrive.nodes.polling import PollingNode, Taken
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -47,12 +49,14 @@ from delta3_pacdrive.transformation import (
 )
 
 STARTUP_S = 0.02
+CALL_EVERY = 10  # looks at who is there, after which CP0 is announced once more
 PROGRESS_S = 0.2
 DIAGNOSTICS_EVERY = 5  # progress reports
 JOINT_STATES_S = 0.01  # of bus time
-SILENCE_S = 1.0
-LOSSES_IN_A_ROW = 2
-RESET_CLASS_1 = 99  # S-0-0099
+FACTOR_MIN = 0.01  # of real time: slower cycles would be taken for silence
+AHEAD = 2  # cycles by which others answer later ones than a drive that is lost
+RESET_CLASS_1 = parse_idn('S-0-0099')
+DIAGNOSTIC_NUMBER = parse_idn('S-0-0390')
 
 
 class TransformationTaskNode(PollingNode):
@@ -66,6 +70,8 @@ class TransformationTaskNode(PollingNode):
             1.0,
             descriptor('bus time over wall time; 0 = as fast as possible', 0.0, 1e3, float),
         )
+        if 0.0 < factor < FACTOR_MIN:
+            raise ParameterError(f'real_time_factor is {factor:g}, but must be 0 or at least {FACTOR_MIN:g}')
         self._wait_for_program = declare(
             self,
             'wait_for_program',
@@ -80,46 +86,40 @@ class TransformationTaskNode(PollingNode):
         self._task.enable_cycle = motion.enable_cycle if motion.enable_cycle >= 0 else NEVER
         enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
-        self._identity = Identity.of(parameters)
         self._cycles = Clock(bus.cycle_time_s)
         self._factor = factor
         self._pacing = Pacing(bus.cycle_time_s / factor if factor else 0.0, bus.outstanding_cycles_max)
         self._phase = Phase.CP0
-        self._waiting = ''
+        self._session = telegram.NO_SESSION
         self._fault = ''
-        self._down = False  # no more cycles
-        self._supervised: list[int] = []
+        self._ticker: Any = None
+        self._calls = 0
 
         self._cycle = 0  # next to start
         self._answered = 0  # next to be complete
         self._sent_ns = [0] * (4 * bus.outstanding_cycles_max)
         self._joint_states_every = max(1, round(JOINT_STATES_S / bus.cycle_time_s))
-        self._inbox: list[dict[int, tuple[Any, bytes]]] = [{}, {}, {}]
-        self._positions, self._torques = np.zeros(3), np.zeros(3)
-        self._speeds = [0.0] * 3
-        self._status = [0] * 3
-        self._resting: dict[int, float] = {}
+        self._inbox: list[dict[int, tuple[Any, int, int]]] = [{}, {}, {}]
+        self._master_of_drives = Master(parameters)
         self._refused = 0
         self._lost = 0
         self._expected = [0] * 3
-        self._at_losses, self._losses_in_a_row = [0] * 3, [0] * 3
         self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
-        self._last_answer_s = self._last_report_s = 0.0
+        self._last_answer_s = 0.0
+        self._watch = Watch(PROGRESS_S)
         self._wall_start_s = 0.0
-
-        self._service = [ServiceMaster() for _ in DRIVES]
-        self._waiting_for: list[deque[Callable[[int, Answer], None]]] = [deque() for _ in DRIVES]
-        self._accesses = 0  # under way in the service channels
+        self._frames: dict[tuple[int, float], bytes] = {}
         self._resets, self._reset_errors = 0, list[str]()
 
         self._create_outputs()
         self._create_inputs(poll=factor > 0.0)
+        self._roll = Roll(self, self._on_newcomer)
+        self._phase_up = PhaseUp(self, self._roll, Identity.of(parameters))
         self.create_service(SetBool, 'enable', self._on_enable)
         self.create_service(Trigger, 'emergency_stop', self._on_emergency_stop)
         self.create_service(Trigger, 'reset', self._on_reset)
-        self._desk = ServiceDesk(self, self._ask_drive)
+        self._desk = ServiceDesk(self, lambda: '' if self._cyclic else f'the bus is in {self._phase.name}')
         self._motion = MotionServer(self, self._task, parameters, self._earliest)
-        self._set_phase(Phase.CP0)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(PROGRESS_S, self._report)
         self._reports = 0
@@ -144,12 +144,11 @@ class TransformationTaskNode(PollingNode):
         ]
         self._joint_states = TelegramOutput(self, JointState, 'joint_states', telegram.joint_states_codec())
         self._master = point(Vector3Stamped, 'motion/master')
-        self._phase_publisher = self.create_publisher(UInt8, 'sercos/phase', LATCHED)
+        self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
         self._progress = Output(self, String, 'motion/progress', REPORT)
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
 
     def _create_inputs(self, poll: bool) -> None:
-        self._roll = Roll(self)
         self._pollers: list[tuple[Callable[[], Taken | None], Callable[..., None]]] = []
         for index, axis in enumerate(DRIVES):
             topic, receive = f'sercos/at/{axis}', self._on_at(index, telegram.at_codec(axis))
@@ -164,49 +163,53 @@ class TransformationTaskNode(PollingNode):
 
     # start-up ---------------------------------------------------------------------------------------------------------
 
-    def _set_phase(self, phase: Phase) -> None:
-        self._phase = phase
-        self._phase_publisher.publish(UInt8(data=int(phase)))
-        if phase != Phase.CP0:
-            self.get_logger().info(f'bus phase {phase.name}')
+    @property
+    def _cyclic(self) -> bool:
+        return self._phase == Phase.CP4
 
-    def _wait_for(self, reason: str) -> None:
-        if reason != self._waiting:
-            self._waiting = reason
-            if reason:
-                self.get_logger().info(reason)
+    def _enter(self, phase: Phase, cycle: int | None = None) -> None:
+        self._phase = phase
+        stamp = self._cycles.stamp(self._cycle if cycle is None else cycle)
+        self._phase_publisher.publish(telegram.phase_message(phase, self._session, stamp))
+        if phase != Phase.CP0 or self._fault:
+            self.get_logger().info(f'bus phase {phase.name}')
 
     def _start_up(self) -> None:
         """Advance the phases of the bus; a greeting MDT goes out until every partner has answered."""
         self._poll()
         if self._phase == Phase.CP0:
-            absent = missing(self._roll.identities)
-            self._wait_for(f'waiting for {", ".join(absent)}' if absent else '')
-            if not absent:
-                self._set_phase(Phase.CP1)
-        elif self._phase == Phase.CP1:
+            self._call()
+        elif self._phase != Phase.CP2 or not self._fault:
             self._greet()
-            silent = [axis for index, axis in enumerate(DRIVES) if index not in self._resting]
-            self._wait_for(f'waiting for an answer of {", ".join(silent)}' if silent else '')
-            if not silent:
-                self._set_phase(Phase.CP2)
-        elif self._phase == Phase.CP2:
-            sentences = disagreements(
-                self._identity, {name: self._roll.identities[name] for name in PARTICIPANTS}
-            )
-            unlinked = [axis for axis in DRIVES if axis not in self._roll.links.get(PLANT, ())]
-            self._wait_for(f'waiting for the plant to hear {", ".join(unlinked)}' if unlinked else '')
-            if sentences:
-                self._fail('; '.join(sentences))
-            elif not unlinked:
-                self._prepare()
-        elif self._phase == Phase.CP3:
-            self._greet()
+        if self._phase == Phase.CP3:
             if not self._wait_for_program or self._motion.starts != NEVER:
                 self._begin_cyclic_operation()
+            return
+        try:
+            phase = self._phase_up.next(self._phase)
+        except RunError as error:
+            self._note(str(error))
+            return
+        if phase == self._phase:
+            return
+        if phase == Phase.CP1:
+            self._session = telegram.new_session()
+            self._frames.clear()
+        if phase == Phase.CP3:
+            self._prepare()
+        else:
+            self._enter(phase)
+
+    def _call(self) -> None:
+        """Announce CP0 again and again: a participant does not obey while the last master may still be there."""
+        if self._calls % CALL_EVERY == 0:
+            self._phase_publisher.publish(
+                telegram.phase_message(Phase.CP0, self._session, self._cycles.stamp(self._cycle))
+            )
+        self._calls += 1
 
     def _greet(self) -> None:
-        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0)
+        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0, self._session)
         self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
         for output, _ in self._answers:
             # who records knows by this that nothing of cyclic operation will pass it by
@@ -214,27 +217,67 @@ class TransformationTaskNode(PollingNode):
         self._master.send((ACYCLIC_SEC, 0), [0.0] * 3)
 
     def _prepare(self) -> None:
+        resting = self._phase_up.resting
         try:
-            tcp = self._task.locate([self._resting[index] for index in range(3)])
+            tcp = self._task.locate([resting[index] for index in range(3)])
         except UnreachableError as error:
-            self._fail(str(error))
+            self._note(str(error))
             return
-        self._set_phase(Phase.CP3)
-        self._motion.locate(tcp, (0, 0))
+        self._enter(Phase.CP3)
+        if not self._fault:
+            self._motion.locate(tcp, self._cycles.stamp(self._first_cycle()))
+
+    def _first_cycle(self) -> int:
+        """First cycle of the cyclic operation to come: bus time never goes back."""
+        return max(self._cycle, self._roll.bus_cycle)
 
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
-        self._set_phase(Phase.CP4)
-        self._wall_start_s = self._last_answer_s = time.monotonic()
-        period = self._pacing.period_s or STARTUP_S
-        self._ticker = self.create_timer(period, self._tick)
+        self._cycle = self._answered = self._first_cycle()
+        self._expected = [self._cycle] * 3
+        for inbox in self._inbox:
+            inbox.clear()
+        self._master_of_drives.begin()
+        self._pacing.restart()
+        self._roll.close()
+        self._enter(Phase.CP4)
+        self._last_answer_s = time.monotonic()
+        self._watch.heard(self._last_answer_s)
+        if self._ticker is None:
+            self._wall_start_s = self._last_answer_s
+            self._ticker = self.create_timer(self._pacing.period_s or STARTUP_S, self._tick)
+        else:
+            self._ticker.reset()
+
+    def _on_newcomer(self, name: str) -> None:
+        """Take note of a participant that announces itself in cyclic operation."""
+        reason = f'{name} was started again, or has left the bus, in bus cycle {self._answered}'
+        if name == PLANT:
+            self._go_down(reason)
+        else:
+            self._stop(reason)
+
+    def _go_down(self, reason: str) -> None:
+        """Let the phase fall to CP0, from where the bus comes up again as soon as everybody is there."""
+        self._note(reason)
+        if not self._cyclic:
+            return
+        self._ticker.cancel()
+        self._desk.close()
+        self._task.give_up()
+        self._wait_for_program = False
+        self._session = telegram.NO_SESSION
+        self._calls = 0
+        self._phase_up.begin()
+        self._enter(Phase.CP0)
+        self._startup.reset()
 
     # cyclic operation -------------------------------------------------------------------------------------------------
 
     def _poll(self) -> None:
         for index, (take, receive) in enumerate(self._pollers):
             # before cyclic operation nobody knows how many answers there are; then it is one per cycle
-            while self._phase != Phase.CP4 or self._expected[index] < self._cycle:
+            while not self._cyclic or self._expected[index] < self._cycle:
                 taken = take()
                 if taken is None:
                     break
@@ -245,7 +288,7 @@ class TransformationTaskNode(PollingNode):
         self._start_cycles()
 
     def _start_cycles(self) -> None:
-        while not self._down and self._pacing.may_start(
+        while self._cyclic and self._pacing.may_start(
             self._cycle, self._cycle - self._answered, now := time.monotonic()
         ):
             cycle = self._cycle
@@ -266,31 +309,39 @@ class TransformationTaskNode(PollingNode):
     def _frame(self, cycle: int) -> bytes:
         """Frame of the MDT of a cycle."""
         control, payload = self._task.control(cycle), self._task.payload
-        if not self._accesses:
-            return _frame_of(control, payload)
-        return telegram.mdt_frame(
-            Phase.CP4, control, payload, [channel.to_send() for channel in self._service]
-        )
+        if self._desk.busy:
+            return telegram.mdt_frame(Phase.CP4, control, payload, self._session, self._desk.to_send())
+        frame = self._frames.get((control, payload))
+        if frame is None:
+            frame = telegram.mdt_frame(Phase.CP4, control, payload, self._session)
+            self._frames[control, payload] = frame
+        return frame
 
     def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[..., None]:
         inbox = self._inbox[index]
 
         def receive(data: bytes, received_ns: int) -> None:
+            if self._session is telegram.NO_SESSION:
+                return
             try:
                 sec, nanosec, frame, values = codec.decode(data)
                 cycle = self._cycles.count(sec, nanosec)
-                if cycle >= self._cycle:
-                    raise TelegramError(f'AT of cycle {cycle} before its MDT')
+                status, service = telegram.parse_at_frame(frame, self._session)
             except TelegramError as error:
                 self._refused += 1
                 self.get_logger().warning(f'{DRIVES[index]}: {error}', throttle_duration_sec=1.0)
                 return
             if cycle < 0:
-                self._resting[index] = values[0]
+                if not self._cyclic:
+                    self._phase_up.resting[index] = values[0]
+            elif not self._cyclic:
+                return
+            elif cycle >= self._cycle:
+                self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
             elif cycle >= self._expected[index]:
                 self._lost += cycle - self._expected[index]
                 self._expected[index] = cycle + 1
-                inbox[cycle] = (values, frame)
+                inbox[cycle] = (values, status, service)
                 self._complete(received_ns)
 
         return receive
@@ -298,83 +349,76 @@ class TransformationTaskNode(PollingNode):
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
         first, second, third = self._expected
-        while (cycle := self._answered) < first and cycle < second and cycle < third:
+        master, motion, desk = self._master_of_drives, self._motion, self._desk
+        while (cycle := self._answered) < first and cycle < second and cycle < third and cycle < self._cycle:
             for index, inbox in enumerate(self._inbox):
                 answer_ = inbox.pop(cycle, None)
                 if answer_ is None:
-                    self._bridge(index, cycle)
-                    if self._accesses:
-                        self._take_service(index, None)
-                    continue
-                values, frame = answer_
-                self._losses_in_a_row[index] = 0
-                self._positions[index], self._speeds[index], self._torques[index] = values
-                self._status[index], service = telegram.parse_at_frame(frame)
-                if self._accesses:
-                    self._take_service(index, service)
+                    master.bridge(index)
+                else:
+                    master.take(index, answer_[0], answer_[1])
+                if desk.busy:
+                    desk.received(index, None if answer_ is None else answer_[2])
             self._round_trip.add(
                 ((received_ns or time.time_ns()) - self._sent_ns[cycle % len(self._sent_ns)]) * 1e-9
             )
             self._last_answer_s = time.monotonic()
+            self._watch.heard(self._last_answer_s)
             self._answered = cycle + 1
-            answer = self._task.receive(cycle, self._positions, self._torques)
+            answer = self._task.receive(cycle, master.positions, master.torques)
             stamp = self._cycles.stamp(cycle)
             for output, columns in self._answers:
                 if output.wanted:
                     output.send(stamp, answer[columns].tolist())
             if self._joint_states.wanted and cycle % self._joint_states_every == 0:
                 self._send_joint_states(stamp)
-            if self._motion.state != MotionState.IDLE or self._status != self._supervised:
-                self._supervise(cycle)
-        if not self._pacing.period_s and self._phase == Phase.CP4:
+            reason = master.judge(cycle, motion.starts)
+            if reason:
+                if not self._fault:
+                    self._explain()
+                self._stop(reason, cycle + master.reaction_cycles)
+            if cycle == motion.ends:
+                motion.answered(cycle)
+                self._report()
+            if master.absent and self._task.enable_cycle == NEVER and not self._in_torque():
+                self._go_down(self._fault)
+                return
+        if not self._pacing.period_s and self._cyclic:
             self._start_cycles()
 
-    def _ask_drive(self, index: int, access: Access, done: Callable[[int, Answer], None]) -> None:
-        """Take a request of an operator; raises TelegramError."""
-        if self._phase != Phase.CP4 or self._down:
-            raise TelegramError(
-                f'the service channel needs cyclic operation, the bus is in {self._phase.name}'
-            )
-        self._access(index, access, done)
+    def _in_torque(self) -> bool:
+        return any(in_torque(status) for status in self._master_of_drives.status)
 
-    def _access(self, index: int, access: Access, done: Callable[[int, Answer], None]) -> None:
-        """Ask a drive through its service channel; ``done`` is called with the answer some ten cycles later."""
-        self._service[index].request(access)
-        self._waiting_for[index].append(done)
-        self._accesses += 1
+    def _lose(self, index: int, reason: str) -> None:
+        """Go on without a drive, to a stop; then the phase falls."""
+        self._master_of_drives.lose(index)
+        self._expected[index] = NEVER
+        self._inbox[index].clear()
+        self._stop(reason)
+        if len(self._master_of_drives.absent) == len(DRIVES):
+            self._go_down(reason)
+        else:
+            self._complete(0)
 
-    def _take_service(self, index: int, word: int | None) -> None:
-        answer = self._service[index].received(word)
-        if answer is not None:
-            self._accesses -= 1
-            self._waiting_for[index].popleft()(index, answer)
+    def _explain(self) -> None:
+        """Ask the drives that report a fault which one it is, and add it to the sentence."""
 
-    def _bridge(self, index: int, cycle: int) -> None:
-        """Go on without the AT of an axis: its shaft is extrapolated; two in a row are the master's fault 8506."""
-        self._at_losses[index] += 1
-        self._losses_in_a_row[index] += 1
-        self._positions[index] += self._speeds[index] * self._robot.bus.cycle_time_s
-        if self._losses_in_a_row[index] >= LOSSES_IN_A_ROW:
-            self._stop(f'{DRIVES[index]}: two AT lost in a row in bus cycle {cycle} (8506)')
+        def add(index: int, answer: Answer) -> None:
+            fault = FAULT_OF_NUMBER.get(int(answer.value))
+            if fault and self._fault.startswith(f'{DRIVES[index]} reports a fault'):
+                self._fault += f': {fault_text(fault)}'
+                self.get_logger().error(self._fault)
+                self._report()
 
-    def _supervise(self, cycle: int) -> None:
-        motion = self._motion
-        if self._status != self._supervised or cycle == motion.starts:
-            self._supervised = list(self._status)
-            for axis, status in zip(DRIVES, self._status, strict=True):
-                if status & Status.ERROR:
-                    self._stop(f'{axis} reports a fault in bus cycle {cycle}')
-                elif cycle >= motion.starts and not in_torque(status):
-                    self._stop(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
-        if cycle == motion.ends:
-            motion.answered(cycle)
-            self._report()
+        for index in self._master_of_drives.faulty():
+            self._desk.ask(index, Access(DIAGNOSTIC_NUMBER, Operation.READ), add)
 
     def _send_joint_states(self, stamp: tuple[int, int]) -> None:
         theta = self._task.answer[THETA].tolist()
         ratio = self._robot.dynamics.gear_ratio
-        speeds = [speed / ratio for speed in self._speeds]
-        self._joint_states.send(stamp, [*theta, *speeds, *self._torques.tolist()])
+        master = self._master_of_drives
+        speeds = [speed / ratio for speed in master.speeds]
+        self._joint_states.send(stamp, [*theta, *speeds, *master.torques.tolist()])
 
     # requests ---------------------------------------------------------------------------------------------------------
 
@@ -402,15 +446,16 @@ class TransformationTaskNode(PollingNode):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear the faults of all drives (S-0-0099); the robot is ready again where it stands, and not enabled."""
-        if not self._fault or self._down or self._resets:
+        if not self._fault or not self._cyclic or self._resets:
+            waiting = f' ({self._phase_up.waiting})' if self._phase_up.waiting else ''
             response.message = (
-                'there is no fault' if not self._fault else f'cannot be cleared now: {self._fault}'
+                f'cannot be cleared now: {self._fault}{waiting}' if self._fault else 'there is no fault'
             )
             return response
         self._resets = len(DRIVES)
         self._reset_errors = []
         for index in range(len(DRIVES)):
-            self._access(index, Access(RESET_CLASS_1, Operation.COMMAND), self._on_reset_answer)
+            self._desk.ask(index, Access(RESET_CLASS_1, Operation.COMMAND), self._on_reset_answer)
         response.success, response.message = True, f'S-0-0099 goes out from bus cycle {self._cycle} on'
         return response
 
@@ -423,13 +468,13 @@ class TransformationTaskNode(PollingNode):
         if self._reset_errors:
             self._motion.refuse('reset', ProgramError('; '.join(self._reset_errors)))
             return
-        if any(in_torque(status) for status in self._status):
+        if self._in_torque():
             self._motion.refuse('reset', ProgramError('a drive is in torque still'))
             return
         self._fault = ''
-        self._task.enable_cycle = NEVER
+        self._task.give_up()
         try:
-            tcp = self._task.locate(self._positions)
+            tcp = self._task.locate(self._master_of_drives.positions)
         except UnreachableError as error:
             self._stop(str(error))
             return
@@ -438,37 +483,34 @@ class TransformationTaskNode(PollingNode):
 
     # reports ----------------------------------------------------------------------------------------------------------
 
-    def _stop(self, reason: str) -> None:
-        """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
+    def _note(self, reason: str) -> None:
+        """Keep the first cause of a fault and say it."""
         if not self._fault:
             self._fault = reason
             self.get_logger().error(reason)
             self._motion.fail()
             self._report()
 
-    def _fail(self, reason: str) -> None:
-        """Note a fault after which there are no more cycles."""
-        self._down = True
-        self._stop(reason)
+    def _stop(self, reason: str, cycle: int = 0) -> None:
+        """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
+        if not self._fault or cycle == 0:
+            self._task.stop_at(cycle)
+        self._note(reason)
 
     def _check_silence(self) -> None:
-        now = time.monotonic()
-        blocked = now - self._last_report_s > 2.0 * PROGRESS_S
-        self._last_report_s = now
-        if self._phase != Phase.CP4 or self._down or self._cycle == self._answered:
+        silence = self._watch.silence_s(time.monotonic())
+        if not self._cyclic or self._cycle == self._answered:
+            self._watch.heard(time.monotonic())
             return
-        if blocked:
-            # this process itself was held up, and may not have read what came meanwhile
-            self._last_answer_s = now
-        silence = now - self._last_answer_s
-        if silence > SILENCE_S:
-            silent = [
-                axis for axis, inbox in zip(DRIVES, self._inbox, strict=True) if self._answered not in inbox
-            ]
-            hint = ' (is the plant running?)' if len(silent) == len(DRIVES) else ''
-            self._fail(
-                f'no AT of {", ".join(silent)} for {silence:.1f} s in bus cycle {self._answered}{hint}'
-            )
+        silent = [index for index in range(len(DRIVES)) if self._expected[index] <= self._answered]
+        names = ', '.join(DRIVES[index] for index in silent)
+        reason = f'no AT of {names} for {silence:.1f} s in bus cycle {self._answered} (8506)'
+        ahead = max(-1 if end == NEVER else end for end in self._expected) - self._answered
+        if silence > ANSWER_SILENT_S and ahead > AHEAD:
+            for index in silent:
+                self._lose(index, reason)
+        elif silence > BUS_SILENT_S:
+            self._go_down(f'{reason}: is the plant running?' if len(silent) == len(DRIVES) else reason)
 
     def progress(self) -> dict[str, Any]:
         """Return the present state of bus and program, as published in ``motion/progress``."""
@@ -478,11 +520,11 @@ class TransformationTaskNode(PollingNode):
         remaining = max(end - self._answered, 0) if end < NEVER else 0
         return {
             'phase': self._phase.name,
-            'waiting': self._waiting,
+            'waiting': self._phase_up.waiting,
             'fault': self._fault,
             'state': str(self._motion.state),
             'finished': self._motion.finished,
-            'in_torque': any(in_torque(status) for status in self._status),
+            'in_torque': self._in_torque(),
             'cycles': self._answered,
             'bus_time_s': self._answered * cycle_time,
             'wall_time_s': self._last_answer_s - self._wall_start_s,
@@ -505,7 +547,7 @@ class TransformationTaskNode(PollingNode):
         return {
             'slip_s': self._pacing.slip_s,
             'refused_telegrams': self._refused,
-            'at_losses': self._at_losses,
+            'at_losses': self._master_of_drives.losses,
             'lateness_ms': self._lateness.summary_ms(),
             'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],
             'mdt_to_last_at_ms': self._round_trip.summary_ms(),
@@ -526,8 +568,12 @@ class TransformationTaskNode(PollingNode):
     def _publish_diagnostics(self) -> None:
         level = DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK
         status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name())
-        status.message = self._fault or self._waiting or self._phase.name
-        facts = self.progress() | self.statistics()
+        twice = doubled(self)
+        if twice:
+            self.get_logger().warning(twice, throttle_duration_sec=10.0)
+            status.level = max(status.level, DiagnosticStatus.WARN)
+        status.message = self._fault or self._phase_up.waiting or twice or self._phase.name
+        facts = self.progress() | self.statistics() | {'strangers': twice}
         status.values = [
             KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
             for key, value in facts.items()
@@ -535,17 +581,6 @@ class TransformationTaskNode(PollingNode):
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
-
-
-_FRAMES: dict[tuple[int, float], bytes] = {}
-
-
-def _frame_of(control: int, payload_kg: float) -> bytes:
-    """Frame of a cyclic MDT; made once per control word and payload."""
-    frame = _FRAMES.get((control, payload_kg))
-    if frame is None:
-        frame = _FRAMES[control, payload_kg] = telegram.mdt_frame(Phase.CP4, control, payload_kg)
-    return frame
 
 
 def main() -> int:

@@ -11,21 +11,26 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import telegram
 
 CODECS = {
-    'mdt': (telegram.mdt_codec(), telegram.mdt_frame(4, 0xE000, 0.5), (3, 0, 0), list(telegram.AXES)),
-    'at': (telegram.at_codec('axis2'), telegram.at_frame(0xC008, 0x1234), (1, 1, 1), ['axis2']),
+    'mdt': (
+        telegram.mdt_codec(),
+        telegram.mdt_frame(4, 0xE000, 0.5, b'3fa9'),
+        (3, 0, 0),
+        list(telegram.AXES),
+    ),
+    'at': (telegram.at_codec('axis2'), telegram.at_frame(0xC008, 0x1234, b'3fa9'), (1, 1, 1), ['axis2']),
     'current of 1 ms': (
         telegram.current_codec('axis3', 16),
-        telegram.current_frame(True, 0.5),
+        telegram.current_frame(True, 0.5, b'3fa9'),
         (0, 0, 16),
         ['axis3'],
     ),
     'current of 125 us': (
         telegram.current_codec('axis1', 2),
-        telegram.current_frame(False, 12.0),
+        telegram.current_frame(False, 12.0, b'3fa9'),
         (0, 0, 2),
         ['axis1'],
     ),
-    'shafts': (telegram.shafts_codec(), b'base', (3, 3, 3), list(telegram.AXES)),
+    'shafts': (telegram.shafts_codec(), b'3fa9', (3, 3, 3), list(telegram.AXES)),
 }
 
 
@@ -126,11 +131,11 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
         b'CP4',
         b'CP4 e000 e000',
         b'XX4 e000 e000 e000 1',
-        b'CP4 e000 zzzz e000 0000 0000 0000 1',
-        b'CP4 e000 e000 e000 0000 0000 0000 nan',
+        b'CP4 e000 zzzz e000 0000 0000 0000 1 3fa9',
+        b'CP4 e000 e000 e000 0000 0000 0000 nan 3fa9',
         b'\xff',
     ],
 )
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
-    with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp"'):
-        telegram.parse_mdt_frame(frame, 1)
+    with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp hhhh"'):
+        telegram.parse_mdt_frame(frame, 1, b'3fa9')

@@ -1,0 +1,99 @@
+"""The master's side of the cyclic telegrams: answers of the drives, their losses, and the faults they tell of.
+
+Knows bus cycles, no clock and no messages. What it finds in the answers of cycle k is answered with a stop from cycle
+k + ``outstanding_cycles_max`` on: by then no command has gone out yet, however many answers are on their way, so that
+the course of events depends on bus time alone.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.words import Status, in_torque
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.parameters import Parameters
+
+LOSSES_IN_A_ROW = 2
+ERROR = int(Status.ERROR)  # operations on flags are 20 times slower
+
+
+class Master:
+    """What is known of the three drives.
+
+    Attributes
+    ----------
+    positions, speeds, torques
+        Of the motor shafts [rad, rad/s, N m], as the last answers said, or extrapolated.
+    status
+        Status words S-0-0135.
+    losses
+        Answers that were missing, per axis.
+    absent
+        Axes that do not take part any more; their answers are neither expected nor counted.
+    reaction_cycles
+        How many cycles after the one whose answers tell of a fault a stop begins.
+
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._cycle_time_s = parameters.bus.cycle_time_s
+        self.reaction_cycles = parameters.bus.outstanding_cycles_max
+        self.positions: Floats = np.zeros(3)
+        self.torques: Floats = np.zeros(3)
+        self.speeds = [0.0] * 3
+        self.status = [0] * 3
+        self.losses = [0] * 3
+        self.absent: set[int] = set()
+        self._in_a_row = [0] * 3
+        self._judged: list[int] = []
+
+    def begin(self) -> None:
+        """Begin cyclic operation: everybody takes part."""
+        self.absent.clear()
+        self.speeds = [0.0] * 3
+        self.status = [0] * 3
+        self._in_a_row = [0] * 3
+        self._judged = []
+
+    def take(self, axis: int, values: Sequence[float], status: int) -> None:
+        """Take the answer of an axis: position, speed, torque."""
+        self.positions[axis], self.speeds[axis], self.torques[axis] = values
+        self.status[axis] = status
+        self._in_a_row[axis] = 0
+
+    def bridge(self, axis: int) -> None:
+        """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
+        if axis in self.absent:
+            return
+        self.losses[axis] += 1
+        self._in_a_row[axis] += 1
+        self.positions[axis] += self.speeds[axis] * self._cycle_time_s
+
+    def lose(self, axis: int) -> None:
+        """Go on without an axis until the bus is phased up again: it is as good as without power."""
+        self.absent.add(axis)
+        self.status[axis] = 0
+        self.speeds[axis] = self.torques[axis] = 0.0
+
+    def faulty(self) -> list[int]:
+        """Numbers of the axes that report a fault."""
+        return [index for index, status in enumerate(self.status) if status & ERROR]
+
+    def judge(self, cycle: int, program_starts: int) -> str:
+        """Return what is wrong in a cycle whose answers are all there, as a sentence; empty if nothing is."""
+        for axis, in_a_row in zip(DRIVES, self._in_a_row, strict=True):
+            if in_a_row >= LOSSES_IN_A_ROW:
+                return f'{axis}: two AT lost in a row in bus cycle {cycle} (8506)'
+        if self.status == self._judged and cycle != program_starts:
+            return ''
+        self._judged = list(self.status)
+        for index, axis in enumerate(DRIVES):
+            status = self.status[index]
+            if index in self.absent:
+                continue
+            if status & ERROR:
+                return f'{axis} reports a fault in bus cycle {cycle}'
+            if cycle >= program_starts and not in_torque(status):
+                return f'{axis} is not enabled in bus cycle {cycle}, in which a program runs'
+        return ''

@@ -1,0 +1,43 @@
+"""How long a participant waits for another before it takes it for dead, on the wall clock.
+
+While a partner only is late, bus time stands and nothing is lost. The times are staggered, so that who can tell the
+culprit decides first: a drive that hears no master stops by itself; the plant goes on without a drive that sends no
+current, as a machine does whose end stage has lost its power; the master then sees who does not answer. Wherever a
+partner dies, everything else stands without torque within ``BOUND_S`` and the stopping time of the drives.
+"""
+
+MASTER_SILENT_S = 1.0  # a drive without MDT: fault 8506, reaction BD2, without the master
+DRIVE_SILENT_S = 2.0  # the plant without the currents of a drive: its motor is without power from there on
+ANSWER_SILENT_S = 0.5  # the master without the AT of one axis, while the others answer later cycles
+BUS_SILENT_S = 3.0  # the master without any AT
+PARTING_S = 0.3  # the plant without currents, once the phase has fallen
+BOUND_S = BUS_SILENT_S + 0.5
+
+
+class Watch:
+    """Looks at a partner from time to time.
+
+    A look that itself comes late shows that this process was held up: what came meanwhile may still lie unread, so that
+    the partner gets all the time again.
+
+    Parameters
+    ----------
+    period_s
+        Time between two looks [s].
+
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._late_s = 2.0 * period_s
+        self._heard_s = self._looked_s = 0.0
+
+    def heard(self, now_s: float) -> None:
+        """Note that the partner was heard, or that it need not say anything."""
+        self._heard_s = now_s
+
+    def silence_s(self, now_s: float) -> float:
+        """Look: how long the partner has been silent [s]."""
+        if now_s - self._looked_s > self._late_s:
+            self._heard_s = now_s
+        self._looked_s = now_s
+        return now_s - self._heard_s

@@ -1,0 +1,90 @@
+"""Start-up of the bus as the master sees it: what each phase from CP0 to CP3 waits for."""
+
+from rclpy.node import Node
+
+from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
+from delta3_pacdrive.bus.words import Phase
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes.participant import Roll
+
+# topics of the bus and of the machine, each with one writer
+WRITTEN_BY_ONE = (
+    'sercos/phase',
+    'sercos/mdt',
+    *(f'sercos/at/{axis}' for axis in DRIVES),
+    *(f'{axis}/motor_current' for axis in DRIVES),
+    'plant/motor_shafts',
+)
+
+
+def doubled(node: Node) -> str:
+    """Say which topic of the bus has two writers, and who they are; empty if none has."""
+    for topic in WRITTEN_BY_ONE:
+        if node.count_publishers(topic) > 1:
+            writers = sorted(
+                f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+            )
+            return f'{topic} has {len(writers)} writers: {", ".join(writers)}'
+    return ''
+
+
+class PhaseUp:
+    """One start-up after the other.
+
+    Attributes
+    ----------
+    waiting
+        What the present phase waits for, empty if it waits for nothing.
+    resting
+        Shaft positions [rad] that the drives have answered with, by number of the axis.
+
+    """
+
+    def __init__(self, node: Node, roll: Roll, identity: Identity) -> None:
+        self._node, self._roll, self._identity = node, roll, identity
+        self.waiting = ''
+        self.resting: dict[int, float] = {}
+
+    def begin(self) -> None:
+        """Begin anew: whoever answered before has to do so again."""
+        self.resting.clear()
+        self._roll.call_again()
+
+    def next(self, phase: Phase) -> Phase:
+        """Return the phase that follows now, the present one while it has to wait.
+
+        Raises
+        ------
+        RunError
+            Participants disagree about what the bus rests on.
+
+        """
+        conditions = {Phase.CP0: self._presence, Phase.CP1: self._answers, Phase.CP2: self._agreement}
+        self._wait_for(conditions[phase]())
+        return phase if self.waiting else Phase(phase + 1)
+
+    def _presence(self) -> str:
+        absent = missing(self._roll.identities)
+        if absent:
+            return f'waiting for {", ".join(absent)}'
+        twice = doubled(self._node)
+        return f'waiting until one of them ends: {twice}' if twice else ''
+
+    def _answers(self) -> str:
+        silent = [axis for index, axis in enumerate(DRIVES) if index not in self.resting]
+        return f'waiting for an answer of {", ".join(silent)}' if silent else ''
+
+    def _agreement(self) -> str:
+        present = {name: self._roll.identities[name] for name in PARTICIPANTS}
+        sentences = disagreements(self._identity, present)
+        if sentences:
+            raise RunError('; '.join(sentences))
+        unlinked = [axis for axis in DRIVES if axis not in self._roll.links.get(PLANT, ())]
+        return f'waiting for the plant to hear {", ".join(unlinked)}' if unlinked else ''
+
+    def _wait_for(self, reason: str) -> None:
+        if reason != self.waiting:
+            self.waiting = reason
+            if reason:
+                self._node.get_logger().info(reason)
