@@ -16,6 +16,8 @@ moves:
 - cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
 - dwell: {time_s: 0.1}
 - output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
+faults:                                                             # optional: injected faults, see injection.py
+- {fault: drop_at, axis: axis2, after_s: 0.3}                         # bus time from the start of the program
 """
 
 import math
@@ -30,6 +32,8 @@ from numpy.typing import ArrayLike
 from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, payload_on_grid
 from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.injection import Fault
+from delta3_pacdrive.injection import parse as parse_fault
 from delta3_pacdrive.motion.checks import Limits
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
@@ -42,6 +46,7 @@ REACH_M = 10.0
 LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 NAME_MAX = 100
+FAULTS_MAX = 1000
 
 Point = tuple[float, float, float]
 
@@ -123,6 +128,7 @@ class Program:
     start_m: Point | None = None
     repeat: int = 1
     payload_kg: float | None = None
+    faults: tuple[Fault, ...] = ()
 
 
 def load(path: str | Path, motion: Motion) -> Program:
@@ -165,7 +171,7 @@ _PATH_KEYS = _LIMIT_KEYS | {'blend_m', 'strict'}
 
 def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     """Build a program from a parsed YAML document; raises ProgramError."""
-    allowed = {'name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves'}
+    allowed = {'name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves', 'faults'}
     fields = _mapping(document, 'the program', allowed, {'moves'})
     defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
     limits = _limits(_mapping(fields.get('limits', {}), 'limits', _LIMIT_KEYS, set()), defaults, 'limits')
@@ -184,7 +190,17 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     statements = tuple(_statement(item, f'moves[{n}]', context) for n, item in enumerate(moves))
     start = _point(fields['start_m'], 'start_m', points) if 'start_m' in fields else None
     payload = _payload(fields['payload_kg'], 'payload_kg') if 'payload_kg' in fields else None
-    return Program(_name(fields.get('name', name), 'name'), statements, start, repeat, payload)
+    faults = fields.get('faults', [])
+    if not isinstance(faults, list) or len(faults) > FAULTS_MAX:
+        raise ProgramError(f'faults must be a list of at most {FAULTS_MAX} faults')
+    return Program(
+        _name(fields.get('name', name), 'name'),
+        statements,
+        start,
+        repeat,
+        payload,
+        tuple(parse_fault(item, f'faults[{n}]') for n, item in enumerate(faults)),
+    )
 
 
 def _name(value: Any, what: str) -> str:

@@ -26,7 +26,9 @@ from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diag
 from delta3_pacdrive.drive.idn import TABLE, Register
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.injection import LOSES_AT, LOSES_MDT, change_drive
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
@@ -35,6 +37,7 @@ from delta3_pacdrive.parameters import Parameters, flatten
 
 HOUSEKEEPING_S = 0.25
 DIAGNOSTICS_EVERY = 4
+MDT_FAULTS, AT_FAULTS = LOSES_MDT | {'duplicate_mdt'}, LOSES_AT | {'duplicate_at'}
 PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
 RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 # what may change in cyclic operation, by the name of the parameter: ROS parameters of the drive and IDNs of the bus
@@ -96,6 +99,9 @@ class MC4DriveNode(Node):
             JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
         )
         self._participant = Participant(self, axis, parameters)
+        self._faults = Faults(self, axis, lambda: self._cycle)
+        self._delayed: list[tuple[int, bytes]] = []  # AT that an injected fault holds back, and until when
+        self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
@@ -182,6 +188,8 @@ class MC4DriveNode(Node):
             return
         if cycle >= 0:
             self._master.heard(time.monotonic())
+            if self._faults.disturbs_telegrams and not self._reaches_the_drive(cycle, data):
+                return
             if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
                 self._commands[cycle] = (values[self._index], *self._words[1:])
                 self._newest_command = max(self._newest_command, cycle)
@@ -192,6 +200,42 @@ class MC4DriveNode(Node):
             position = self._drive.encoder_position(self._resting_position)
             frame = telegram.at_frame(RESTING, 0, self._session)
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
+
+    def _reaches_the_drive(self, cycle: int, data: bytes) -> bool:
+        """Let injected faults befall an MDT."""
+        fault = self._faults.telegram(MDT_FAULTS, self._axis, cycle)
+        if fault is None:
+            return True
+        if fault.kind in ('duplicate_mdt', 'delay_mdt'):
+            self._late += 1  # repeated, or of no use any more when it comes
+        elif fault.kind == 'corrupt_mdt':
+            try:
+                self._mdt.decode(data[: len(data) // 2])
+            except TelegramError as error:
+                self._refuse(error)
+        return fault.kind == 'duplicate_mdt'
+
+    def _send_at(self, cycle: int, frame: bytes) -> None:
+        """Publish an AT, unless an injected fault befalls it."""
+        data = self._at.encode(self._cycles.stamp(cycle), frame, self._drive.answer.tolist())
+        if not self._faults.disturbs_telegrams:
+            self._publish_at(data)
+            return
+        fault = self._faults.telegram(AT_FAULTS, self._axis, cycle)
+        if fault is None:
+            self._publish_at(data)
+        elif fault.kind == 'duplicate_at':
+            self._publish_at(data)
+            self._publish_at(data)
+        elif fault.kind == 'corrupt_at':
+            position, speed, _ = self._drive.answer.tolist()
+            self._publish_at(self._at.encode(self._cycles.stamp(cycle), frame, (position, speed, math.nan)))
+        elif fault.kind == 'delay_at':
+            self._delayed.append((cycle + int(fault.value), data))
+        for due, late in self._delayed:
+            if due <= cycle:
+                self._publish_at(late)
+        self._delayed = [item for item in self._delayed if item[0] > cycle]
 
     def _on_shafts(self, data: bytes) -> None:
         if self._session == telegram.NO_SESSION:
@@ -223,6 +267,8 @@ class MC4DriveNode(Node):
                 return
             cycle, within = divmod(exchange, self._exchanges_per_cycle)
             if within == 0:
+                if cycle >= self._faults.next_cycle:
+                    self._change_faults(cycle)
                 telegram_ = self._commands.pop(cycle, None)
                 if telegram_ is not None:
                     command, control, service, payload = telegram_
@@ -239,13 +285,7 @@ class MC4DriveNode(Node):
                             return
                 else:
                     return
-                self._publish_at(
-                    self._at.encode(
-                        self._cycles.stamp(cycle),
-                        telegram.at_frame(status, self._service.to_send(), self._session),
-                        drive.answer.tolist(),
-                    )
-                )
+                self._send_at(cycle, telegram.at_frame(status, self._service.to_send(), self._session))
                 if self._phases.wanted:
                     self._publish_phase_currents(cycle)
             del self._shafts[exchange]
@@ -254,6 +294,10 @@ class MC4DriveNode(Node):
                 self._current.encode(self._exchanges.stamp(exchange), frame, drive.currents.tolist())
             )
             self._exchange = exchange + 1
+
+    def _change_faults(self, cycle: int) -> None:
+        for fault, begins in self._faults.begin_and_end(cycle):
+            change_drive(self._drive.state[0], fault, begins, self._dc_link_v)
 
     def _current_frame(self, released: bool, payload: float) -> bytes:
         frame = self._current_frames.get((released, payload))

@@ -20,15 +20,18 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive.bus.time import Clock
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.injection import Fault
 from delta3_pacdrive.motion.checks import check_reach
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan
 from delta3_pacdrive.motion.timeline import NEVER, Course
 from delta3_pacdrive.nodes import telegram
+from delta3_pacdrive.nodes.fault_desk import LEAD_CYCLES, FaultDesk
 from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.transformation import Transformation
 
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
+FAULT = 'FAULT'  # label of a message with a fault of the program
 ORDER = 'ORDER'  # label of the message that ends a plan: start cycle (-1: as soon as possible), rate, numbers of moves
 ORDER_HEADER = 2
 
@@ -68,9 +71,14 @@ class MotionServer:
     """
 
     def __init__(
-        self, node: Node, task: Transformation, robot: Parameters, earliest: Callable[[], int]
+        self,
+        node: Node,
+        task: Transformation,
+        robot: Parameters,
+        earliest: Callable[[], int],
+        faults: FaultDesk,
     ) -> None:
-        self._node, self._task, self._robot = node, task, robot
+        self._node, self._task, self._robot, self._faults = node, task, robot, faults
         self._cycles = Clock(robot.bus.cycle_time_s)
         self._earliest = earliest
         self.state = MotionState.IDLE
@@ -78,6 +86,7 @@ class MotionServer:
         self.finished = False
         self._ready = False  # whether the robot has been located
         self._parts: list[Move] = []
+        self._planned_faults: list[Fault] = []
         self._aborting = False
         self._outputs, self._payload = task.outputs, task.payload
         self._told: Course | None = None  # the course that was published last
@@ -171,19 +180,23 @@ class MotionServer:
             if message.layout.dim and message.layout.dim[0].label == ORDER:
                 self._start(row)
                 return
+            if message.layout.dim and message.layout.dim[0].label == FAULT:
+                self._planned_faults.append(Fault.from_row(row.tolist()))
+                return
             move, number, count = Move.from_array(row)
             check_reach(move, self._robot)
             if number == 0:
-                self._parts = []
+                self._parts, self._planned_faults = [], []
             if number != len(self._parts):
                 raise ProgramError(f'plan message {number} of {count} came where {len(self._parts)} was due')
             self._parts.append(move)
         except ProgramError as error:
-            self._parts = []
+            self._parts, self._planned_faults = [], []
             self.refuse('plan', error)
 
     def _start(self, row: Any) -> None:
         moves, self._parts = self._parts, []
+        faults, self._planned_faults = self._planned_faults, []
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError('the order of a plan must be whole numbers behind a start cycle and a rate')
         cycle, rate = row[:ORDER_HEADER].tolist()
@@ -193,11 +206,13 @@ class MotionServer:
         away = float(np.linalg.norm(plan.start_m() - self._task.state['tcp'][0]))
         if away > STANDING_M:
             raise ProgramError(f'it starts {away * 1e3:.3f} mm away from where the robot stands')
+        self._faults.check(faults)
         self._task.load(plan)
         self.finished = False
-        self.starts = max(int(cycle), self._earliest())
+        self.starts = max(int(cycle), self._earliest() + (LEAD_CYCLES if faults else 0))
         self._task.start(self.starts, rate)
         self._follow()
+        self._faults.inject(faults, self.starts)
         self._node.get_logger().info(f'program of {len(plan)} moves starts in bus cycle {self.starts}')
         self._enter(MotionState.MOVING)
 

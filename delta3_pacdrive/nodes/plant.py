@@ -22,7 +22,9 @@ from delta3_pacdrive.bus.silence import DRIVE_SILENT_S, PARTING_S, Watch
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.injection import change_plant
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
 from delta3_pacdrive.nodes.robot_parameters import declare_robot
@@ -49,7 +51,7 @@ class PlantNode(Node):
         samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._matrix = np.zeros((samples, 3))
         self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{}, {}, {}]
-        self._payload = 0.0
+        self._payload: float | None = None
         self._silence = (0.0,) * samples
         self._powerless: set[int] = set()
         self._heard: set[str] = set()
@@ -73,6 +75,7 @@ class PlantNode(Node):
             )
         self.create_subscription(Header, 'sercos/phase', self._on_phase, LATCHED)
         self._participant = Participant(self, PLANT, parameters)
+        self._faults = Faults(self, PLANT, lambda: self._exchange // self._exchanges_per_cycle)
         self._greeter = self.create_timer(GREETING_S, self._greet)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
@@ -183,6 +186,9 @@ class PlantNode(Node):
         )
 
     def _integrate(self) -> None:
+        if self._exchange >= self._faults.next_cycle * self._exchanges_per_cycle:
+            for fault, begins in self._faults.begin_and_end(self._exchange // self._exchanges_per_cycle):
+                change_plant(self._plant.state[0], fault, begins)
         brakes = []
         for index, waiting in enumerate(self._currents):
             released = False

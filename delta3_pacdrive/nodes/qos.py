@@ -20,6 +20,9 @@ PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 # Requests of operators, in the order in which they were made.
 REQUEST = QoSProfile(depth=10)
 
+# Injected faults: none may be missed, however many a program holds.
+FAULTS = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+
 # A topic of which only the newest message counts.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 

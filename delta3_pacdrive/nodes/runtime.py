@@ -15,6 +15,14 @@ from rclpy.task import Future
 
 from delta3_pacdrive.errors import Delta3Error
 
+_separate = False
+
+
+def is_separate() -> bool:
+    """Whether this process is that of a single node."""
+    return _separate
+
+
 SPIN_S = 0.1  # how long a signal may wait for the main thread
 
 
@@ -56,6 +64,8 @@ class Process:
 
 def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = None) -> int:
     """Be the main function of a process: build the nodes, spin, clean up; return the exit status."""
+    global _separate  # noqa: PLW0603 (a fact about the process)
+    _separate = len(factories) == 1
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     process: Process | None = None
     try:

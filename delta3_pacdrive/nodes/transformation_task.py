@@ -29,8 +29,10 @@ from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, in_torque
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import ParameterError, ProgramError, RunError, TelegramError, UnreachableError
+from delta3_pacdrive.injection import TASK
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults
 from delta3_pacdrive.nodes.motion_server import MotionServer
 from delta3_pacdrive.nodes.output import Output, TelegramOutput
 from delta3_pacdrive.nodes.participant import Roll
@@ -118,8 +120,15 @@ class TransformationTaskNode(PollingNode):
         self.create_service(SetBool, 'enable', self._on_enable)
         self.create_service(Trigger, 'emergency_stop', self._on_emergency_stop)
         self.create_service(Trigger, 'reset', self._on_reset)
-        self._desk = ServiceDesk(self, lambda: '' if self._cyclic else f'the bus is in {self._phase.name}')
-        self._motion = MotionServer(self, self._task, parameters, self._earliest)
+        self._desk = ServiceDesk(self, self._closed)
+        self._faults = Faults(self, TASK, lambda: self._cycle)
+        self._fault_desk = FaultDesk(
+            self,
+            bus.cycle_time_s,
+            self._closed,
+            lambda: self._cycle,
+        )
+        self._motion = MotionServer(self, self._task, parameters, self._earliest, self._fault_desk)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(PROGRESS_S, self._report)
         self._reports = 0
@@ -167,9 +176,13 @@ class TransformationTaskNode(PollingNode):
     def _cyclic(self) -> bool:
         return self._phase == Phase.CP4
 
-    def _enter(self, phase: Phase, cycle: int | None = None) -> None:
+    def _closed(self) -> str:
+        """Say why nothing that needs cyclic operation can be done, empty if it can."""
+        return '' if self._cyclic else f'the bus is in {self._phase.name}'
+
+    def _enter(self, phase: Phase) -> None:
         self._phase = phase
-        stamp = self._cycles.stamp(self._cycle if cycle is None else cycle)
+        stamp = self._cycles.stamp(self._cycle)
         self._phase_publisher.publish(telegram.phase_message(phase, self._session, stamp))
         if phase != Phase.CP0 or self._fault:
             self.get_logger().info(f'bus phase {phase.name}')
@@ -295,6 +308,8 @@ class TransformationTaskNode(PollingNode):
             outstanding = cycle - self._answered
             self._lateness.add(self._pacing.lateness_s(cycle, now))
             self._outstanding[outstanding] += 1
+            if cycle >= self._faults.next_cycle:
+                self._befall(cycle)
             commands = self._task.command(cycle)
             frame = self._frame(cycle)
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
@@ -305,6 +320,13 @@ class TransformationTaskNode(PollingNode):
                 self._master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self._cycle = cycle + 1
             self._motion.commanded(cycle)
+
+    def _befall(self, cycle: int) -> None:
+        """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
+        for fault, _ in self._faults.begin_and_end(cycle):
+            if fault.kind == 'emergency_stop':
+                self._note(f'emergency stop in bus cycle {cycle}')
+                self._task.stop_at(cycle)
 
     def _frame(self, cycle: int) -> bytes:
         """Frame of the MDT of a cycle."""

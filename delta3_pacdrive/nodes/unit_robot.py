@@ -29,7 +29,7 @@ from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.rejoin import rejoin
 from delta3_pacdrive.motion.timeline import RATE_MAX, RATE_MIN, Course, Timeline
 from delta3_pacdrive.nodes import runtime, telegram
-from delta3_pacdrive.nodes.motion_server import ORDER, MotionState, numbers
+from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, MotionState, numbers
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -195,7 +195,11 @@ class UnitRobotNode(PollingNode):
         elif self._queue.repeat > 1 or more.repeat > 1:
             raise ProgramError('a queue with a repeated program takes no other moves; clear it first')
         else:
-            program = replace(self._queue, statements=self._queue.statements + more.statements)
+            program = replace(
+                self._queue,
+                statements=self._queue.statements + more.statements,
+                faults=self._queue.faults + more.faults,
+            )
         self._say(self._plan_queue(program))
 
     def _on_program(self, message: String) -> None:
@@ -232,12 +236,15 @@ class UnitRobotNode(PollingNode):
             raise ProgramError('no moves are in the queue')
         if not self._change.get_subscription_count():
             raise ProgramError('the transformation task does not listen yet')
-        planned = self._planned or planning.plan(self._queue, self._require_rest(), self._robot)
+        program = self._queue
+        planned = self._planned or planning.plan(program, self._require_rest(), self._robot)
         self._queue = self._planned = None
         self._rate_max = planned.rate_max
         rate = min(self._rate, planned.rate_max)
         for number, move in enumerate(planned.plan.moves):
             self._plan.publish(numbers(move.to_array(number, len(planned.plan.moves)), move.kind.name))
+        for fault in program.faults:
+            self._plan.publish(numbers(fault.to_row(), FAULT))
         cycle = self._robot.motion.start_cycle if self._starts_by_itself else -1
         self._starts_by_itself = False
         self._plan.publish(numbers([cycle, rate, *planned.plan.tables.order.tolist()], ORDER))

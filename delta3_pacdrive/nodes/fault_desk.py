@@ -1,0 +1,139 @@
+"""Injected faults on the graph: the master's desk that accepts them, and what every node does about its own.
+
+Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
+in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
+(String, JSON), from the transformation task to all nodes, one message for each accepted fault.
+"""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+
+from diagnostic_msgs.srv import AddDiagnostics
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from delta3_pacdrive import yaml_file
+from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.injection import OF_PROCESSES, Fault, Schedule, Scheduled, befalls, parse
+from delta3_pacdrive.nodes import runtime
+from delta3_pacdrive.nodes.qos import FAULTS
+
+SCHEDULE = 'faults/schedule'
+LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard of it by then
+REQUEST_MAX = 10_000  # characters
+
+
+class FaultDesk:
+    """Accepts faults and tells all nodes.
+
+    Parameters
+    ----------
+    node
+        Of the transformation task.
+    closed
+        Returns why nothing can be injected, empty while it can.
+    next_cycle
+        Returns the next bus cycle that is not under way.
+
+    """
+
+    def __init__(
+        self, node: Node, cycle_time_s: float, closed: Callable[[], str], next_cycle: Callable[[], int]
+    ) -> None:
+        self._node, self._cycle_time_s = node, cycle_time_s
+        self._closed, self._next_cycle = closed, next_cycle
+        self.accepted = 0
+        self._schedule = node.create_publisher(String, SCHEDULE, FAULTS)
+        node.create_service(AddDiagnostics, 'inject_fault', self._on_request)
+
+    def _on_request(
+        self, request: AddDiagnostics.Request, response: AddDiagnostics.Response
+    ) -> AddDiagnostics.Response:
+        try:
+            text = request.load_namespace
+            if len(text) > REQUEST_MAX:
+                raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
+            fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
+            closed = self._closed()
+            if closed:
+                raise ProgramError(f'a fault needs cyclic operation, {closed}')
+            (scheduled,) = self.inject([fault], self._next_cycle() + LEAD_CYCLES)
+            response.success = True
+            response.message = f'{fault.text} from bus cycle {scheduled.first} on'
+        except Delta3Error as error:
+            response.message = str(error)
+            self._node.get_logger().error(f'fault refused: {error}')
+        return response
+
+    def check(self, faults: Sequence[Fault]) -> None:
+        """Refuse faults that cannot be carried out; raises ProgramError."""
+        for fault in faults:
+            if fault.kind in OF_PROCESSES and not runtime.is_separate():
+                raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
+
+    def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
+        """Announce faults whose times count from a bus cycle; raises ProgramError."""
+        self.check(faults)
+        placed = [Scheduled.of(fault, cycle, self._cycle_time_s) for fault in faults]
+        for scheduled in placed:
+            self.accepted += 1
+            self._schedule.publish(String(data=json.dumps(scheduled.to_document())))
+            self._node.get_logger().warning(
+                f'injected fault: {scheduled.fault.text} from bus cycle {scheduled.first} on'
+            )
+        return placed
+
+
+class Faults(Schedule):
+    """Faults that befall one node.
+
+    Parameters
+    ----------
+    node, name
+        The node, and its name as a target of faults.
+    cycle
+        Returns the bus cycle that the node is in.
+
+    Attributes
+    ----------
+    late
+        Faults that were heard of after their first cycle.
+
+    """
+
+    def __init__(self, node: Node, name: str, cycle: Callable[[], int]) -> None:
+        super().__init__()
+        self._node, self._name, self._cycle = node, name, cycle
+        self.late = 0
+        node.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
+
+    def _on_schedule(self, message: String) -> None:
+        try:
+            scheduled = Scheduled.from_document(json.loads(message.data))
+        except (ProgramError, json.JSONDecodeError) as error:
+            self._node.get_logger().error(f'{self._name}: {error}')
+            return
+        if not befalls(scheduled.fault, self._name):
+            return
+        if scheduled.first < self._cycle():
+            self.late += 1
+            self._node.get_logger().warning(
+                f'{self._name}: heard of {scheduled.fault.text} after bus cycle {scheduled.first}'
+            )
+        self.add(scheduled)
+
+    def begin_and_end(self, cycle: int) -> list[tuple[Fault, bool]]:
+        """Return what begins or ends by a cycle; a fault of this process befalls it at once."""
+        changes = self.due(cycle)
+        for fault, begins in changes:
+            self._node.get_logger().warning(
+                f'{self._name}: {fault.text} {"begins" if begins else "ends"} in bus cycle {cycle}'
+            )
+            if fault.kind == 'kill':
+                os.kill(os.getpid(), signal.SIGKILL)
+            elif fault.kind == 'freeze':
+                time.sleep(fault.value)
+        return changes
