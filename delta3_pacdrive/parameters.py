@@ -300,6 +300,16 @@ def flatten(parameters: Parameters) -> dict[str, Any]:
     }
 
 
+def write(parameters: Parameters, path: Path) -> Path:
+    """Write a parameter file that ``load`` and every node read; return its path."""
+    document: dict[str, Any] = {group: {} for group in _GROUPS}
+    for name, value in flatten(parameters).items():
+        group, _, key = name.partition('.')
+        document[group][key] = list(value) if isinstance(value, tuple) else value
+    yaml_file.write(path, {'/**': {'ros__parameters': document}})
+    return path
+
+
 def from_flat(values: dict[str, Any], where: str = 'parameters') -> Parameters:
     """Build parameters from dotted names; every name must be there, and no other.
 

@@ -10,9 +10,9 @@ from delta3_pacdrive.bus.words import (
     IN_TORQUE,
     READINESS_AND_ERROR,
     in_torque,
-    payload_on_grid,
 )
-from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.disturbed import run_disturbed
+from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.kernel import kernel, mark_compiled
 from delta3_pacdrive.kinematics import Floats
@@ -20,11 +20,11 @@ from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion.checks import Limits
 from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.mechanism import Plant, advance_plant
+from delta3_pacdrive.plant.mechanism import Plant
+from delta3_pacdrive.robot import AXES, Robot, robot_cycle
 from delta3_pacdrive.trace import SIGNALS, Trace
 from delta3_pacdrive.transformation import Transformation, answer_cycle, command_cycle
 
-AXES = ('axis1', 'axis2', 'axis3')
 # places of the signals in the columns of a run
 (
     MOTOR_COMMAND,
@@ -49,101 +49,12 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
 
 
 @kernel
-def _robot_cycle(
-    motors, control, payload_kg, status, answers, payload, exchanges, drives, drive_constants, plant
-):
-    """One bus cycle of drives and plant, exchange by exchange.
-
-    ``payload`` holds what is gripped now, and what the last MDT said [kg].
-    """
-    motor_record, plant_state, plant_constants, geometry_record, inertia_record, shafts, matrix, brakes = (
-        plant
-    )
-    payload[0] = payload[1]
-    payload[1] = payload_kg
-    for i in range(3):
-        state, answer, _ = drives[i]
-        status[i] = mc4_begin_cycle(
-            True,
-            motors[i],
-            control,
-            shafts[i],
-            shafts[3 + i],
-            shafts[6 + i],
-            answer,
-            state,
-            drive_constants,
-        )
-        for row in range(3):
-            answers[row, i] = answer[row]
-    for _ in range(exchanges):
-        for i in range(3):
-            state, _, currents = drives[i]
-            brakes[i] = mc4_run_period(
-                shafts[i], shafts[3 + i], shafts[6 + i], currents, state, drive_constants, motor_record
-            )
-            for n in range(currents.shape[0]):
-                matrix[n, i] = currents[n]
-        advance_plant(
-            matrix,
-            brakes,
-            payload[0],
-            shafts,
-            plant_state,
-            plant_constants,
-            geometry_record,
-            inertia_record,
-            motor_record,
-        )
-
-
-class Robot:
-    """Plant and drives, one exchange after the other."""
-
-    def __init__(self, parameters: Parameters) -> None:
-        bus = parameters.bus
-        self.plant = Plant(parameters)
-        self.drives = [MC4(parameters) for _ in AXES]
-        gripped = payload_on_grid(parameters.dynamics.payload_mass_kg)
-        self.payload: Floats = np.array([gripped, gripped])
-        self.exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
-        steps = len(self.drives[0].currents)
-        self.drive_arrays = tuple((drive.state, drive.answer, drive.currents) for drive in self.drives)
-        self.drive_constants = self.drives[0].constants
-        self.plant_arrays = (*self.plant.arrays(), np.zeros((steps, 3)), np.zeros(3, dtype=np.int64))
-        self._status = np.zeros(3, dtype=np.int64)
-
-    def encoder_positions(self) -> list[float]:
-        """Motor shaft positions [rad] as the encoders read them."""
-        positions = self.plant.shafts()[:3]
-        return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
-
-    def cycle(
-        self, commands: Floats, control: int, answers: Floats, payload_kg: float | None = None
-    ) -> list[int]:
-        """Run one bus cycle; fill ``answers`` (3 rows: position, speed, torque) and return the status words."""
-        _robot_cycle(
-            np.ascontiguousarray(commands, dtype=np.float64),
-            control,
-            float(self.payload[1]) if payload_kg is None else payload_kg,
-            self._status,
-            answers,
-            self.payload,
-            self.exchanges,
-            self.drive_arrays,
-            self.drive_constants,
-            self.plant_arrays,
-        )
-        return list(self._status.tolist())
-
-
-@kernel
 def _run_cycles(first, last, start_cycle, enable_cycle, task, robot, status, columns):
     """Run bus cycles and fill the columns; return the first cycle of the program without torque, or -1."""
     course, table, tables, motors, answer, task_state, task_constants, geometry_record = task
     payload, exchanges, drives, drive_constants, plant = robot
     shafts = plant[5]
-    answers = np.empty((3, 3))
+    answers, heard = np.empty((3, 3)), np.ones(3, dtype=np.int64)
     for k in range(first, last):
         command_cycle(k, course, table, tables, motors, task_state, task_constants, geometry_record)
         for i in range(3):
@@ -152,7 +63,8 @@ def _run_cycles(first, last, start_cycle, enable_cycle, task, robot, status, col
             columns[SHAFT_SPEED][k, i] = shafts[3 + i]
             columns[COUPLING_TORQUE][k, i] = shafts[6 + i]
         control = CONTROL_ENABLE if k >= enable_cycle else CONTROL_ON
-        _robot_cycle(
+        robot_cycle(
+            heard,
             motors,
             control,
             task_state[0].payload,
@@ -205,28 +117,30 @@ def run(program: Program, parameters: Parameters) -> Trace:
         raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
     task.enable_cycle = motion.enable_cycle
     task.start(motion.start_cycle)
+    if program.faults:
+        signals, stopped = run_disturbed(program.faults, robot, task, parameters)
+    else:
+        columns, stopped = _run_undisturbed(robot, task, motion.start_cycle), ''
+        signals = dict(zip(SIGNALS, columns, strict=True))
+    signals['current'] /= parameters.motor.torque_constant_n_m_a
+    return Trace(
+        np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s,
+        signals,
+        _meta(planned, parameters, task) | {'stopped': stopped},
+    )
+
+
+def _run_undisturbed(robot: Robot, task: Transformation, start_cycle: int) -> tuple[Floats, ...]:
+    """Run a program in one compiled loop; raises RunError if a drive trips."""
     cycles = task.last_cycle + 1
     columns = tuple(np.empty((cycles, 3)) for _ in SIGNALS)
     status = np.zeros(3, dtype=np.int64)
     stopped = _run_cycles(
-        0,
-        cycles,
-        motion.start_cycle,
-        task.enable_cycle,
-        task.arrays(),
-        (robot.payload, robot.exchanges, robot.drive_arrays, robot.drive_constants, robot.plant_arrays),
-        status,
-        columns,
+        0, cycles, start_cycle, task.enable_cycle, task.arrays(), robot.arrays(), status, columns
     )
     if stopped >= 0:
         _refuse_without_torque(robot, status.tolist(), stopped)
-    signals = dict(zip(SIGNALS, columns, strict=True))
-    signals['current'] /= parameters.motor.torque_constant_n_m_a
-    return Trace(
-        np.arange(cycles, dtype=np.float64) * parameters.bus.cycle_time_s,
-        signals,
-        _meta(planned, parameters, task),
-    )
+    return columns
 
 
 def rehearse(parameters: Parameters) -> None:

@@ -50,3 +50,8 @@ def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError, TypeError) as failure:
         reason = ' '.join(str(failure).split()) or type(failure).__name__
         raise error(f'{what} is not valid YAML: {reason}') from failure
+
+
+def write(path: Path, document: Any) -> None:
+    """Write a document."""
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding='utf-8')

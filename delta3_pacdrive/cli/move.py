@@ -164,7 +164,9 @@ def _state_text(progress: dict[str, Any]) -> str:
             f', move {progress["move"] + 1} of {progress["moves"]}, master at {progress["master_m"]:.4f} m, '
             f'{progress["remaining_s"]:.2f} s left, override {100 * progress["rate"]:g} %'
         )
-    return text + (f', fault: {progress["fault"]}' if progress['fault'] else '')
+    for key in ('waiting', 'fault'):
+        text += f', {"fault: " if key == "fault" else ""}{progress[key]}' if progress[key] else ''
+    return text
 
 
 def _wait_for_the_end(options: argparse.Namespace, operator: Any, tell: Callable[[str], None]) -> None:

@@ -29,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
+    from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import program as programs
 
     announce_compilation()
@@ -54,6 +55,9 @@ def _simulate(options: argparse.Namespace) -> int:
         'lost_telegrams': 0,
         **trace.meta['figures'],
     }
+    stopped = trace.meta['stopped']
+    if stopped:
+        raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
     if options.json:
         print(json.dumps(result))
     else:

@@ -31,12 +31,23 @@ class _Announcement:
     def __init__(self, display: Display, bringup: Any, quiet: bool) -> None:
         self._display, self._bringup, self._quiet = display, bringup, quiet
         self._told = False
+        self._notes = 0
+        self._fault = ''
+
+    def _say(self, sentence: str) -> None:
+        if not self._quiet:
+            print(sentence, file=sys.stderr, flush=True)
 
     def show(self, progress: dict[str, Any]) -> None:
+        for note in self._bringup.notes[self._notes :]:
+            self._notes += 1
+            self._say(note)
+        if progress['fault'] != self._fault:
+            self._fault = progress['fault']
+            self._say(f'fault: {self._fault}' if self._fault else 'faults cleared')
         if not self._told and progress['in_torque']:
             self._told = True
-            if not self._quiet:
-                print(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends', file=sys.stderr, flush=True)
+            self._say(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
         self._display.show(progress)
 
 

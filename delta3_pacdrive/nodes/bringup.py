@@ -25,11 +25,12 @@ from std_srvs.srv import SetBool
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
+from delta3_pacdrive.bus.silence import BOUND_S
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes import discovery, runtime
-from delta3_pacdrive.nodes.child import Child, Schedule, end_all, spawn
+from delta3_pacdrive.nodes.child import Child, Schedule, end_all, respawn, spawn
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
@@ -40,6 +41,7 @@ from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
+RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 
 
@@ -88,6 +90,9 @@ class Bringup:
         self._options = options
         self._robot, self._program, self._planned = _check(options)
         self._children: list[Child] = []
+        self._restarts: dict[str, Callable[[], Child]] = {}  # how a process is started again, by name
+        self._restarted: list[float] = []  # when [s]
+        self.notes: list[str] = []
         self._interrupted = False
         self._monitor: _Monitor
         self._process: runtime.Process
@@ -137,6 +142,8 @@ class Bringup:
         else:
             for name, factory in nodes.items():
                 self._spawn(name, [factory], logs, schedule)
+            if program is None:
+                self._prepare_restarts(logs, schedule)
         # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         read_end, self._go = os.pipe()
         self._spawn('unit_robot', [planner], logs, wait_for=read_end)
@@ -145,6 +152,33 @@ class Bringup:
         self._process = runtime.Process()
         self._monitor = _Monitor(options.namespace)
         self._process.add(self._monitor)
+
+    def _prepare_restarts(self, logs: Path, schedule: Schedule) -> None:
+        """Note how a process that dies is started again: by itself, with the same parameters."""
+        options = self._options
+        common = ['--ros-args', '--params-file', str(core.write(self._robot, logs / 'robot.yaml'))]
+        common += ['-r', f'__ns:=/{options.namespace.strip("/")}']
+        names = {
+            'plant': ('plant', []),
+            'transformation_task': (
+                'transformation_task',
+                ['-p', f'real_time_factor:={float(options.real_time_factor)}'],
+            ),
+            'unit_robot': ('unit_robot', []),
+            **{
+                f'mc4_drive_{axis}': ('mc4_drive', ['-p', f'axis:={axis}', '-r', f'__node:=mc4_drive_{axis}'])
+                for axis in (1, 2, 3)
+            },
+        }
+        for name, (module, own) in names.items():
+            self._restarts[name] = partial(
+                respawn,
+                name,
+                f'delta3_pacdrive.nodes.{module}',
+                [*common, *own],
+                logs / f'{name}.log',
+                Schedule.ORDINARY if name == 'unit_robot' else schedule,
+            )
 
     def _factory(self, node: type[Node], values: dict[str, Any], name: str = '') -> Callable[[], Node]:
         flat = core.flatten(self._robot) | values
@@ -191,8 +225,9 @@ class Bringup:
             if not released and (monitor.recorder or not self._options.bag):
                 os.write(self._go, b'g')
                 released = True
-            if progress.get('phase') == 'CP4':
-                self.ready_s = self.ready_s or _process_age_s()
+            if progress.get('phase') == 'CP4' and not self.ready_s:
+                self.ready_s = _process_age_s()
+            if self.ready_s:
                 show(progress)
                 if self._program is None and self._interrupted:
                     return
@@ -205,16 +240,36 @@ class Bringup:
         """Spin a little, then raise if something went wrong; return the newest progress."""
         monitor = self._monitor
         self._process.spin_for(LOOK_S)
-        if self._interrupted and (self._program is not None or monitor.progress.get('phase') != 'CP4'):
+        if self._interrupted and (self._program is not None or not self.ready_s):
             raise RunError('interrupted')
         for child in self._children:
             if child.poll() is not None:
-                raise RunError(f'{child.ending()} in bus cycle {monitor.progress.get("cycles", 0)}')
-        if monitor.progress.get('fault'):
+                self._replace(child)
+        if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
+            self._await_standstill()
             raise RunError(monitor.progress['fault'])
         if self._program is not None and monitor.planner.startswith('refused: '):
             raise RunError(monitor.planner.removeprefix('refused: '))
         return monitor.progress
+
+    def _replace(self, child: Child) -> None:
+        """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
+        sentence = f'{child.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
+        now = time.monotonic()
+        self._restarted = [then for then in self._restarted if now - then < RESTARTS_S]
+        if child.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:
+            if child.name not in ('robot', 'transformation_task', 'recorder', 'unit_robot'):
+                self._await_standstill()
+            raise RunError(sentence)
+        self._restarted.append(now)
+        self._children[self._children.index(child)] = self._restarts[child.name]()
+        self.notes.append(f'{sentence}; started again')
+
+    def _await_standstill(self) -> None:
+        """Let a robot with a fault come to its stop, so that it is on record."""
+        deadline = time.monotonic() + BOUND_S
+        while self._monitor.progress.get('in_torque') and time.monotonic() < deadline:
+            self._process.spin_for(LOOK_S)
 
     def _stop(self) -> None:
         """Stop the robot, then the processes; leave nothing behind."""

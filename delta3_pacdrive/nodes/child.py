@@ -1,6 +1,11 @@
-"""Child processes of a bring-up: forked from a parent that has everything loaded, so that they are up at once."""
+"""Child processes of a bring-up: forked from a parent that has everything loaded, so that they are up at once.
+
+Once the parent takes part in the graph it has threads and must not fork any more: a child that is started again then
+begins as a new interpreter, ``python -m delta3_pacdrive.nodes.child NAME PARENT LOG SCHEDULE MODULE ARGUMENTS``.
+"""
 
 import ctypes
+import importlib
 import os
 import signal
 import sys
@@ -96,6 +101,22 @@ def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Sc
         os._exit(status)
 
 
+def respawn(name: str, module: str, arguments: list[str], log: Path, schedule: Schedule) -> Child:
+    """Start a child whose main function is that of a module."""
+    me = [sys.executable, '-P', '-m', 'delta3_pacdrive.nodes.child']
+    own = [name, str(os.getpid()), str(log), schedule.name, module]
+    return Child(name, os.posix_spawn(sys.executable, [*me, *own, *arguments], os.environ), log)
+
+
+def main() -> int:
+    """Be a child that was started again."""
+    name, parent, log, schedule, module, *arguments = sys.argv[1:]
+    _become_child(name, int(parent), Path(log))
+    prefer(Schedule[schedule])
+    sys.argv = [module, *arguments]
+    return int(importlib.import_module(module).main())
+
+
 def prefer(schedule: Schedule) -> None:
     """Schedule this thread, and those that it starts, so if the system permits it."""
     with suppress(PermissionError):
@@ -133,3 +154,7 @@ def end_all(children: list[Child]) -> list[str]:
                 killed.append(child.name)
         time.sleep(0.01)
     return killed
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -126,7 +126,7 @@ class MC4DriveNode(Node):
         if phase == Phase.CP0:
             if self._cyclic and self._drive.powered:
                 self._part('the phase fell to CP0')
-            else:
+            elif not self._parting:
                 self._leave()
         elif phase != Phase.CP4:
             if self._cyclic:
@@ -149,6 +149,8 @@ class MC4DriveNode(Node):
 
     def _part(self, reason: str) -> None:
         """Go on without a master: stop by reaction BD2, with the plant only, then leave the bus (8506)."""
+        if self._parting:
+            return
         self._parting, self._parted = True, 0
         self._drive.state['silent'] = 1
         self._master.heard(time.monotonic())

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
@@ -45,6 +46,7 @@ class OperatorNode(PollingNode):
         self._override = self.create_publisher(Float64, 'unit_robot/override', REQUEST)
         self._triggers = {name: self.create_client(Trigger, name) for name in SERVICES}
         self._enable = self.create_client(SetBool, 'enable')
+        self._inject = self.create_client(AddDiagnostics, 'inject_fault')
         self._request = self.create_publisher(String, 'sercos/service/request', REQUEST)
         self._service_answers: list[str] = []
         self.create_subscription(
@@ -130,6 +132,11 @@ class OperatorNode(PollingNode):
         if verdict == 'refused':
             raise ProgramError(text)
         return text
+
+    def inject(self, fault: str) -> str:
+        """Inject a fault, in YAML as in program files; raises ProgramError if it is refused."""
+        request = AddDiagnostics.Request(load_namespace=fault)
+        return self._result(self._inject, request, 'inject_fault')
 
     def enable(self, on: bool) -> str:
         """Enable or disable the drives."""

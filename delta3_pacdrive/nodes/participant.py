@@ -22,9 +22,10 @@ class Participant:
         self._identity = Identity.of(parameters)
         self.announce()
 
-    def announce(self, links: tuple[str, ...] = (), bus_cycle: int = 0) -> None:
-        """Publish the identity, the partners that have been heard and the bus time that is over [cycles]."""
+    def announce(self, links: tuple[str, ...] = (), bus_cycle: int = 0, session: bytes = b'') -> None:
+        """Publish the identity, the partners heard in a session and the bus time that is over [cycles]."""
         facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
+        facts['session'] = session.decode()
         message = DiagnosticStatus(name=self._name, message='present')
         message.values = [KeyValue(key=key, value=value) for key, value in facts.items()]
         self._publisher.publish(message)
@@ -38,7 +39,7 @@ class Roll:
     identities
         Of those that are there.
     links
-        Partners that each of them has heard.
+        Session of its last announcement and the partners that it has heard in it.
     bus_cycle
         First bus cycle that nobody has seen yet.
 
@@ -46,7 +47,7 @@ class Roll:
 
     def __init__(self, node: Node, on_newcomer: Callable[[str], None]) -> None:
         self.identities: dict[str, Identity] = {}
-        self.links: dict[str, tuple[str, ...]] = {}
+        self.links: dict[str, tuple[bytes, tuple[str, ...]]] = {}
         self.bus_cycle = 0
         self._on_newcomer = on_newcomer
         self._closed = False
@@ -62,17 +63,17 @@ class Roll:
         """Forget everybody who has not come back meanwhile."""
         self._closed = False
         self.identities = {name: self.identities[name] for name in self._newcomers}
-        self.links = dict.fromkeys(self._newcomers, ())
+        self.links = {}
 
     def _on_announcement(self, message: DiagnosticStatus) -> None:
         facts = {item.key: item.value for item in message.values}
-        links, bus_cycle = facts.pop('links', ''), facts.pop('bus_cycle', '')
+        links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
         if message.name not in PARTICIPANTS or facts.keys() != {f.name for f in fields(Identity)}:
             return
         if not bus_cycle.isdecimal():
             return
         self.identities[message.name] = Identity(**facts)
-        self.links[message.name] = tuple(links.split())
+        self.links[message.name] = session.encode(), tuple(links.split())
         self.bus_cycle = max(self.bus_cycle, int(bus_cycle))
         if self._closed:
             self._newcomers.add(message.name)

@@ -51,7 +51,7 @@ class PhaseUp:
         self.resting.clear()
         self._roll.call_again()
 
-    def next(self, phase: Phase) -> Phase:
+    def next(self, phase: Phase, session: bytes) -> Phase:
         """Return the phase that follows now, the present one while it has to wait.
 
         Raises
@@ -60,8 +60,12 @@ class PhaseUp:
             Participants disagree about what the bus rests on.
 
         """
-        conditions = {Phase.CP0: self._presence, Phase.CP1: self._answers, Phase.CP2: self._agreement}
-        self._wait_for(conditions[phase]())
+        if phase == Phase.CP0:
+            self._wait_for(self._presence())
+        elif phase == Phase.CP1:
+            self._wait_for(self._answers())
+        else:
+            self._wait_for(self._agreement(session))
         return phase if self.waiting else Phase(phase + 1)
 
     def _presence(self) -> str:
@@ -75,12 +79,13 @@ class PhaseUp:
         silent = [axis for index, axis in enumerate(DRIVES) if index not in self.resting]
         return f'waiting for an answer of {", ".join(silent)}' if silent else ''
 
-    def _agreement(self) -> str:
+    def _agreement(self, session: bytes) -> str:
         present = {name: self._roll.identities[name] for name in PARTICIPANTS}
         sentences = disagreements(self._identity, present)
         if sentences:
             raise RunError('; '.join(sentences))
-        unlinked = [axis for axis in DRIVES if axis not in self._roll.links.get(PLANT, ())]
+        heard_in, heard = self._roll.links.get(PLANT, (b'', ()))
+        unlinked = [axis for axis in DRIVES if axis not in heard or heard_in != session]
         return f'waiting for the plant to hear {", ".join(unlinked)}' if unlinked else ''
 
     def _wait_for(self, reason: str) -> None:

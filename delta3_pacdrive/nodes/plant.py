@@ -108,7 +108,7 @@ class PlantNode(Node):
 
     def _announce(self) -> None:
         over = -(-self._exchange // self._exchanges_per_cycle)
-        self._participant.announce(tuple(sorted(self._heard)), over)
+        self._participant.announce(tuple(sorted(self._heard)), over, self._session)
 
     # phases of the bus ------------------------------------------------------------------------------------------------
 

@@ -190,16 +190,15 @@ class TransformationTaskNode(PollingNode):
     def _start_up(self) -> None:
         """Advance the phases of the bus; a greeting MDT goes out until every partner has answered."""
         self._poll()
-        if self._phase == Phase.CP0:
-            self._call()
-        elif self._phase != Phase.CP2 or not self._fault:
+        self._call()
+        if self._phase != Phase.CP0 and (self._phase != Phase.CP2 or not self._fault):
             self._greet()
         if self._phase == Phase.CP3:
             if not self._wait_for_program or self._motion.starts != NEVER:
                 self._begin_cyclic_operation()
             return
         try:
-            phase = self._phase_up.next(self._phase)
+            phase = self._phase_up.next(self._phase, self._session)
         except RunError as error:
             self._note(str(error))
             return
@@ -214,11 +213,10 @@ class TransformationTaskNode(PollingNode):
             self._enter(phase)
 
     def _call(self) -> None:
-        """Announce CP0 again and again: a participant does not obey while the last master may still be there."""
+        """Announce the phase again and again: a participant does not obey while the last master may still be there."""
         if self._calls % CALL_EVERY == 0:
-            self._phase_publisher.publish(
-                telegram.phase_message(Phase.CP0, self._session, self._cycles.stamp(self._cycle))
-            )
+            stamp = self._cycles.stamp(self._cycle)
+            self._phase_publisher.publish(telegram.phase_message(self._phase, self._session, stamp))
         self._calls += 1
 
     def _greet(self) -> None:

@@ -22,13 +22,15 @@ from std_srvs.srv import Trigger
 from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.time import Clock
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
+from delta3_pacdrive.injection import UNIT_ROBOT
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.planning import Planned
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.motion.timeline import RATE_MAX, RATE_MIN, Course, Timeline
+from delta3_pacdrive.motion.timeline import NEVER, RATE_MAX, RATE_MIN, Course, Timeline
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, MotionState, numbers
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
@@ -38,6 +40,7 @@ LEAD_CYCLES = (
     60  # how far ahead a change of course is planned; four times as far each time that it came too late
 )
 LEAD_CYCLES_MAX = 4000
+FAULTS_S = 0.05  # between two looks whether an injected fault is due
 MATCH_S = 0.01  # between two looks whether the transformation task listens
 PROGRAM_MAX = 1_000_000  # characters
 
@@ -82,7 +85,13 @@ class UnitRobotNode(PollingNode):
         self.create_service(Trigger, 'start', self._service(self._start))
         self.create_service(Trigger, 'resume', self._service(self._resume))
         self.create_service(Trigger, 'clear', self._service(self._clear))
+        self._faults = Faults(self, UNIT_ROBOT, self._newest)
+        self.create_timer(FAULTS_S, self._befall)
         self.get_logger().info('waiting for transformation_task')
+
+    def _befall(self) -> None:
+        if self._faults.next_cycle < NEVER:
+            self._faults.begin_and_end(self._newest())
 
     # what every request has in common ---------------------------------------------------------------------------------
 
