@@ -209,7 +209,9 @@ class MotionServer:
         self._faults.check(faults)
         self._task.load(plan)
         self.finished = False
-        self.starts = max(int(cycle), self._earliest() + (LEAD_CYCLES if faults else 0))
+        self.starts = max(int(cycle), self._earliest())
+        if faults:
+            self.starts = max(self.starts, self._task.next_cycle + LEAD_CYCLES)
         self._task.start(self.starts, rate)
         self._follow()
         self._faults.inject(faults, self.starts)

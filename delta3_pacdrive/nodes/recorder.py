@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -27,14 +28,18 @@ from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.time import NANOSECONDS
+from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.nodes import discovery, runtime
+from delta3_pacdrive.nodes.fault_desk import SCHEDULE
 from delta3_pacdrive.nodes.polling import PollingNode
-from delta3_pacdrive.nodes.qos import LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER
+from delta3_pacdrive.nodes.qos import FAULTS, LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
 DRAIN_S = 0.02
 CUSTOM_DATA_KEY = 'delta3_pacdrive'
+PHASE = 'sercos/phase'
 _STAMP = struct.Struct('<iI')
 _INFINITE = QosTime(9223372036, 854775807)
 
@@ -57,31 +62,43 @@ OTHER: dict[str, tuple[type, QoSProfile]] = {
     'motion/course': (Float64MultiArray, LATCHED),
     'motion/state': (String, LATCHED),
     'outputs': (JointState, LATCHED),
-    'sercos/phase': (Header, LATCHED),
+    PHASE: (Header, LATCHED),
     'sercos/participants': (DiagnosticStatus, LATCHED_FROM_MANY),
     'unit_robot/answer': (String, LATCHED),
+    SCHEDULE: (String, FAULTS),
 }
 
 
 class _Completeness:
-    """Counts the messages of a cyclic topic, and those that its stamps say are missing."""
+    """Counts the messages of a cyclic topic, and those that its stamps say are missing.
 
-    def __init__(self, period_ns: int) -> None:
+    ``starts`` are the bus times [ns] at which cyclic operation began: nothing is missing before them.
+    """
+
+    def __init__(self, period_ns: int, starts: set[int]) -> None:
         self._period_ns = period_ns
+        self._starts = starts
         self._last_ns = -period_ns
+        self._gaps: dict[int, int] = {}  # messages missing before a stamp
         self.heard = False  # before cyclic operation
         self.messages = 0
-        self.lost = 0
 
     def count(self, data: bytes) -> None:
         sec, nanosec = _STAMP.unpack_from(data, 4)
         if sec < 0:
             self.heard = True
             return
-        now_ns = sec * 1_000_000_000 + nanosec
+        now_ns = sec * NANOSECONDS + nanosec
         self.messages += 1
-        self.lost += (now_ns - self._last_ns) // self._period_ns - 1
-        self._last_ns = now_ns
+        gap = (now_ns - self._last_ns) // self._period_ns - 1
+        if gap > 0:
+            self._gaps[now_ns] = gap
+        self._last_ns = max(self._last_ns, now_ns)
+
+    @property
+    def lost(self) -> int:
+        """Messages that are missing."""
+        return sum(gap for stamp, gap in self._gaps.items() if stamp not in self._starts)
 
 
 class RecorderNode(PollingNode):
@@ -106,15 +123,16 @@ class RecorderNode(PollingNode):
             'start_cycle': parameters.motion.start_cycle,
         }
         self._completeness: dict[str, _Completeness] = {}
+        self._starts: set[int] = set()
         self._drains: list[Callable[[], None]] = []
         cycle_ns = round(parameters.bus.cycle_time_s * 1e9)
         exchange_ns = round(parameters.bus.exchange_period_s * 1e9)
         for topic, message_type in CYCLIC.items():
             of_exchange = topic.endswith(('motor_current', 'motor_shafts'))
-            self._completeness[topic] = _Completeness(exchange_ns if of_exchange else cycle_ns)
+            self._completeness[topic] = _Completeness(exchange_ns if of_exchange else cycle_ns, self._starts)
             self._subscribe(topic, message_type, RECORDER, self._completeness[topic].count)
         for topic, (message_type, qos) in OTHER.items():
-            self._subscribe(topic, message_type, qos, None)
+            self._subscribe(topic, message_type, qos, self._note_start if topic == PHASE else None)
         self._state = self.create_publisher(String, 'recorder/state', LATCHED)
         self._ready = False
         self.create_timer(DRAIN_S, self._drain)
@@ -138,6 +156,11 @@ class RecorderNode(PollingNode):
                     count(data)
 
         self._drains.append(drain)
+
+    def _note_start(self, data: bytes) -> None:
+        message = deserialize_message(data, Header)
+        if message.frame_id.startswith(Phase.CP4.name):
+            self._starts.add(message.stamp.sec * NANOSECONDS + message.stamp.nanosec)
 
     def _drain(self) -> None:
         for drain in self._drains:
