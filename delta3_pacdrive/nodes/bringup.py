@@ -221,7 +221,7 @@ class Bringup:
         monitor = self._monitor
         deadline = time.monotonic() + READY_TIMEOUT_S
         released = False
-        while not (progress := self._look()).get('finished') or self._program is None:
+        while not (progress := self.look()).get('finished') or self._program is None:
             if not released and (monitor.recorder or not self._options.bag):
                 os.write(self._go, b'g')
                 released = True
@@ -236,10 +236,10 @@ class Bringup:
                 raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
         show(progress)
 
-    def _look(self) -> dict[str, Any]:
+    def look(self, seconds: float = LOOK_S) -> dict[str, Any]:
         """Spin a little, then raise if something went wrong; return the newest progress."""
         monitor = self._monitor
-        self._process.spin_for(LOOK_S)
+        self._process.spin_for(seconds)
         if self._interrupted and (self._program is not None or not self.ready_s):
             raise RunError('interrupted')
         for child in self._children:
@@ -309,6 +309,10 @@ class Bringup:
             **figures,
             **{key: progress[key] for key in statistics if key in progress},
         }
+
+    def add(self, node: Node) -> None:
+        """Take a node into this process."""
+        self._process.add(node)
 
     @property
     def node(self) -> Node:

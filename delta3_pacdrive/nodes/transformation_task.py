@@ -52,8 +52,8 @@ from delta3_pacdrive.transformation import (
 
 STARTUP_S = 0.02
 CALL_EVERY = 10  # looks at who is there, after which CP0 is announced once more
-PROGRESS_S = 0.2
-DIAGNOSTICS_EVERY = 5  # progress reports
+PROGRESS_S, QUICK_PROGRESS_S = 0.2, 0.04  # with a clock, without one
+DIAGNOSTICS_S = 1.0
 JOINT_STATES_S = 0.01  # of bus time
 FACTOR_MIN = 0.01  # of real time: slower cycles would be taken for silence
 AHEAD = 2  # cycles by which others answer later ones than a drive that is lost
@@ -94,6 +94,7 @@ class TransformationTaskNode(PollingNode):
         self._phase = Phase.CP0
         self._session = telegram.NO_SESSION
         self._fault = ''
+        self._fault_cycle = 0
         self._ticker: Any = None
         self._calls = 0
 
@@ -108,7 +109,8 @@ class TransformationTaskNode(PollingNode):
         self._expected = [0] * 3
         self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
         self._last_answer_s = 0.0
-        self._watch = Watch(PROGRESS_S)
+        self._report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
+        self._watch = Watch(self._report_s)
         self._wall_start_s = 0.0
         self._frames: dict[tuple[int, float], bytes] = {}
         self._resets, self._reset_errors = 0, list[str]()
@@ -130,7 +132,7 @@ class TransformationTaskNode(PollingNode):
         )
         self._motion = MotionServer(self, self._task, parameters, self._earliest, self._fault_desk)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
-        self.create_timer(PROGRESS_S, self._report)
+        self.create_timer(self._report_s, self._report)
         self._reports = 0
 
     def _create_outputs(self) -> None:
@@ -507,6 +509,7 @@ class TransformationTaskNode(PollingNode):
         """Keep the first cause of a fault and say it."""
         if not self._fault:
             self._fault = reason
+            self._fault_cycle = self._answered
             self.get_logger().error(reason)
             self._motion.fail()
             self._report()
@@ -542,6 +545,7 @@ class TransformationTaskNode(PollingNode):
             'phase': self._phase.name,
             'waiting': self._phase_up.waiting,
             'fault': self._fault,
+            'fault_cycle': self._fault_cycle,
             'state': str(self._motion.state),
             'finished': self._motion.finished,
             'in_torque': self._in_torque(),
@@ -582,7 +586,7 @@ class TransformationTaskNode(PollingNode):
                 facts |= self.statistics()
             self._progress.publish(String(data=json.dumps(facts)))
         self._reports += 1
-        if self._reports % DIAGNOSTICS_EVERY == 0 and self._diagnostics.wanted:
+        if self._reports % round(DIAGNOSTICS_S / self._report_s) == 0 and self._diagnostics.wanted:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:

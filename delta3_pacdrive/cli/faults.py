@@ -1,0 +1,117 @@
+"""``delta3 faults``: what happens when something breaks: the whole catalogue, or one fault on a robot that is up."""
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.errors import RunError
+
+ACTIONS = {
+    'run': 'every fault in every state, on a robot of its own without a clock',
+    'list': 'the kinds of faults and their values',
+    'inject': "one fault, in YAML, into a robot that is up: '{fault: drop_at, axis: axis2}'",
+}
+COLUMNS = f'{"fault":<38} {"state":<9} {"detected":>9} {"reaction":<44} {"TCP":>8} {"recovered":>9}'
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = parser_for('faults', 'Inject faults and see what the robot makes of them.')
+    lines = [f'  {name:<8} {text}' for name, text in ACTIONS.items()]
+    parser.epilog = 'actions:\n' + '\n'.join(lines)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument('action', choices=ACTIONS, nargs='?', default='run', metavar='ACTION')
+    parser.add_argument('fault', nargs='?', default='', help='the fault to inject')
+    parser.add_argument('--short', action='store_true', help='run: only in motion, and only one process dies')
+    parser.add_argument('--only', metavar='TEXT', help='run: only faults whose line holds this text')
+    parser.add_argument('--csv', metavar='FILE', type=Path, help='run: write the table to this file')
+    parser.add_argument('--namespace', default='/', help='inject: ROS namespace of the robot')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    options = parser.parse_args(arguments)
+    if (options.action == 'inject') != bool(options.fault):
+        parser.error('inject takes one fault' if options.action == 'inject' else 'only inject takes a fault')
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    options = _parse(arguments)
+    action = {'run': _run, 'list': _list, 'inject': _inject}[options.action]
+    return guarded(lambda: action(options), options.json)
+
+
+def _list(options: argparse.Namespace) -> int:
+    from delta3_pacdrive.injection import KINDS
+
+    if options.json:
+        print(json.dumps({name: vars(kind) for name, kind in KINDS.items()}))
+        return 0
+    for name, kind in KINDS.items():
+        value = f'{kind.value} {kind.low:g} to {kind.high:g}' if kind.value else ''
+        lasts = 'cycles' if kind.telegram else '' if kind.at_once else 'for_s'
+        print(f'{name:<16} {kind.text:<40} {kind.place or "robot":<6} {lasts:<7} {value}')
+    return 0
+
+
+def _inject(options: argparse.Namespace) -> int:
+    from delta3_pacdrive.nodes.operator import operating
+
+    with operating(options.namespace) as operator:
+        sentence = operator.inject(options.fault)
+    print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
+    return 0
+
+
+def _line(row: dict[str, Any]) -> str:
+    detected = '-' if row['detected_s'] is None else f'{row["detected_s"] * 1e3:.0f} ms'
+    recovered = 'never' if row['recovered_s'] is None else f'{row["recovered_s"]:.1f} s'
+    said = row['problem'] or row['reported'].partition('bus cycle ')[2] or row['reported'] or 'goes on'
+    said = said.partition(': ')[2] or row['reported'] or said
+    said = said if len(said) <= 44 else said[:41] + '...'
+    deviation = f'{row["deviation_m"] * 1e3:.2f} mm'
+    text = f'{row["case"]:<38} {row["state"]:<9} {detected:>9} {said:<44} {deviation:>8} {recovered:>9}'
+    return text if row['ok'] else f'{text}  NOT AS EXPECTED: {row["expected"] or "goes on"}'
+
+
+def _run(options: argparse.Namespace) -> int:
+    from delta3_pacdrive.nodes.catalogue import Outcome, run_catalogue
+
+    announce_compilation()
+    if not options.json:
+        print(COLUMNS)
+
+    def show(outcome: Outcome, number: int, count: int) -> None:
+        if not options.json:
+            print(_line(outcome.to_row()), flush=True)
+        elif sys.stderr.isatty():
+            print(f'\r{number} of {count}', end='', file=sys.stderr, flush=True)
+
+    rows = [outcome.to_row() for outcome in run_catalogue(options.short, options.only or '', show)]
+    bad = [row for row in rows if not row['ok']]
+    if options.csv:
+        _write(options.csv, rows)
+    if options.json:
+        print(json.dumps({'ok': not bad, 'cases': rows}))
+    else:
+        print(f'{len(rows)} cases, {len(rows) - len(bad)} as expected')
+    if bad:
+        raise RunError(f'{len(bad)} of {len(rows)} cases did not go as expected')
+    return 0
+
+
+def _write(path: Path, rows: list[dict[str, Any]]) -> None:
+    try:
+        with path.open('w', newline='', encoding='utf-8') as file:
+            writer = csv.DictWriter(file, rows[0].keys())
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise RunError(f'cannot write {path}: {error.strerror}') from error
+
+
+if __name__ == '__main__':
+    sys.exit(main())
