@@ -26,7 +26,7 @@ from delta3_pacdrive.nodes.qos import FAULTS, RECORDER
 HOME_M, AWAY_M = (0.0, 0.0, -0.78), (0.2, 0.0, -0.78)
 SPEED_M_S = 0.4
 MIDWAY_S = 0.25  # after the start of the way from home, in full speed
-OBSERVED_S = 0.6  # bus time after which a fault that has no effect shows none any more
+OBSERVED_S = 1.1  # bus time after which a fault that has no effect shows none any more
 PATIENCE_S = 20.0  # wall time in which everything has to be as before
 AT_HOME_M = 1e-5
 RECOVERY_M_S = 1.0
@@ -110,8 +110,8 @@ class Outcome:
 _AXIS = {'axis': 'axis2'}
 # what the sentence says when a process has died; without a planner the program goes on to its end
 KILLED = {name: name for name in (*DRIVES, PLANT)} | {TASK: '8506', UNIT_ROBOT: ''}
-# fault; what it leads to while the drives are enabled, and while they are not
-_FAULTS: list[tuple[dict[str, Any], str, str]] = [
+# fault; what it leads to while the drives are enabled, and while they are not (None: not tried)
+_FAULTS: list[tuple[dict[str, Any], str, str | None]] = [
     ({'fault': 'drop_mdt', **_AXIS}, '', ''),
     ({'fault': 'drop_mdt', **_AXIS, **TWO_CYCLES}, '8112', '8112'),
     ({'fault': 'delay_mdt', **_AXIS, 'by_cycles': 1}, '', ''),
@@ -136,7 +136,11 @@ _FAULTS: list[tuple[dict[str, Any], str, str]] = [
     ({'fault': 'brake_worn', **_AXIS, 'lost_share': 1.0, 'for_s': 0.1}, '', ''),
     ({'fault': 'brake_stuck', **_AXIS}, '', ''),
     ({'fault': 'overload', **_AXIS, 'torque_n_m': 2.0}, '', ''),
-    ({'fault': 'overload', **_AXIS, 'torque_n_m': 20.0, 'for_s': 0.5}, '8', ''),
+    (
+        {'fault': 'overload', **_AXIS, 'torque_n_m': 8.0, 'for_s': 0.95},
+        '8902',
+        None,
+    ),  # more than a brake holds
     ({'fault': 'payload_lost'}, '', ''),
     ({'fault': 'emergency_stop'}, 'emergency stop', 'emergency stop'),
     *(({'fault': 'freeze', 'node': node, 'seconds': 0.2}, '', '') for node in NODES),
@@ -153,7 +157,10 @@ def cases(short: bool = False, only: str = '') -> list[Case]:
                 state != State.MOVING or (fault['fault'] in OF_PROCESSES and fault['node'] != 'axis2')
             ):
                 continue
-            case = Case(fault, state, disabled if state == State.DISABLED else enabled)
+            expected = disabled if state == State.DISABLED else enabled
+            if expected is None:
+                continue
+            case = Case(fault, state, expected)
             if only in f'{case.text} {case.state}':
                 found.append(case)
     if not found:

@@ -1,0 +1,246 @@
+"""Facts about injected faults: how they are written down, when they happen, what they do to the machine."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from delta3_pacdrive import injection, simulation
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.errors import ProgramError, RunError
+from delta3_pacdrive.injection import KINDS, NAMES, Fault, Place, Schedule, Scheduled, befalls, parse
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.timeline import NEVER
+from delta3_pacdrive.plant.mechanism import Plant
+
+HOME = [0.0, 0.0, -0.78]
+LINE = {'start_m': HOME, 'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.78], 'speed_m_s': 0.4}}]}
+
+
+def example(kind):
+    """Return a document of a kind with everything that it may have."""
+    row = KINDS[kind]
+    document = {'fault': kind, 'after_s': 0.25}
+    if row.place == Place.AXIS:
+        document['axis'] = 'axis2'
+    elif row.place == Place.NODE:
+        document['node'] = 'plant'
+    if row.value:
+        document[row.value] = row.high
+    if row.telegram:
+        document['cycles'] = 3
+    elif not row.at_once:
+        document['for_s'] = 0.5
+    return document
+
+
+def run(robot, *faults):
+    document = LINE | {'faults': list(faults)}
+    return simulation.run(programs.parse(document, robot.motion), robot)
+
+
+@pytest.mark.parametrize('kind', NAMES)
+def test_every_kind_is_read_and_written_the_same_way(kind):
+    document = example(kind)
+    fault = parse(document, 'fault')
+    assert fault.to_document() == document
+    assert Fault.from_row(fault.to_row()) == fault
+    scheduled = Scheduled.of(fault, 100, 1e-3)
+    assert Scheduled.from_document(json.loads(json.dumps(scheduled.to_document()))) == scheduled
+    assert scheduled.first == 350
+    assert KINDS[kind].text
+
+
+@pytest.mark.parametrize('kind', NAMES)
+def test_every_kind_befalls_somebody(kind):
+    fault = parse(example(kind), 'fault')
+    assert any(befalls(fault, node) for node in injection.NODES)
+    if KINDS[kind].place == Place.AXIS:
+        assert not befalls(fault, 'axis1')
+
+
+@pytest.mark.parametrize(
+    ('document', 'sentence'),
+    [
+        (None, 'fault must be a mapping, not None'),
+        ({}, 'fault.fault is None, but must be one of drop_mdt'),
+        ({'fault': 'rain'}, "fault.fault is 'rain'"),
+        ({'fault': 'drop_at'}, 'fault: missing key axis'),
+        ({'fault': 'drop_at', 'axis': 'axis4'}, "fault.axis is 'axis4', but must be one of axis1"),
+        ({'fault': 'drop_at', 'axis': 'axis1', 'cycles': 0}, 'fault.cycles is 0'),
+        ({'fault': 'drop_at', 'axis': 'axis1', 'for_s': 1.0}, "unknown key 'for_s'"),
+        ({'fault': 'encoder_jump', 'axis': 'axis1'}, 'missing key jump_rad'),
+        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': math.nan}, 'jump_rad is nan'),
+        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': True}, 'jump_rad is True'),
+        ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 1e4}, 'from 0 to 1000'),
+        ({'fault': 'kill', 'node': 'axis1', 'after_s': -1.0}, 'after_s is -1.0'),
+        ({'fault': 'kill', 'node': 'recorder'}, "fault.node is 'recorder'"),
+        ({'fault': 'payload_lost', 'for_s': 1.0}, "unknown key 'for_s'"),
+    ],
+)
+def test_a_fault_that_breaks_a_rule_is_refused_by_name(document, sentence):
+    with pytest.raises(ProgramError) as caught:
+        parse(document, 'fault')
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    'row', [[], [1.0] * 5, [99.0, 2, 0, 0, -1, 1], [0.5, 2, 0, 0, -1, 1], [0, 2, math.inf, 0, -1, 1]]
+)
+def test_a_row_of_numbers_that_is_no_fault_is_refused(row):
+    with pytest.raises(ProgramError):
+        Fault.from_row(row)
+
+
+def test_a_program_file_holds_faults(robot):
+    text = yaml.safe_dump(LINE | {'faults': [example(kind) for kind in NAMES]})
+    read = programs.parse(yaml.safe_load(text), robot.motion)
+    assert [fault.kind for fault in read.faults] == list(NAMES)
+    with pytest.raises(ProgramError, match=r'faults\[1\]\.fault is'):
+        programs.parse(LINE | {'faults': [example('drop_at'), {'fault': 'x'}]}, robot.motion)
+
+
+# when -------------------------------------------------------------------------------------------------------------
+
+
+def test_faults_begin_and_end_in_the_order_of_bus_time():
+    schedule = Schedule()
+    late = parse({'fault': 'encoder_failure', 'axis': 'axis1', 'after_s': 0.02, 'for_s': 0.005}, 'fault')
+    early = parse({'fault': 'winding_short', 'axis': 'axis1', 'after_s': 0.01}, 'fault')
+    for fault in (late, early):
+        schedule.add(Scheduled.of(fault, 0, 1e-3))
+    assert schedule.next_cycle == 10
+    assert schedule.due(9) == []
+    assert schedule.due(10) == [(early, True)]
+    assert schedule.next_cycle == 20
+    assert schedule.due(30) == [(late, True), (late, False)]
+    assert schedule.next_cycle == NEVER
+
+
+def test_telegrams_are_befallen_for_as_many_cycles_as_are_asked_for():
+    schedule = Schedule()
+    assert not schedule.disturbs_telegrams
+    fault = parse({'fault': 'drop_mdt', 'axis': 'axis3', 'cycles': 2}, 'fault')
+    schedule.add(Scheduled.of(fault, 50, 1e-3))
+    hit = [k for k in range(100) if schedule.telegram(injection.LOSES_MDT, 'axis3', k)]
+    assert hit == [50, 51]
+    assert not any(schedule.telegram(injection.LOSES_MDT, 'axis1', k) for k in range(100))
+    assert not any(schedule.telegram(injection.LOSES_AT, 'axis3', k) for k in range(100))
+
+
+def test_clear_forgets_what_is_still_to_come():
+    schedule = Schedule()
+    for after, kind in ((0.0, 'clear'), (0.5, 'encoder_failure'), (0.5, 'drop_at')):
+        document = {'fault': kind, 'after_s': after} | ({'axis': 'axis1'} if kind != 'clear' else {})
+        schedule.add(Scheduled.of(parse(document, 'fault'), 0, 1e-3))
+    schedule.due(0)
+    assert schedule.next_cycle == NEVER
+    assert not schedule.disturbs_telegrams
+
+
+# what -------------------------------------------------------------------------------------------------------------
+
+
+def test_clear_takes_every_fault_of_drive_and_plant_back(robot):
+    drive, plant = MC4(robot), Plant(robot)
+    neutral = drive.state.copy(), plant.state.copy()
+    clear = parse({'fault': 'clear'}, 'fault')
+    for kind in NAMES:
+        fault = parse(example(kind), 'fault')
+        injection.change_drive(drive.state[0], fault, True, robot.drive.dc_link_voltage_v)
+        if kind != 'payload_lost':  # what has fallen off stays there until another payload is gripped
+            injection.change_plant(plant.state[0], fault, True)
+    assert (drive.state, plant.state) != neutral
+    injection.change_drive(drive.state[0], clear, True, robot.drive.dc_link_voltage_v)
+    injection.change_plant(plant.state[0], clear, True)
+    assert drive.state == neutral[0]
+    assert plant.state == neutral[1]
+
+
+@pytest.mark.parametrize(
+    'kind', [name for name in NAMES if not KINDS[name].at_once and not KINDS[name].telegram]
+)
+def test_a_fault_that_ends_leaves_the_fields_as_they_were(kind, robot):
+    drive, plant = MC4(robot), Plant(robot)
+    neutral = drive.state.copy(), plant.state.copy()
+    fault = parse(example(kind), 'fault')
+    for begins in (True, False):
+        injection.change_drive(drive.state[0], fault, begins, robot.drive.dc_link_voltage_v)
+        injection.change_plant(plant.state[0], fault, begins)
+        if begins:
+            assert not (drive.state == neutral[0] and plant.state == neutral[1])
+    assert (drive.state == neutral[0]).all()
+    assert (plant.state == neutral[1]).all()
+
+
+def test_bridged_losses_cost_micrometres(robot):
+    trace = run(
+        robot,
+        *(
+            {'fault': f'drop_{word}', 'axis': axis, 'after_s': 0.2 + 0.03 * n}
+            for n, (word, axis) in enumerate((w, a) for w in ('mdt', 'at') for a in DRIVES)
+        ),
+    )
+    assert trace.meta['stopped'] == ''
+    assert trace['tcp_actual'][-1] == pytest.approx([0.2, 0.0, -0.78], abs=1e-5)
+    undisturbed = run(robot)
+    away = np.linalg.norm(trace['shaft_position'] - undisturbed['shaft_position'], axis=1).max()
+    assert 0.0 < away < 2e-3  # motor shaft; 25 um at the elbow
+
+
+def test_duplicates_change_no_bit(robot):
+    twice = run(
+        robot, *({'fault': f'duplicate_{word}', 'axis': 'axis1', 'cycles': 500} for word in ('mdt', 'at'))
+    )
+    undisturbed = run(robot)
+    for name, values in undisturbed.signals.items():
+        np.testing.assert_array_equal(twice[name], values, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ('fault', 'number'),
+    [
+        ({'fault': 'drop_mdt', 'axis': 'axis2', 'cycles': 2}, '8112'),
+        ({'fault': 'corrupt_at', 'axis': 'axis2', 'cycles': 2}, '8506'),
+        ({'fault': 'encoder_failure', 'axis': 'axis2'}, '8171'),
+        ({'fault': 'winding_short', 'axis': 'axis2'}, '8905'),
+        ({'fault': 'dc_link', 'axis': 'axis2', 'voltage_v': 200.0}, '8909'),
+        ({'fault': 'emergency_stop'}, 'emergency stop'),
+    ],
+)
+def test_a_fault_stops_the_robot_which_stays_where_it_can_be(fault, number, robot):
+    trace = run(robot, fault | {'after_s': 0.3})
+    assert number in trace.meta['stopped']
+    start = robot.motion.start_cycle
+    assert int(trace.meta['stopped'].partition('bus cycle ')[2].split(':')[0].split()[0]) - start in range(
+        300, 304
+    )
+    # it stands, short of the end, and inside the workspace
+    assert np.abs(trace['shaft_speed'][-1]).max() == 0.0
+    assert np.abs(trace['current'][-1]).max() == 0.0
+    assert 0.03 < trace['tcp_actual'][-1, 0] < 0.17
+    radius = np.hypot(trace['tcp_actual'][:, 0], trace['tcp_actual'][:, 1])
+    assert radius.max() < robot.kinematics.workspace_diameter_m / 2
+
+
+def test_two_runs_with_noise_are_the_same_to_the_bit(robot):
+    noise = {'fault': 'encoder_noise', 'axis': 'axis3', 'noise_rad': 1e-3, 'after_s': 0.1}
+    first, second = run(robot, noise), run(robot, noise)
+    for name, values in first.signals.items():
+        np.testing.assert_array_equal(second[name], values, err_msg=name)
+    assert np.ptp(first['current'][400:500, 2]) > 5 * np.ptp(run(robot)['current'][400:500, 2])
+
+
+def test_a_lost_payload_is_felt_in_the_current_of_the_acceleration(robot):
+    lost = run(robot, {'fault': 'payload_lost', 'after_s': 0.0})
+    carried = run(robot)
+    lighter = np.abs(lost['current'][150:220]).max() / np.abs(carried['current'][150:220]).max()
+    assert 0.5 < lighter < 0.95
+
+
+def test_a_simulation_has_no_processes(robot):
+    with pytest.raises(RunError, match='a simulation has no processes'):
+        run(robot, {'fault': 'kill', 'node': 'plant'})
