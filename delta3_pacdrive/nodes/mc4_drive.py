@@ -359,7 +359,10 @@ class MC4DriveNode(Node):
         fault = self._drive.fault
         if fault != self._reported_fault:
             self._reported_fault = fault
-            self.get_logger().error(f'{self._axis}: {fault_text(fault)}')
+            if fault:
+                self.get_logger().error(f'{self._axis}: {fault_text(fault)}')
+            else:
+                self.get_logger().info(f'{self._axis}: fault cleared')
         self._looks += 1
         if self._looks % DIAGNOSTICS_EVERY == 0 and self._diagnostics.wanted:
             self._publish_diagnostics()

@@ -107,7 +107,8 @@ class PlantNode(Node):
         return receive
 
     def _announce(self) -> None:
-        over = -(-self._exchange // self._exchanges_per_cycle)
+        # its last message of shafts was that of the present exchange
+        over = -(-self._exchange // self._exchanges_per_cycle) + 1 if self._exchange else 0
         self._participant.announce(tuple(sorted(self._heard)), over, self._session)
 
     # phases of the bus ------------------------------------------------------------------------------------------------

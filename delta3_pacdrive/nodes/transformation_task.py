@@ -113,6 +113,7 @@ class TransformationTaskNode(PollingNode):
         self._watch = Watch(self._report_s)
         self._wall_start_s = 0.0
         self._frames: dict[tuple[int, float], bytes] = {}
+        self._reset_wanted = False
         self._resets, self._reset_errors = 0, list[str]()
 
         self._create_outputs()
@@ -247,6 +248,8 @@ class TransformationTaskNode(PollingNode):
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
         self._cycle = self._answered = self._first_cycle()
+        if self._cycle:
+            self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
         self._expected = [self._cycle] * 3
         for inbox in self._inbox:
             inbox.clear()
@@ -277,6 +280,7 @@ class TransformationTaskNode(PollingNode):
             return
         self._ticker.cancel()
         self._desk.close()
+        self._reset_wanted = False
         self._task.give_up()
         self._wait_for_program = False
         self._session = telegram.NO_SESSION
@@ -468,18 +472,30 @@ class TransformationTaskNode(PollingNode):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear the faults of all drives (S-0-0099); the robot is ready again where it stands, and not enabled."""
-        if not self._fault or not self._cyclic or self._resets:
+        if not self._fault or not self._cyclic or self._resets or self._reset_wanted:
             waiting = f' ({self._phase_up.waiting})' if self._phase_up.waiting else ''
             response.message = (
                 f'cannot be cleared now: {self._fault}{waiting}' if self._fault else 'there is no fault'
             )
             return response
-        self._resets = len(DRIVES)
-        self._reset_errors = []
-        for index in range(len(DRIVES)):
-            self._desk.ask(index, Access(RESET_CLASS_1, Operation.COMMAND), self._on_reset_answer)
-        response.success, response.message = True, f'S-0-0099 goes out from bus cycle {self._cycle} on'
+        self._reset_wanted = True
+        self._try_reset()
+        response.success = True
+        response.message = (
+            'S-0-0099 goes out as soon as the drives are disabled'
+            if self._reset_wanted
+            else f'S-0-0099 goes out from bus cycle {self._cycle} on'
+        )
         return response
+
+    def _try_reset(self) -> None:
+        """Send S-0-0099 to all drives; a drive that is reset while it is to be enabled would be so at once."""
+        if self._reset_wanted and self._cyclic and self._task.enable_cycle == NEVER and not self._in_torque():
+            self._reset_wanted = False
+            self._resets = len(DRIVES)
+            self._reset_errors = []
+            for index in range(len(DRIVES)):
+                self._desk.ask(index, Access(RESET_CLASS_1, Operation.COMMAND), self._on_reset_answer)
 
     def _on_reset_answer(self, index: int, answer: Answer) -> None:
         self._resets -= 1
@@ -566,6 +582,10 @@ class TransformationTaskNode(PollingNode):
             'lost_telegrams': self._lost,
         }
 
+    def strangers(self) -> str:
+        """Say which topic of the bus has two writers; empty if none has."""
+        return doubled(self)
+
     def statistics(self) -> dict[str, Any]:
         """Return what the bus and the program did so far."""
         return {
@@ -580,6 +600,7 @@ class TransformationTaskNode(PollingNode):
 
     def _report(self) -> None:
         self._check_silence()
+        self._try_reset()
         if self._progress.wanted:
             facts = self.progress()
             if self._motion.finished or self._fault:
@@ -592,7 +613,7 @@ class TransformationTaskNode(PollingNode):
     def _publish_diagnostics(self) -> None:
         level = DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK
         status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name())
-        twice = doubled(self)
+        twice = self.strangers()
         if twice:
             self.get_logger().warning(twice, throttle_duration_sec=10.0)
             status.level = max(status.level, DiagnosticStatus.WARN)

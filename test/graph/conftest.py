@@ -152,11 +152,18 @@ class Graph:
         self.listener.create_subscription(kind, topic, messages.append, qos)
         return messages
 
-    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+    def remove(self, node: Node) -> None:
+        """Take a node away, as if its process had died."""
+        self._executor.remove_node(node)
+        self.nodes.remove(node)
+        self.spin_for(0.05)  # what has been queued for it already
+        node.destroy_node()
+
+    def spin_until(self, condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> None:
         """Spin until a condition holds; fail at the deadline."""
-        deadline = time.monotonic() + DEADLINE_S
+        deadline = time.monotonic() + deadline_s
         while not condition():
-            assert time.monotonic() < deadline, f'not within {DEADLINE_S} s: {what}'
+            assert time.monotonic() < deadline, f'not within {deadline_s} s: {what}'
             # one callback at a time: a robot without a clock keeps the executor busy for ever
             self._executor.spin_once(timeout_sec=0.05)
 

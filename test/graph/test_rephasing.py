@@ -1,0 +1,194 @@
+"""Partners that die or come back, second masters and strangers: the others stop, name the culprit, and phase up again."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
+
+from delta3_pacdrive.bus.silence import BOUND_S
+from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.plant import PlantNode
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
+from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'
+ON_REQUEST = {'motion__start_cycle': -1}
+
+
+class Cell:
+    """A robot without a clock, whose nodes can be taken away."""
+
+    def __init__(self, graph: Any) -> None:
+        self.graph = graph
+        self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
+        self.task = graph.robot(**ON_REQUEST)
+        graph.add(UnitRobotNode, **ON_REQUEST)
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+
+    def drive(self, axis: int) -> Any:
+        return next(node for node in self.graph.nodes if node.get_name() == f'mc4_drive_{axis}')
+
+    def move(self) -> None:
+        """Start along x and wait until a third of the way is done."""
+        self.operator.send_program(LINE)
+        self.operator.call('start')
+        self.graph.spin_until(lambda: self.task.progress()['master_m'] > 0.07, 'a third of the way')
+
+    def take_away(self, node: Node) -> None:
+        """Let a node die."""
+        self.graph.remove(node)
+
+    def reset_and_move_home(self) -> None:
+        """Do what an operator does, without restarting anything."""
+        graph, operator = self.graph, self.operator
+        graph.spin_until(lambda: operator.progress.get('phase') == 'CP4', 'cyclic operation')
+        graph.spin_until(lambda: operator.state == 'error', 'the fault')
+        assert graph.call(Trigger, 'reset', Trigger.Request()).success
+        graph.spin_until(lambda: operator.state == 'idle', 'the reset')
+        assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
+        operator.send_program('moves: [{move_l: {to_m: [0.0, 0.0, -0.8]}}]')
+        operator.call('start')
+        graph.spin_until(lambda: operator.state == 'moving', 'the motion')
+        graph.spin_until(lambda: operator.state == 'idle', 'the end')
+        assert operator.progress['fault'] == '' or not operator.progress['fault']
+
+    def stamps(self) -> np.ndarray:
+        """Bus time of all shafts [ns]."""
+        return np.array(
+            [
+                m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
+                for m in self.shafts
+                if m.header.stamp.sec >= 0
+            ]
+        )
+
+
+@pytest.fixture
+def cell(graph: Any) -> Cell:
+    return Cell(graph)
+
+
+def test_a_drive_that_dies_stops_the_others_on_their_path_and_comes_back(cell: Cell, graph: Any) -> None:
+    cell.move()
+    cell.take_away(cell.drive(2))
+    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault', BOUND_S)
+    assert cell.task.progress()['fault'].startswith('no AT of axis2 for ')
+    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP0', 'CP0', BOUND_S)
+    graph.spin_until(lambda: cell.task.progress()['waiting'] == 'waiting for axis2', 'the name')
+    for axis in (1, 3):
+        assert cell.drive(axis)._drive.drive_state in (DriveState.NOT_READY, DriveState.FAULT)
+    # from 0.4 m/s one arm under its falling brake, two along the path: the machine stands
+    assert np.abs(cell.shafts[-1].velocity).max() == 0.0
+    graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
+    cell.reset_and_move_home()
+    assert (np.diff(cell.stamps()) > 0).all()  # bus time never went back
+
+
+def test_a_master_that_dies_leaves_drives_that_stop_by_themselves(cell: Cell, graph: Any) -> None:
+    cell.move()
+    cell.take_away(cell.task)
+    drives = [cell.drive(axis) for axis in (1, 2, 3)]
+    graph.spin_until(
+        lambda: all(drive._drive.drive_state == DriveState.FAULT for drive in drives), 'the fault', BOUND_S
+    )
+    assert [drive.diagnostics()['diagnostic'][:4] for drive in drives] == ['8506'] * 3
+    graph.spin_until(lambda: np.abs(cell.shafts[-1].velocity).max() == 0.0, 'standstill')
+    before = cell.stamps()[-1]
+    cell.task = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
+    cell.reset_and_move_home()
+    assert cell.stamps()[-1] > before
+    assert (np.diff(cell.stamps()) > 0).all()
+
+
+def test_a_plant_that_dies_takes_the_torque_off_and_a_new_one_stands_at_home(cell: Cell, graph: Any) -> None:
+    cell.move()
+    (plant,) = (node for node in graph.nodes if isinstance(node, PlantNode))
+    cell.take_away(plant)
+    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP0', 'CP0', BOUND_S)
+    assert 'is the plant running?' in cell.task.progress()['fault']
+    drives = [cell.drive(axis) for axis in (1, 2, 3)]
+    graph.spin_until(lambda: not any(drive._drive.powered for drive in drives), 'no torque', BOUND_S)
+    graph.spin_until(lambda: 'plant' in cell.task.progress()['waiting'], 'the name')
+    graph.add(PlantNode, **ON_REQUEST)
+    cell.reset_and_move_home()
+    assert cell.task.progress()['cycles'] > 200
+
+
+def test_after_a_partner_was_lost_nothing_is_enabled_by_itself(cell: Cell, graph: Any) -> None:
+    cell.take_away(cell.drive(1))
+    graph.add(MC4DriveNode, axis=1, **ON_REQUEST)
+    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP0', 'CP0', BOUND_S)
+    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP4', 'CP4', BOUND_S)
+    cycles = cell.task.progress()['cycles']
+    graph.spin_until(lambda: cell.task.progress()['cycles'] > cycles + 200, 'cycles')
+    assert not cell.task.progress()['in_torque']
+    with pytest.raises(ProgramError, match='not after a fault: '):
+        cell.operator.enable(True)
+
+
+def test_a_second_master_waits_and_the_robot_goes_on(cell: Cell, graph: Any) -> None:
+    cell.move()
+    second = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
+    graph.spin_until(lambda: 'has 2 writers' in second.progress()['waiting'], 'the sentence')
+    assert second.progress()['phase'] == 'CP0'
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end of the motion')
+    assert cell.task.progress()['fault'] == ''
+    graph.spin_until(lambda: 'writers' in cell.task.strangers(), 'the warning')
+
+
+def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell: Cell, graph: Any) -> None:
+    """What a bag that is played back publishes: good telegrams of cycles that are still to come."""
+    mdts = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+    ats = graph.listen(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
+    graph.spin_until(lambda: mdts and ats, 'telegrams')
+    publishers = {
+        'sercos/mdt': (graph.listener.create_publisher(JointState, 'sercos/mdt', 50), mdts),
+        'sercos/at/axis2': (graph.listener.create_publisher(JointState, 'sercos/at/axis2', 50), ats),
+    }
+    graph.spin_until(lambda: all(p.get_subscription_count() for p, _ in publishers.values()), 'listeners')
+    cell.move()
+    refused = cell.task.statistics()['refused_telegrams']
+    for publisher, messages in publishers.values():
+        false = deserialize_message(serialize_message(messages[-1]), JointState)
+        words = false.header.frame_id.split()
+        false.header.frame_id = ' '.join([*words[:-1], 'ffff' if words[-1] != 'ffff' else 'eeee'])
+        false.position = [value + 1.0 for value in false.position]
+        for ahead in range(1, 40):
+            false.header.stamp.nanosec = (messages[-1].header.stamp.nanosec + ahead * 10**6) % 10**9
+            publisher.publish(false)
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+    assert cell.task.statistics()['refused_telegrams'] > refused
+    assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
+    assert all(cell.drive(axis).diagnostics()['refused_telegrams'] > 0 for axis in (1, 2, 3))
+
+
+def test_a_stranger_that_announces_phases_is_not_obeyed(cell: Cell, graph: Any) -> None:
+    stranger = graph.listener.create_publisher(Header, 'sercos/phase', LATCHED)
+    graph.spin_until(lambda: stranger.get_subscription_count() >= 4, 'listeners')
+    cell.move()
+    for word in ('CP0 0000', 'CP1 abcd', 'CP4 abcd', 'CP7 abcd', 'stop'):
+        stranger.publish(Header(frame_id=word))
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+
+
+def test_a_drive_that_is_started_twice_stays_out(cell: Cell, graph: Any) -> None:
+    cell.move()
+    second = graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
+    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
+    assert cell.task.progress()['fault'].startswith('axis2 was started again, or has left the bus')
+    assert second.diagnostics()['state'] == 'NOT_READY'
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
+    actual = np.array(cell.shafts[-1].position) / 32.0
+    assert np.isfinite(actual).all()
