@@ -1,4 +1,4 @@
-"""Partners that die or come back, second masters and strangers: the others stop, name the culprit, and phase up again."""
+"""Partners that die or come back, second masters, strangers: the others stop, name who it was, and phase up again."""
 
 from typing import Any
 
