@@ -10,6 +10,7 @@ COMMANDS = {
     'up': 'start a robot and keep it up for moves, until Ctrl-C',
     'move': 'send moves and programs to a robot that is up; hold, resume, override, abort',
     'faults': 'inject faults; the catalogue of every fault in every state',
+    'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',

@@ -14,22 +14,19 @@ from std_msgs.msg import String
 from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
-from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
+from delta3_pacdrive.errors import Delta3Error, RunError
 from delta3_pacdrive.injection import NODES, OF_PROCESSES, TASK, UNIT_ROBOT
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.nodes import telegram
+from delta3_pacdrive.nodes.attendant import Attendant
 from delta3_pacdrive.nodes.bringup import Bringup, Options
 from delta3_pacdrive.nodes.fault_desk import SCHEDULE
-from delta3_pacdrive.nodes.operator import OperatorNode
 from delta3_pacdrive.nodes.qos import FAULTS, RECORDER
 
 HOME_M, AWAY_M = (0.0, 0.0, -0.78), (0.2, 0.0, -0.78)
 SPEED_M_S = 0.4
 MIDWAY_S = 0.25  # after the start of the way from home, in full speed
 OBSERVED_S = 1.1  # bus time after which a fault that has no effect shows none any more
-PATIENCE_S = 20.0  # wall time in which everything has to be as before
-AT_HOME_M = 1e-5
-RECOVERY_M_S = 1.0
 ONE_CYCLE, TWO_CYCLES = {'cycles': 1}, {'cycles': 2}
 
 
@@ -190,109 +187,43 @@ def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
     return float(np.linalg.norm(points - start - share[:, None] * along, axis=1).max(initial=0.0))
 
 
-class Catalogue:
+class Catalogue(Attendant):
     """Runs cases on a robot that is up."""
 
     def __init__(self, bringup: Bringup, robot: core.Parameters) -> None:
-        self._bringup, self._robot = bringup, robot
-        self._operator = OperatorNode(self._spin, namespace=bringup.node.get_namespace())
-        bringup.add(self._operator)
-        self._take = self._operator.create_polled_subscription(JointState, 'plant/motor_shafts', RECORDER)
         self._watcher = _Watcher(robot)
+        super().__init__(bringup)
+        self._robot = robot
+        self._take = self.operator.create_polled_subscription(JointState, 'plant/motor_shafts', RECORDER)
         self._first_cycle: int | None = None  # of the newest fault
-        self._operator.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
+        self.operator.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
 
     def _on_schedule(self, message: String) -> None:
         self._first_cycle = json.loads(message.data)['first']
 
-    def _spin(self, seconds: float) -> None:
-        self._bringup.look(seconds)
+    def look(self) -> None:
+        """Collect what was published meanwhile."""
         while (taken := self._take()) is not None:
             self._watcher.telegrams.append(taken[0])
-
-    @property
-    def _progress(self) -> dict[str, Any]:
-        return self._operator.progress
-
-    def _wait(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> None:
-        self._operator.wait_until(condition, what, patience_s)
-
-    def _fresh(self) -> dict[str, Any]:
-        """Wait for the next progress."""
-        before = self._progress
-        self._wait(lambda: self._progress is not before, 'motion/progress')
-        return self._progress
 
     def run(self, case: Case) -> Outcome:
         """Run one case; what goes wrong is in the outcome."""
         outcome = Outcome(case)
         try:
-            self.make_ready()
+            self.make_ready(HOME_M)
             self._run(case, outcome)
         except Delta3Error as error:
             outcome.problem = str(error)
         started = time.monotonic()
         try:
-            self.make_ready()
+            self.make_ready(HOME_M)
             outcome.recovered_s = time.monotonic() - started
         except Delta3Error as error:
             outcome.problem = outcome.problem or f'not recovered: {error}'
-            self._operator.inject(
-                json.dumps({'fault': 'kill', 'node': PLANT})
-            )  # a new machine for the next case
+            self.replace_the_machine()
         if case.fault['fault'] == 'overload':
-            self._pass(COOLING_S)
+            self.let_pass(COOLING_S)
         return outcome
-
-    def make_ready(self) -> None:
-        """Do what an operator does after whatever happened: the robot stands enabled at home, without faults."""
-        self._wait(lambda: self._fresh()['phase'] == 'CP4', 'cyclic operation')
-        self._operator.inject('fault: clear')
-        self._pass(0.1)
-        if self._fresh()['fault']:
-            self._wait(lambda: not self._fresh()['in_torque'], 'standstill')
-            self._reset()
-        if self._operator.state in ('stopped', 'stopping', 'moving'):
-            self._wait(lambda: self._operator.state != 'stopping', 'standstill')
-            self._operator.call('abort')
-            self._wait(lambda: self._operator.state == 'idle', 'end of the program')
-        if not self._fresh()['in_torque']:
-            self._operator.enable(True)
-            self._wait(lambda: self._fresh()['in_torque'], 'torque')
-        self._drive({'move_l': {'to_m': list(HOME_M), 'speed_m_s': RECOVERY_M_S}})
-        self._wait(lambda: self._operator.state in ('idle', 'error'), 'home')
-        if self._fresh()['fault']:
-            raise ProgramError(self._progress['fault'])
-
-    def _reset(self) -> None:
-        """Clear the fault, however often that takes until its cause is gone."""
-        deadline = time.monotonic() + PATIENCE_S
-        while self._operator.state == 'error':
-            try:
-                self._operator.call('reset')
-                self._wait(lambda: self._operator.state == 'idle', 'end of the fault', 1.0)
-            except Delta3Error:
-                if time.monotonic() > deadline:
-                    raise
-
-    def _pass(self, seconds: float) -> None:
-        """Let bus time pass."""
-        end = self._fresh()['bus_time_s'] + seconds
-        self._wait(
-            lambda: self._progress['bus_time_s'] >= end or self._progress['phase'] != 'CP4', 'bus time'
-        )
-
-    def _drive(self, *moves: dict[str, Any], faults: list[dict[str, Any]] | None = None) -> None:
-        document = {'moves': list(moves)} | ({'faults': faults} if faults else {})
-        self._wait(lambda: self._operator.state == 'idle', 'idle robot')
-        try:
-            self._operator.send_program(json.dumps(document))
-        except ProgramError as error:
-            if 'already stands' not in str(error):
-                raise
-            return
-        self._operator.call('start')
-        self._wait(lambda: self._operator.state != 'idle', 'start')
 
     def _run(self, case: Case, outcome: Outcome) -> None:
         start, end = np.array(HOME_M), np.array(HOME_M)
@@ -300,36 +231,23 @@ class Catalogue:
         self._watcher.telegrams.clear()
         if case.state == State.MOVING:
             end = np.array(AWAY_M)
-            self._drive(line, faults=[case.fault | {'after_s': MIDWAY_S}])
+            self.drive([line], [case.fault | {'after_s': MIDWAY_S}])
         else:
             if case.state == State.DISABLED:
-                self._operator.enable(False)
-                self._wait(lambda: not self._fresh()['in_torque'], 'brakes')
+                self.operator.enable(False)
+                self.wait(lambda: not self.fresh()['in_torque'], 'brakes')
             elif case.state == State.HELD:
                 end = np.array(AWAY_M)
-                self._drive(line)
-                self._wait(lambda: self._progress['master_m'] > 0.02, 'motion')
-                self._operator.call('hold')
-                self._wait(lambda: self._operator.state == 'stopped', 'standstill')
-            self._operator.inject(json.dumps(case.fault))
-        self._observe(case, outcome)
+                self.drive([line])
+                self.wait(lambda: self.progress['master_m'] > 0.02, 'motion')
+                self.operator.call('hold')
+                self.wait(lambda: self.operator.state == 'stopped', 'standstill')
+            self.operator.inject(json.dumps(case.fault))
+        outcome.reported = self.observe(OBSERVED_S)
+        if outcome.reported and self._first_cycle is not None:
+            cycles = self.progress['fault_cycle'] - self._first_cycle
+            outcome.detected_s = cycles * self._robot.bus.cycle_time_s
         outcome.deviation_m = _distance_from_line(self._watcher.tcp(), start, end)
-
-    def _observe(self, case: Case, outcome: Outcome) -> None:
-        """Wait until the fault is detected, or has shown that it is not."""
-        started = self._fresh()['bus_time_s']
-        over = time.monotonic() + PATIENCE_S
-        while time.monotonic() < over:
-            progress = self._fresh()
-            if progress['fault']:
-                self._wait(lambda: not self._fresh()['in_torque'], 'standstill')
-                outcome.reported = self._progress['fault']
-                if self._first_cycle is not None:
-                    cycles = self._progress['fault_cycle'] - self._first_cycle
-                    outcome.detected_s = cycles * self._robot.bus.cycle_time_s
-                return
-            if progress['bus_time_s'] > started + OBSERVED_S and self._operator.state != 'moving':
-                return
 
 
 def run_catalogue(short: bool, only: str, show: Callable[[Outcome, int, int], None]) -> list[Outcome]:

@@ -29,8 +29,8 @@ class OperatorNode(PollingNode):
     ----------
     progress
         The newest ``motion/progress``.
-    state
-        The newest ``motion/state``.
+    state, state_changes
+        The newest ``motion/state``, and how many there were.
 
     """
 
@@ -39,6 +39,7 @@ class OperatorNode(PollingNode):
         self.spin_for = spin_for
         self.progress: dict[str, Any] = {}
         self.state = ''
+        self.state_changes = 0
         self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
         self.create_subscription(String, 'motion/state', self._on_state, LATCHED)
         self._take_answer = self.create_polled_subscription(String, 'unit_robot/answer', LATCHED)
@@ -65,6 +66,7 @@ class OperatorNode(PollingNode):
 
     def _on_state(self, message: String) -> None:
         self.state = message.data
+        self.state_changes += 1
 
     def wait_until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> None:
         """Spin until a condition holds; raises RunError after a while."""

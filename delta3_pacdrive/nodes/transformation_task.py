@@ -330,6 +330,7 @@ class TransformationTaskNode(PollingNode):
         for fault, _ in self._faults.begin_and_end(cycle):
             if fault.kind == 'emergency_stop':
                 self._note(f'emergency stop in bus cycle {cycle}')
+                self._fault_cycle = cycle
                 self._task.stop_at(cycle)
 
     def _frame(self, cycle: int) -> bytes:

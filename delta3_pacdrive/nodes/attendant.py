@@ -1,0 +1,135 @@
+"""An operator who stays with a robot and gets it going again whatever has happened, as people do."""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from delta3_pacdrive.bus.phases import PLANT
+from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
+from delta3_pacdrive.nodes.bringup import Bringup
+from delta3_pacdrive.nodes.operator import OperatorNode
+
+PATIENCE_S = 20.0  # wall time in which everything has to be as before
+RESET_S = 1.0  # wall time after which a reset is tried again
+RECOVERY_M_S = 1.0
+
+
+class Attendant:
+    """Operates a robot from within the process that brought it up; subclasses look at what it publishes.
+
+    Attributes
+    ----------
+    operator
+        Its node.
+
+    """
+
+    def __init__(self, bringup: Bringup) -> None:
+        self._bringup = bringup
+        self.operator = OperatorNode(self._spin, namespace=bringup.node.get_namespace())
+        bringup.add(self.operator)
+
+    def look(self) -> None:
+        """Look at what was published since the last look; called all the time."""
+
+    def _spin(self, seconds: float) -> None:
+        self._bringup.look(seconds)
+        self.look()
+
+    @property
+    def progress(self) -> dict[str, Any]:
+        """The newest progress."""
+        return self.operator.progress
+
+    def fresh(self) -> dict[str, Any]:
+        """Wait for the next progress and return it."""
+        before = self.progress
+        self.wait(lambda: self.progress is not before, 'motion/progress')
+        return self.progress
+
+    def wait(self, condition: Callable[[], Any], what: str) -> None:
+        """Wait for a condition; raises RunError when patience is over."""
+        self.operator.wait_until(condition, what, PATIENCE_S)
+
+    def let_pass(self, seconds: float) -> None:
+        """Let bus time pass."""
+        end = self.fresh()['bus_time_s'] + seconds
+        self.wait(lambda: self.progress['bus_time_s'] >= end or self.progress['phase'] != 'CP4', 'bus time')
+
+    def make_ready(self, home_m: Sequence[float]) -> None:
+        """Do what has to be done: the robot stands enabled at a place, without faults; raises Delta3Error."""
+        operator = self.operator
+        self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
+        operator.inject('fault: clear')
+        self.let_pass(0.1)
+        if self.fresh()['fault']:
+            self._reset()
+        if operator.state in ('stopped', 'stopping', 'moving'):
+            self.wait(lambda: operator.state != 'stopping', 'standstill')
+            operator.call('abort')
+            self.wait(lambda: operator.state == 'idle', 'end of the program')
+        if not self.fresh()['in_torque']:
+            operator.enable(True)
+            self.wait(lambda: self.fresh()['in_torque'], 'torque')
+        try:
+            self.drive([{'move_l': {'to_m': list(home_m), 'speed_m_s': RECOVERY_M_S}}])
+        except ProgramError as error:
+            if 'already stands' not in str(error):
+                raise
+        self.wait(lambda: operator.state in ('idle', 'error'), 'end of the motion')
+        if self.fresh()['fault']:
+            raise ProgramError(self.progress['fault'])
+
+    def _reset(self) -> None:
+        """Clear the fault, however often that takes until its cause is gone."""
+        deadline = time.monotonic() + PATIENCE_S
+        while self.operator.state == 'error':
+            try:
+                self.operator.call('reset')
+                self.operator.wait_until(lambda: self.operator.state != 'error', 'end of the fault', RESET_S)
+            except Delta3Error:
+                if time.monotonic() > deadline:
+                    raise
+                self.fresh()
+
+    def replace_the_machine(self) -> None:
+        """Let a new machine take the place of one that cannot be moved any more; its process is started again."""
+        self.operator.inject(json.dumps({'fault': 'kill', 'node': PLANT}))
+
+    def drive(self, moves: list[dict[str, Any]], faults: Sequence[dict[str, Any]] = ()) -> None:
+        """Send moves, with faults at their times, and start them; raises ProgramError if they are refused."""
+        operator = self.operator
+        self.wait(lambda: operator.state == 'idle', 'idle robot')
+        self._send(json.dumps({'moves': moves, 'faults': list(faults)}))
+        before = operator.state_changes
+        operator.call('start')
+        self.wait(lambda: operator.state_changes > before, 'start')
+
+    def _send(self, document: str) -> None:
+        """Send a program; a planner that was started again may not have heard of it, or not know the robot yet."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                self.operator.send_program(document)
+                return
+            except (RunError, ProgramError) as error:
+                unheard = isinstance(error, RunError) or 'has not located' in str(error)
+                if not unheard or time.monotonic() > deadline:
+                    raise
+                self.fresh()
+
+    def observe(self, seconds: float) -> str:
+        """Wait until a fault has stopped the robot, or some bus time is over and nothing moves; return the fault."""
+        started = self.fresh()['bus_time_s']
+        over = time.monotonic() + PATIENCE_S
+        while time.monotonic() < over:
+            progress = self.fresh()
+            if progress['phase'] != 'CP4':
+                started = max(started, progress['bus_time_s'])
+            if progress['fault']:
+                self.wait(lambda: not self.fresh()['in_torque'], 'standstill')
+                break
+            if progress['bus_time_s'] > started + seconds and self.operator.state != 'moving':
+                break
+        return str(self.progress['fault'])
