@@ -1,6 +1,7 @@
-"""Courses that bring the master back to its plan: after a stop, or at another override, without leaving the path."""
+"""Ways back to a plan: courses after a stop or at another override, and what is left of a plan after a fault."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
@@ -8,6 +9,7 @@ from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.master import master_at_distances, profile_rows, sample_master
+from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.timeline import BACK_M_S, Course, Timeline, remainder, slowest
 
@@ -123,3 +125,30 @@ def _stays_under(table: Floats, master: Floats, factor: float, speed_max: float)
     s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
     allowed = master_at_distances(np.maximum.accumulate(s), master)[:, 2] * factor
     return bool((v <= allowed * OVER_PLAN + 1e-4 * speed_max).all())
+
+
+def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
+    """Return the point at which a stopped program stands on its path [m], and the moves that are left of it.
+
+    The first of them begins inside its path; outputs that were switched before are not switched again.
+
+    Raises
+    ------
+    ProgramError
+        The program was not stopped, or is at its end.
+
+    """
+    if timeline.course is None or not timeline.course.held:
+        raise ProgramError('where the program was stopped on its path is not known; it can only be restarted')
+    course = rejoin(timeline, timeline.end_cycle, 1.0)
+    plan, number = timeline.plan, course.number
+    move = plan.move(number)
+    later = [plan.move(n) for n in range(number + 1, len(plan))]
+    place = float(course.table[0, 1])
+    here = np.asarray(sample_path([place], move.segments)[0, 0])
+    if len(course.table) > 1:
+        ahead = move.events[move.events[:, 0] > place] if move.kind != MoveKind.DWELL else move.events
+        later.insert(0, replace(move, master=course.table, events=ahead))
+    if not later:
+        raise ProgramError('the program was at its end')
+    return here, later

@@ -121,15 +121,18 @@ class Attendant:
 
     def observe(self, seconds: float) -> str:
         """Wait until a fault has stopped the robot, or some bus time is over and nothing moves; return the fault."""
-        started = self.fresh()['bus_time_s']
+        started: float | None = None  # bus time since which the bus is in cyclic operation
         over = time.monotonic() + PATIENCE_S
         while time.monotonic() < over:
             progress = self.fresh()
             if progress['phase'] != 'CP4':
-                started = max(started, progress['bus_time_s'])
+                started = None
+            elif started is None:
+                started = progress['bus_time_s']
             if progress['fault']:
                 self.wait(lambda: not self.fresh()['in_torque'], 'standstill')
                 break
-            if progress['bus_time_s'] > started + seconds and self.operator.state != 'moving':
+            passed = 0.0 if started is None else progress['bus_time_s'] - started
+            if passed > seconds and self.operator.state != 'moving':
                 break
         return str(self.progress['fault'])

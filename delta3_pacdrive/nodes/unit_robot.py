@@ -8,7 +8,7 @@ at most 100 poses), ``unit_robot/override`` (Float64, percent). Out: ``motion/pl
 for each request). Services: ``start``, ``resume``, ``clear``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,16 +22,17 @@ from std_srvs.srv import Trigger
 from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.time import Clock
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
-from delta3_pacdrive.injection import UNIT_ROBOT
+from delta3_pacdrive.injection import UNIT_ROBOT, Fault
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.planning import Planned
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.rejoin import rejoin
+from delta3_pacdrive.motion.rejoin import left_of_plan, rejoin
 from delta3_pacdrive.motion.timeline import NEVER, RATE_MAX, RATE_MIN, Course, Timeline
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import Faults
-from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, MotionState, numbers
+from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, STANDING_M, MotionState, numbers
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -60,6 +61,9 @@ class UnitRobotNode(PollingNode):
         self._here: np.ndarray[Any, Any] | None = None
         self._motion = MotionState.IDLE
         self._rate = 1.0
+        self._running: Program | None = None  # the last one that was started
+        self._failed = False  # a fault has stopped it
+        self._cut_off: Timeline | None = None  # what a fault has left of it
         self._timeline: Timeline | None = None
         self._rate_max = RATE_MAX
         self._lead = LEAD_CYCLES
@@ -132,6 +136,10 @@ class UnitRobotNode(PollingNode):
     def _on_located(self, message: PointStamped) -> None:
         first = self._here is None
         self._here = np.array([message.point.x, message.point.y, message.point.z])
+        self._cut_off = self._timeline if self._failed else None
+        if self._failed and self._queue is None:
+            self._queue = self._running
+        self._failed = False
         self._timeline = None
         self._planned = None
         if first and self._queue is not None:
@@ -152,6 +160,7 @@ class UnitRobotNode(PollingNode):
 
     def _on_state(self, message: String) -> None:
         self._motion = MotionState(message.data)
+        self._failed = self._failed or (self._motion == MotionState.ERROR and self._timeline is not None)
         self._state.publish(message)
 
     def _on_course(self, message: Float64MultiArray) -> None:
@@ -234,7 +243,7 @@ class UnitRobotNode(PollingNode):
         self._enqueue({'moves': [{'move_sb': {'through_m': _points_of(message)}}]})
 
     def _clear(self) -> str:
-        self._queue = self._planned = None
+        self._queue = self._planned = self._cut_off = None
         return 'the queue is empty'
 
     # running ----------------------------------------------------------------------------------------------------------
@@ -249,23 +258,44 @@ class UnitRobotNode(PollingNode):
         planned = self._planned or planning.plan(program, self._require_rest(), self._robot)
         self._queue = self._planned = None
         self._rate_max = planned.rate_max
-        rate = min(self._rate, planned.rate_max)
-        for number, move in enumerate(planned.plan.moves):
-            self._plan.publish(numbers(move.to_array(number, len(planned.plan.moves)), move.kind.name))
-        for fault in program.faults:
-            self._plan.publish(numbers(fault.to_row(), FAULT))
+        self._running = program
         cycle = self._robot.motion.start_cycle if self._starts_by_itself else -1
         self._starts_by_itself = False
-        self._plan.publish(numbers([cycle, rate, *planned.plan.tables.order.tolist()], ORDER))
-        self._timeline = Timeline(planned.plan, self._robot.bus.cycle_time_s)
-        duration = planned.plan.duration_s / rate
+        duration = self._send(planned.plan, cycle, program.faults)
         return f'started "{planned.name}": {len(planned.plan)} moves, {duration:.3f} s'
 
+    def _send(self, plan: Plan, cycle: int, faults: Sequence[Fault] = ()) -> float:
+        """Send a plan to the transformation task, which starts it; return how long it takes [s]."""
+        self._cut_off = None
+        rate = min(self._rate, self._rate_max)
+        for number, move in enumerate(plan.moves):
+            self._plan.publish(numbers(move.to_array(number, len(plan.moves)), move.kind.name))
+        for fault in faults:
+            self._plan.publish(numbers(fault.to_row(), FAULT))
+        self._plan.publish(numbers([cycle, rate, *plan.tables.order.tolist()], ORDER))
+        self._timeline = Timeline(plan, self._robot.bus.cycle_time_s)
+        return plan.duration_s / rate
+
     def _resume(self) -> str:
-        if self._motion != MotionState.STOPPED:
+        if self._motion == MotionState.STOPPED:
+            self._send_change(self._rate)
+            return 'resumed'
+        if self._motion != MotionState.IDLE or self._cut_off is None:
             raise ProgramError(f'the robot is {self._motion}: only a stopped program can be resumed')
-        self._send_change(self._rate)
-        return 'resumed'
+        return self._resume_after_fault(self._cut_off)
+
+    def _resume_after_fault(self, timeline: Timeline) -> str:
+        """Go back to the path on a straight line, then on along it; whoever was told to restart may still do so."""
+        here = self._require_rest()
+        on_path, moves = left_of_plan(timeline)
+        if float(np.linalg.norm(here - on_path)) > STANDING_M:
+            x, y, z = on_path.tolist()
+            document = {'moves': [{'move_l': {'to_m': [x, y, z]}}]}
+            way_back = planning.plan(programs.parse(document, self._robot.motion), here, self._robot)
+            moves = [*way_back.plan.moves, *moves]
+        self._queue = self._planned = None
+        duration = self._send(Plan.of(moves), -1)
+        return f'resumed after the fault: {len(moves)} moves, {duration:.3f} s'
 
     def _on_override(self, message: Float64) -> None:
         percent = message.data

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -29,6 +30,7 @@ class Cell:
 
     def __init__(self, graph: Any) -> None:
         self.graph = graph
+        self.commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
         self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
         self.task = graph.robot(**ON_REQUEST)
         graph.add(UnitRobotNode, **ON_REQUEST)
@@ -192,3 +194,53 @@ def test_a_drive_that_is_started_twice_stays_out(cell: Cell, graph: Any) -> None
     graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
     actual = np.array(cell.shafts[-1].position) / 32.0
     assert np.isfinite(actual).all()
+
+
+# going on ---------------------------------------------------------------------------------------------------------
+
+
+def stopped_by_a_fault(cell: Cell, graph: Any) -> np.ndarray:
+    """Stop the motion by a broken encoder, mend it, clear the fault, enable; return where the TCP stands."""
+    places = graph.listen(PointStamped, 'motion/located', LATCHED)
+    cell.move()
+    cell.operator.inject('{fault: encoder_failure, axis: axis2}')
+    graph.spin_until(lambda: cell.operator.state == 'error', 'the fault')
+    cell.operator.inject('fault: clear')
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
+    cell.graph.spin_until(lambda: not cell.drive(2)._drive.state['encoder_broken'][0], 'the repair')
+    known = len(places)
+    cell.operator.call('reset')
+    graph.spin_until(lambda: cell.operator.state == 'idle' and len(places) > known, 'the reset')
+    cell.operator.enable(True)
+    point = places[-1].point
+    return np.array([point.x, point.y, point.z])
+
+
+def test_a_program_is_resumed_after_a_fault_where_it_left_its_path(cell: Cell, graph: Any) -> None:
+    stood = stopped_by_a_fault(cell, graph)
+    assert 1e-4 < abs(stood[1]) < 0.03  # off the line, on which y is 0
+    cell.commands.clear()
+    changes = cell.operator.state_changes
+    assert cell.operator.call('resume').startswith('resumed after the fault: 2 moves')
+    graph.spin_until(lambda: cell.operator.state_changes >= changes + 2, 'the motion')
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+    assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
+    path = np.array([[m.point.x, m.point.y, m.point.z] for m in cell.commands])
+    back = int(np.argmax(np.abs(path[:, 1:] - [0.0, -0.75]).max(axis=1) < 1e-9))
+    # straight back to the path, then along it and never again to what was done before
+    assert np.abs(path[back:, 1:] - [0.0, -0.75]).max() < 1e-9
+    assert 0.07 < path[back, 0] < 0.15
+    assert (np.diff(path[back:, 0]) > -1e-12).all()
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 2e-3
+
+
+def test_a_program_is_restarted_after_a_fault(cell: Cell, graph: Any) -> None:
+    stopped_by_a_fault(cell, graph)
+    changes = cell.operator.state_changes
+    assert cell.operator.call('start').startswith('started "program": 1 moves')
+    graph.spin_until(lambda: cell.operator.state_changes >= changes + 2, 'the motion')
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
+    with pytest.raises(ProgramError, match='only a stopped program can be resumed'):
+        cell.operator.call('resume')
