@@ -5,6 +5,17 @@
 
 with the rotor and brake inertia in I_b = k_r^2 (I_m + I_brake) + l_A^2 (m_b/3 + m_c + r m_fb) and no friction. The
 coupling torque d (4.31) is what a motor feels beyond A_bar thetaddot and its friction.
+
+The thesis puts the share r of a forearm's mass into the elbow and the rest into the plate (4.8.1). A forearm of uniform
+rods, whose points move with (1 - x) Cdot_i + x Xdot, 0 <= x <= 1, has the kinetic energy
+
+    m_fb/6 (|Cdot_i|^2 + Cdot_i.Xdot + |Xdot|^2)
+
+exactly: a third of the mass in the elbow, a third in the plate, and the sixth mu = m_fb/6 that couples both,
+
+    A = I_b 1 + m_nt J^T J + mu (B^T J + J^T B),   B = [b_1 b_2 b_3] (4.9),
+
+which adds mu sum (Cddot_k + g z) to the force on the plate and mu b_i.(Xddot + g z) to the torque of arm i.
 """
 
 from typing import Any
@@ -17,26 +28,69 @@ from delta3_pacdrive.kinematics import (
     Floats,
     combine,
     dot,
-    forearms,
     geometry,
     inverse_columns,
-    plate_position,
+    pose,
     rows,
+    upper_arm,
 )
 from delta3_pacdrive.parameters import Parameters
 
-INERTIA = np.dtype([('arm', 'f8'), ('plate', 'f8'), ('arm_moment', 'f8'), ('gravity', 'f8')])
+INERTIA = np.dtype(
+    [
+        ('arm', 'f8', (3,)),  # I_b [kg m^2]
+        ('plate', 'f8'),  # m_nt [kg]
+        ('rod', 'f8'),  # mu [kg], 0 for split masses
+        ('weight', 'f8', (3,)),  # m_br r_Gb g / l_A [N]
+        ('gravity', 'f8'),  # g [m/s^2]
+    ],
+    align=True,
+)
 
 
-def inertia(parameters: Parameters) -> NDArray[Any]:
-    """Return one record of ``INERTIA``: I_b [kg m^2], m_nt [kg], m_br r_Gb [kg m] and g [m/s^2] (4.8.1)."""
-    p, l_a = parameters.dynamics, parameters.kinematics.upper_arm_length_m
-    at_elbow = p.elbow_mass_kg + p.forearm_share_at_elbow * p.forearm_mass_kg
-    rotor = parameters.motor.rotor_inertia_kg_m2 + parameters.motor.brake_inertia_kg_m2
+def rotor_inertia(parameters: Parameters) -> float:
+    """Inertia [kg m^2] of a rotor with its brake, on the arm side of the gear."""
+    motor = parameters.motor
+    return parameters.dynamics.gear_ratio**2 * (motor.rotor_inertia_kg_m2 + motor.brake_inertia_kg_m2)
+
+
+def inertia(
+    parameters: Parameters,
+    geometry_record: NDArray[Any] | None = None,
+    *,
+    rods: bool = False,
+    rotors: bool = True,
+) -> NDArray[Any]:
+    """Return one record of ``INERTIA`` (4.8.1).
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    geometry_record
+        Lengths of the built arms; nominal without.
+    rods
+        Forearms as uniform rods instead of split masses.
+    rotors
+        Whether the rotors turn with the arms.
+
+    """
+    p = parameters.dynamics
+    l_a = (geometry(parameters.kinematics) if geometry_record is None else geometry_record)['l_a']
+    elbow_share = 1.0 / 3.0 if rods else p.forearm_share_at_elbow
+    at_elbow = p.elbow_mass_kg + elbow_share * p.forearm_mass_kg
     record = np.zeros(1, INERTIA)
-    record['arm'] = p.gear_ratio**2 * rotor + l_a**2 * (p.upper_arm_mass_kg / 3.0 + at_elbow)
+    record['arm'] = l_a**2 * (p.upper_arm_mass_kg / 3.0 + at_elbow)
+    if rotors:
+        record['arm'] += rotor_inertia(parameters)
     record['plate'] = p.plate_total_mass_kg
-    record['arm_moment'] = l_a * (p.upper_arm_mass_kg / 2.0 + at_elbow)
+    if rods:
+        record['plate'] = p.plate_mass_kg + p.payload_mass_kg + p.forearm_mass_kg
+        record['rod'] = p.forearm_mass_kg / 6.0
+        # a third and a sixth: half of a forearm weighs on its elbow
+        at_elbow += record['rod'][0]
+    moment = l_a * (p.upper_arm_mass_kg / 2.0 + at_elbow)
+    record['weight'] = p.gravity_m_s2 * moment / l_a
     record['gravity'] = p.gravity_m_s2
     return record
 
@@ -47,8 +101,7 @@ def motion_terms(theta, thetadot, g, m):
 
     Jdot thetadot = S^-1 (Ddot thetadot - Sdot Xdot) (4.15 times thetadot) needs no matrix Jdot.
     """
-    p = plate_position(theta, g)
-    s, b = forearms(theta, p, g)
+    p, s, b = pose(theta, g)
     n1, n2, n3, determinant = inverse_columns(s)
     sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
     q = (sb[0] / determinant, sb[1] / determinant, sb[2] / determinant)
@@ -59,30 +112,58 @@ def motion_terms(theta, thetadot, g, m):
     a = combine(e1 / determinant, n1, e2 / determinant, n2, e3 / determinant, n3)
     force = (m.plate * a[0], m.plate * a[1], m.plate * (a[2] + m.gravity))
     mass = (
-        m.arm + m.plate * q[0] * q[0] * dot(n1, n1),
-        m.arm + m.plate * q[1] * q[1] * dot(n2, n2),
-        m.arm + m.plate * q[2] * q[2] * dot(n3, n3),
+        m.arm[0] + m.plate * q[0] * q[0] * dot(n1, n1),
+        m.arm[1] + m.plate * q[1] * q[1] * dot(n2, n2),
+        m.arm[2] + m.plate * q[2] * q[2] * dot(n3, n3),
         m.plate * q[0] * q[1] * dot(n1, n2),
         m.plate * q[0] * q[2] * dot(n1, n3),
         m.plate * q[1] * q[2] * dot(n2, n3),
     )
-    weight = m.gravity * m.arm_moment / g.l_a
     # the cosine of an arm angle is -b_z / l_A
     bias = (
-        q[0] * dot(n1, force) + weight * b[0][2],
-        q[1] * dot(n2, force) + weight * b[1][2],
-        q[2] * dot(n3, force) + weight * b[2][2],
+        q[0] * dot(n1, force) + m.weight[0] * b[0][2],
+        q[1] * dot(n2, force) + m.weight[1] * b[1][2],
+        q[2] * dot(n3, force) + m.weight[2] * b[2][2],
     )
+    if m.rod != 0.0:
+        j = (
+            combine(q[0], n1, 0.0, n1, 0.0, n1),
+            combine(q[1], n2, 0.0, n2, 0.0, n2),
+            combine(q[2], n3, 0.0, n3, 0.0, n3),
+        )
+        return _with_rods(mass, bias, thetadot, p, s, b, j, a, g, m)
     return mass, bias
+
+
+@kernel
+def _with_rods(mass, bias, thetadot, p, s, b, j, a, g, m):
+    """Add what couples elbows and plate in uniform rods; columns j of J, a = Jdot thetadot."""
+    arms = (upper_arm(0, p, s[0], g), upper_arm(1, p, s[1], g), upper_arm(2, p, s[2], g))
+    squares = (thetadot[0] * thetadot[0], thetadot[1] * thetadot[1], thetadot[2] * thetadot[2])
+    # bdot_i thetadot_i; the elbows' weight is in that of the arms
+    elbows = combine(-squares[0], arms[0], -squares[1], arms[1], -squares[2], arms[2])
+    force = (elbows[0], elbows[1], elbows[2] + 3.0 * m.gravity)
+    coupled_mass = (
+        mass[0] + 2.0 * m.rod * dot(b[0], j[0]),
+        mass[1] + 2.0 * m.rod * dot(b[1], j[1]),
+        mass[2] + 2.0 * m.rod * dot(b[2], j[2]),
+        mass[3] + m.rod * (dot(b[0], j[1]) + dot(b[1], j[0])),
+        mass[4] + m.rod * (dot(b[0], j[2]) + dot(b[2], j[0])),
+        mass[5] + m.rod * (dot(b[1], j[2]) + dot(b[2], j[1])),
+    )
+    coupled_bias = (
+        bias[0] + m.rod * (dot(j[0], force) + dot(b[0], a)),
+        bias[1] + m.rod * (dot(j[1], force) + dot(b[1], a)),
+        bias[2] + m.rod * (dot(j[2], force) + dot(b[2], a)),
+    )
+    return coupled_mass, coupled_bias
 
 
 @kernel
 def _acceleration_right_side(i, s, b, p, xdot, thetadot, g):
     """Ddot_ii thetadot_i - sdot_i.Xdot of one arm (4.14)."""
     sdot = combine(1.0, xdot, -thetadot, b, 0.0, xdot)
-    # C_i - R u_i, the upper arm as a vector; bdot_i = -(C_i - R u_i) thetadot_i
-    arm = (p[0] - s[0] - g.r * g.cos_alpha[i], p[1] - s[1] - g.r * g.sin_alpha[i], p[2] - s[2])
-    ddot = dot(sdot, b) - dot(s, arm) * thetadot
+    ddot = dot(sdot, b) - dot(s, upper_arm(i, p, s, g)) * thetadot
     return ddot * thetadot - dot(sdot, xdot)
 
 
@@ -150,21 +231,43 @@ def _three_rows(first: ArrayLike, second: ArrayLike, third: ArrayLike, names: tu
     return [array for array, _ in shaped], shaped[0][1]
 
 
-def inverse(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
-    """Arm torques [N m] of a motion (4.26): motor inertia included, no friction; shapes (..., 3); nan without FK."""
+def inverse(
+    theta: ArrayLike,
+    thetadot: ArrayLike,
+    thetaddot: ArrayLike,
+    parameters: Parameters,
+    *,
+    rods: bool = False,
+) -> Floats:
+    """Arm torques [N m] of a motion (4.26): motor inertia included, no friction; shapes (..., 3); nan without FK.
+
+    With ``rods`` the forearms are uniform rods instead of the thesis' split masses.
+    """
     (angles, rates, accelerations), shape = _three_rows(
         theta, thetadot, thetaddot, ('theta', 'thetadot', 'thetaddot')
     )
     out: Floats = np.empty_like(angles)
-    _inverse(angles, rates, accelerations, out, geometry(parameters.kinematics), inertia(parameters))
+    _inverse(
+        angles,
+        rates,
+        accelerations,
+        out,
+        geometry(parameters.kinematics),
+        inertia(parameters, rods=rods),
+    )
     return out.reshape(*shape, 3)
 
 
-def forward(theta: ArrayLike, thetadot: ArrayLike, tau: ArrayLike, parameters: Parameters) -> Floats:
-    """Arm accelerations [rad/s^2] under arm torques: thetaddot = A^-1 (tau - C thetadot - G); shapes (..., 3)."""
+def forward(
+    theta: ArrayLike, thetadot: ArrayLike, tau: ArrayLike, parameters: Parameters, *, rods: bool = False
+) -> Floats:
+    """Arm accelerations [rad/s^2] under arm torques: thetaddot = A^-1 (tau - C thetadot - G); shapes (..., 3).
+
+    With ``rods`` the forearms are uniform rods instead of the thesis' split masses.
+    """
     (angles, rates, torques), shape = _three_rows(theta, thetadot, tau, ('theta', 'thetadot', 'tau'))
     out: Floats = np.empty_like(angles)
-    _forward(angles, rates, torques, out, geometry(parameters.kinematics), inertia(parameters))
+    _forward(angles, rates, torques, out, geometry(parameters.kinematics), inertia(parameters, rods=rods))
     return out.reshape(*shape, 3)
 
 

@@ -2,6 +2,7 @@
 
 Frame ``base``: origin in the centre of the base plate, z up. Arm i lies in the vertical plane at azimuth alpha_i; its
 angle theta_i is 0 when it points outward and positive downward. R = R_A - R_B (4.1: the plate shrinks to a point).
+The kernels take l_A, l_B and R of each arm: those of a built robot differ a little.
 
     elbow        C_i = (R + l_A cos theta_i) u_i - l_A sin theta_i z
     forearm      s_i = X - C_i,  |s_i| = l_B                                   (4.4, 4.5)
@@ -18,29 +19,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.kernel import kernel
-from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.parameters import Kinematics, Rich
 
 Floats = NDArray[np.float64]
 
 GEOMETRY = np.dtype(
     [
-        ('l_a', 'f8'),
-        ('l_b', 'f8'),
-        ('r', 'f8'),
+        ('l_a', 'f8', (3,)),
+        ('l_b', 'f8', (3,)),
+        ('r', 'f8', (3,)),
         ('cos_alpha', 'f8', (3,)),
         ('sin_alpha', 'f8', (3,)),
     ]
 )
 
 
-def geometry(kinematics: Kinematics) -> NDArray[Any]:
-    """Return the constants of the kernels: one record of ``GEOMETRY``."""
+def geometry(kinematics: Kinematics, errors: Rich | None = None) -> NDArray[Any]:
+    """Return the constants of the kernels, nominal or with the geometric errors of a built robot: one ``GEOMETRY``."""
     record = np.zeros(1, GEOMETRY)
+    azimuth = np.array(kinematics.arm_azimuth_rad)
     record['l_a'] = kinematics.upper_arm_length_m
     record['l_b'] = kinematics.forearm_length_m
     record['r'] = kinematics.radius_difference_m
-    record['cos_alpha'] = np.cos(kinematics.arm_azimuth_rad)
-    record['sin_alpha'] = np.sin(kinematics.arm_azimuth_rad)
+    if errors is not None:
+        record['l_a'] += errors.upper_arm_error_m
+        record['l_b'] += errors.forearm_error_m
+        record['r'] += errors.radius_error_m
+        azimuth += np.radians(errors.arm_azimuth_error_deg)
+    record['cos_alpha'] = np.cos(azimuth)
+    record['sin_alpha'] = np.sin(azimuth)
     return record
 
 
@@ -80,10 +87,11 @@ def arm_angle(p, i, g, elbow_in):
     w^2 = E^2 + F^2 - K^2; of the two forms the one without cancellation is taken. The upper sign is the elbow-out
     branch, in which the robot works.
     """
-    e = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r
+    l_a, l_b = g.l_a[i], g.l_b[i]
+    e = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r[i]
     y = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
     f = -p[2]
-    k = (e * e + y * y + f * f + g.l_a * g.l_a - g.l_b * g.l_b) / (2.0 * g.l_a)
+    k = (e * e + y * y + f * f + l_a * l_a - l_b * l_b) / (2.0 * l_a)
     radicand = e * e + f * f - k * k
     if not radicand >= 0.0:
         return math.nan
@@ -107,13 +115,13 @@ def arm_angles(p, g):
 @kernel
 def elbow(i, cosine, sine, g):
     """Elbow C_i for the cosine and sine of the arm angle."""
-    reach = g.r + g.l_a * cosine
-    return (reach * g.cos_alpha[i], reach * g.sin_alpha[i], -g.l_a * sine)
+    reach = g.r[i] + g.l_a[i] * cosine
+    return (reach * g.cos_alpha[i], reach * g.sin_alpha[i], -g.l_a[i] * sine)
 
 
 @kernel
 def plate_from_elbows(c1, c2, c3, l_b, side):
-    """Intersection of three spheres of radius l_B (4.3), below (``side`` = -1) or above (+1) the elbow plane.
+    """Intersection of three spheres of radii l_B (4.3), below (``side`` = -1) or above (+1) the elbow plane.
 
     Nan where the spheres do not meet or the elbows lie on a line.
     """
@@ -123,8 +131,11 @@ def plate_from_elbows(c1, c2, c3, l_b, side):
     w2 = dot(w, w)
     if w2 == 0.0:
         return (math.nan, math.nan, math.nan)
-    o = combine(dot(q, q) / (2.0 * w2), cross(w, p), dot(p, p) / (2.0 * w2), cross(q, w), 0.0, w)
-    height2 = l_b * l_b - dot(o, o)
+    radius2 = l_b[0] * l_b[0]
+    pp = dot(p, p) + (radius2 - l_b[1] * l_b[1])
+    qq = dot(q, q) + (radius2 - l_b[2] * l_b[2])
+    o = combine(qq / (2.0 * w2), cross(w, p), pp / (2.0 * w2), cross(q, w), 0.0, w)
+    height2 = radius2 - dot(o, o)
     if not height2 >= 0.0:
         return (math.nan, math.nan, math.nan)
     along = side * math.sqrt(height2 / w2)
@@ -145,7 +156,13 @@ def plate_position(theta, g):
 @kernel
 def arm_tangent(i, cosine, sine, g):
     """b_i, derivative of elbow i by its angle (4.9, corrected)."""
-    return (-g.l_a * sine * g.cos_alpha[i], -g.l_a * sine * g.sin_alpha[i], -g.l_a * cosine)
+    return (-g.l_a[i] * sine * g.cos_alpha[i], -g.l_a[i] * sine * g.sin_alpha[i], -g.l_a[i] * cosine)
+
+
+@kernel
+def upper_arm(i, p, s, g):
+    """C_i - R u_i of a plate and a forearm vector: the upper arm; bdot_i = -(C_i - R u_i) thetadot_i."""
+    return (p[0] - s[0] - g.r[i] * g.cos_alpha[i], p[1] - s[1] - g.r[i] * g.sin_alpha[i], p[2] - s[2])
 
 
 @kernel
@@ -173,6 +190,24 @@ def inverse_columns(s):
     n2 = cross(s[2], s[0])
     n3 = cross(s[0], s[1])
     return n1, n2, n3, dot(s[0], n1)
+
+
+@kernel
+def pose(theta, g):
+    """Plate position, forearm vectors s_1..3 and arm tangents b_1..3 of three arm angles (4.3, 4.5, 4.9)."""
+    cosines = (math.cos(theta[0]), math.cos(theta[1]), math.cos(theta[2]))
+    sines = (math.sin(theta[0]), math.sin(theta[1]), math.sin(theta[2]))
+    c1 = elbow(0, cosines[0], sines[0], g)
+    c2 = elbow(1, cosines[1], sines[1], g)
+    c3 = elbow(2, cosines[2], sines[2], g)
+    p = plate_from_elbows(c1, c2, c3, g.l_b, -1.0)
+    s = (difference(p, c1), difference(p, c2), difference(p, c3))
+    b = (
+        arm_tangent(0, cosines[0], sines[0], g),
+        arm_tangent(1, cosines[1], sines[1], g),
+        arm_tangent(2, cosines[2], sines[2], g),
+    )
+    return p, s, b
 
 
 @kernel
@@ -237,8 +272,8 @@ def _singularity(angles, points, out, geometry_record):
     for n in range(angles.shape[0]):
         s, b = forearms(_tuple3(angles[n]), _tuple3(points[n]), g)
         for i in range(3):
-            out[n, i] = dot(s[i], b[i]) / (g.l_a * g.l_b)
-        out[n, 3] = abs(inverse_columns(s)[3]) / (g.l_b * g.l_b * g.l_b)
+            out[n, i] = dot(s[i], b[i]) / (g.l_a[i] * g.l_b[i])
+        out[n, 3] = abs(inverse_columns(s)[3]) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
 
 
 def rows(values: ArrayLike, name: str) -> tuple[Floats, tuple[int, ...]]:
@@ -328,9 +363,10 @@ def jacobian_dot(
     u = np.stack([g['cos_alpha'], g['sin_alpha'], np.zeros(3)], axis=-1)
     z = np.array([0.0, 0.0, 1.0])
     cosine, sine = np.cos(theta)[..., None], np.sin(theta)[..., None]
-    arm = g['l_a'] * (cosine * u - sine * z)
-    s = p[..., None, :] - (g['r'] * u + arm)
-    b = -g['l_a'] * (sine * u + cosine * z)
+    l_a, r = g['l_a'][:, None], g['r'][:, None]
+    arm = l_a * (cosine * u - sine * z)
+    s = p[..., None, :] - (r * u + arm)
+    b = -l_a * (sine * u + cosine * z)
     s_dot = pdot[..., None, :] - b * thetadot[..., None]
     b_dot = -arm * thetadot[..., None]
     d_dot = (s_dot * b).sum(axis=-1) + (s * b_dot).sum(axis=-1)

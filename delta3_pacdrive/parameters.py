@@ -15,6 +15,9 @@ from delta3_pacdrive.errors import ParameterError, shown
 DEFAULT_FILE = 'delta3.yaml'
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 EXCHANGE_PERIODS_S = (125.0e-6, 250.0e-6, 500.0e-6)
+ELASTIC_EXCHANGE_S = (
+    250.0e-6  # behind an elastic gear a rotor escapes an observer that takes it for the whole arm
+)
 
 
 def _quantity(description: str, low: float = -math.inf, high: float = math.inf) -> Any:
@@ -24,6 +27,10 @@ def _quantity(description: str, low: float = -math.inf, high: float = math.inf) 
 
 def _positive(description: str, high: float = math.inf) -> Any:
     return _quantity(description, math.nextafter(0.0, 1.0), high)
+
+
+def _switch(description: str) -> Any:
+    return _quantity(description, False, True)
 
 
 @dataclass(frozen=True)
@@ -158,6 +165,58 @@ class Motor:
 
 
 @dataclass(frozen=True)
+class Rich:
+    """What the thesis leaves out: the plant, and the drives' sensors, as those of a built robot."""
+
+    enabled: bool = _switch(
+        'whether any of the effects below is on; without it the plant is that of the thesis'
+    )
+    forearm_rods: bool = _switch('forearms as uniform rods instead of split masses')
+    gear: bool = _switch('elastic gears with backlash; needs an exchange period of at most 250e-6')
+    gear_stiffness_n_m_rad: float = _quantity('torsional stiffness of a gear, arm side', 1e2, 1e7)
+    gear_damping_n_m_s_rad: float = _quantity('its damping, arm side', 0.0, 1e4)
+    gear_backlash_rad: float = _quantity('lost motion between the flanks, arm side', 0.0, 0.1)
+    friction: bool = _switch(
+        'Coulomb friction F_s with stiction and Stribeck effect instead of F_s tanh(w/w_s)'
+    )
+    break_away_torque_n_m: float = _positive('torque that sets a standing shaft in motion', 1e2)
+    stribeck_speed_rad_s: float = _quantity('speed w_st of the fall from break-away to F_s', 1e-2, 1e3)
+    presliding_rad: float = _quantity(
+        'deflection of the bristles under the break-away torque, motor side', 1e-5, 1.0
+    )
+    ripple: bool = _switch('cogging and torque ripple of the motors')
+    cogging_torque_n_m: float = _quantity('amplitude of the cogging torque', 0.0, 1e2)
+    cogging_periods: int = _quantity('its periods in a revolution', 1, 1000)
+    torque_ripple: float = _quantity('ripple of K_m, sixth harmonic of the electrical angle', 0.0, 1.0)
+    sensors: bool = _switch('errors of current sensors and encoders')
+    sensor_seed: int = _quantity('seed of their noise', 0, 2**31 - 1)
+    current_gain_error: tuple[float, float, float] = _quantity('error of measured currents', -0.5, 0.5)
+    current_offset_a: tuple[float, float, float] = _quantity(
+        'offset of a phase: turns with z_p w', -10.0, 10.0
+    )
+    current_noise_a: float = _quantity('amplitude of the noise of measured currents', 0.0, 10.0)
+    encoder_noise_rad: float = _quantity('amplitude of the noise of encoders, motor side', 0.0, 0.1)
+    encoder_error_rad: float = _quantity('amplitude of the error within a sine period, motor side', 0.0, 0.1)
+    encoder_periods: int = _quantity('sine periods of an encoder in a revolution', 1, 2**16)
+    geometry: bool = _switch('geometric errors of the arms')
+    upper_arm_error_m: tuple[float, float, float] = _quantity('error of l_A', -0.02, 0.02)
+    forearm_error_m: tuple[float, float, float] = _quantity('error of l_B', -0.02, 0.02)
+    radius_error_m: tuple[float, float, float] = _quantity('error of R', -0.02, 0.02)
+    arm_azimuth_error_deg: tuple[float, float, float] = _quantity('error of alpha', -5.0, 5.0)
+    arm_angle_error_deg: tuple[float, float, float] = _quantity(
+        'arm angle beyond the referenced one', -5.0, 5.0
+    )
+
+    @property
+    def effects(self) -> 'Rich':
+        """The effects that are on: their switches, all off without ``enabled``."""
+        if self.enabled:
+            return self
+        switches: dict[str, Any] = {f.name: False for f in dataclasses.fields(self) if f.type is bool}
+        return dataclasses.replace(self, **switches)
+
+
+@dataclass(frozen=True)
 class Bus:
     """SERCOS timing (2.2.3, 8.1)."""
 
@@ -192,6 +251,7 @@ class Parameters:
     drive: Drive
     dynamics: Dynamics
     motor: Motor
+    rich: Rich
     bus: Bus
     motion: Motion
 
@@ -199,6 +259,7 @@ class Parameters:
         """Check the rules that join several values."""
         _check_timing(self)
         _check_geometry(self.kinematics, self.dynamics)
+        _check_rich(self)
 
     @property
     def set_point_delay_cycles(self) -> float:
@@ -291,6 +352,19 @@ def _check_geometry(kinematics: Kinematics, dynamics: Dynamics) -> None:
         raise ParameterError('dynamics.end_stop_max_deg must not lie below kinematics.arm_angle_max_deg')
 
 
+def _check_rich(parameters: Parameters) -> None:
+    rich, bus, motor = parameters.rich, parameters.bus, parameters.motor
+    if rich.break_away_torque_n_m < motor.static_friction_n_m:
+        raise ParameterError(
+            f'rich.break_away_torque_n_m is {rich.break_away_torque_n_m}, '
+            f'but must not be less than motor.static_friction_n_m ({motor.static_friction_n_m})'
+        )
+    if rich.effects.gear and bus.exchange_period_s > ELASTIC_EXCHANGE_S:
+        raise ParameterError(
+            f'rich.gear needs a bus.exchange_period_s of at most {ELASTIC_EXCHANGE_S}, not {bus.exchange_period_s}'
+        )
+
+
 def flatten(parameters: Parameters) -> dict[str, Any]:
     """Return every value by its dotted name, for example ``motor.peak_current_a``."""
     return {
@@ -329,7 +403,9 @@ def from_flat(values: dict[str, Any], where: str = 'parameters') -> Parameters:
 
 
 def load(path: str | Path | None = None) -> Parameters:
-    """Read a parameter file (the packaged default without a path).
+    """Read a parameter file, the packaged default without a path; a bare name means a packaged file as well.
+
+    The packaged file ``rich`` holds only what differs from the default, as a file for nodes may; any other is complete.
 
     Raises
     ------
@@ -337,17 +413,35 @@ def load(path: str | Path | None = None) -> Parameters:
         The file is not there, is no ROS parameter file, or holds an unknown, missing, mistyped or forbidden value.
 
     """
-    path = Path(path) if path is not None else config_directory() / DEFAULT_FILE
+    default = config_directory() / DEFAULT_FILE
+    path = find(path) if path is not None else default
+    tree = _read_tree(path)
+    if path != default and path.parent.resolve() == default.parent.resolve():
+        complete = _read_tree(default)
+        tree = complete | {group: complete.get(group, {}) | values for group, values in tree.items()}
+    return _from_tree(tree, str(path))
+
+
+def find(path: str | Path) -> Path:
+    """Return the parameter file that ``path`` means: itself, else the packaged one of that name."""
+    path = Path(path)
+    for packaged in config_directory().glob('*.yaml'):
+        if str(path) in (packaged.name, packaged.stem) and not path.exists():
+            return packaged
+    return path
+
+
+def _read_tree(path: Path) -> dict[str, Any]:
     document = yaml_file.read(path, 'parameter file', ParameterError)
     try:
         (node,) = document.values()
-        tree = node['ros__parameters']
+        tree: dict[str, Any] = node['ros__parameters']
         tree.items()
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ParameterError(
             f'{path} is not a ROS parameter file: expected "/**: ros__parameters: ..."'
         ) from None
-    return _from_tree(tree, str(path))
+    return tree
 
 
 def config_directory() -> Path:
@@ -381,6 +475,10 @@ def _from_tree(tree: dict[str, Any], where: str) -> Parameters:
 
 
 def _checked(f: Any, value: Any, name: str, where: str) -> Any:
+    if f.type is bool:
+        if not isinstance(value, bool):
+            raise ParameterError(f'{where}: {name} must be a switch, true or false, not {shown(value)}')
+        return value
     if f.type in (int, float):
         return _checked_number(f, value, name, where)
     if not isinstance(value, (list, tuple)) or len(value) != 3:

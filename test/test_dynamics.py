@@ -57,26 +57,32 @@ def plate(theta, robot):
     return np.append(xy_at_zero + z * xy_per_z, z)
 
 
-def point_masses(theta, robot):
-    """Masses (n,) and positions (n, 3): each upper arm by Simpson's rule, elbows, forearms' shares, plate."""
+def point_masses(theta, robot, rods=False):
+    """Masses (n,) and positions (n, 3): each upper arm by Simpson's rule, elbows, forearms' shares, plate.
+
+    The forearms' masses are split, or those of ``rods`` by Simpson's rule, exact for uniform ones.
+    """
     d = robot.dynamics
     elbow, hip = elbow_and_outward(theta, robot)
-    share = d.forearm_share_at_elbow * d.forearm_mass_kg
+    share = d.forearm_mass_kg * (1.0 / 6.0 if rods else d.forearm_share_at_elbow)
+    at_plate = share if rods else d.forearm_mass_kg - share
     masses, positions = [], []
     for i in range(3):
         masses += [d.upper_arm_mass_kg / 6.0, d.upper_arm_mass_kg / 1.5, d.upper_arm_mass_kg / 6.0]
         positions += [hip[i], 0.5 * (hip[i] + elbow[i]), elbow[i]]
         masses += [d.elbow_mass_kg + share]
         positions += [elbow[i]]
-    masses += [d.plate_mass_kg + d.payload_mass_kg + 3.0 * (d.forearm_mass_kg - share)]
+        masses += [d.forearm_mass_kg - share - at_plate]
+        positions += [0.5 * (elbow[i] + plate(theta, robot))]
+    masses += [d.plate_mass_kg + d.payload_mass_kg + 3.0 * at_plate]
     positions += [plate(theta, robot)]
     return np.array(masses), np.array(positions)
 
 
-def energies(theta, thetadot, robot):
+def energies(theta, thetadot, robot, rods=False):
     """Kinetic and potential energy [J] of the heap of masses and the three rotors."""
     tiny = 1e-30  # complex step: the velocities are exact to rounding
-    masses, positions = point_masses(theta + 1j * tiny * thetadot, robot)
+    masses, positions = point_masses(theta + 1j * tiny * thetadot, robot, rods)
     velocities = positions.imag / tiny
     rotor = robot.motor.rotor_inertia_kg_m2 + robot.motor.brake_inertia_kg_m2
     motor_speed = robot.dynamics.gear_ratio * thetadot
@@ -84,24 +90,28 @@ def energies(theta, thetadot, robot):
     return kinetic, robot.dynamics.gravity_m_s2 * masses @ positions[:, 2].real
 
 
-def momenta(theta, thetadot, robot):
+def momenta(theta, thetadot, robot, rods=False):
     """Generalised momenta dT/dthetadot; T is quadratic in the speeds, so a step of 1 is exact."""
     return np.array(
         [
-            0.5 * (energies(theta, thetadot + unit, robot)[0] - energies(theta, thetadot - unit, robot)[0])
+            0.5
+            * (
+                energies(theta, thetadot + unit, robot, rods)[0]
+                - energies(theta, thetadot - unit, robot, rods)[0]
+            )
             for unit in np.eye(3)
         ]
     )
 
 
-def lagrange(theta, thetadot, thetaddot, robot):
+def lagrange(theta, thetadot, thetaddot, robot, rods=False):
     """Torques d/dt dL/dthetadot - dL/dtheta by differences of the energies."""
 
     def momenta_at(t):
-        return momenta(theta + t * thetadot + 0.5 * t * t * thetaddot, thetadot + t * thetaddot, robot)
+        return momenta(theta + t * thetadot + 0.5 * t * t * thetaddot, thetadot + t * thetaddot, robot, rods)
 
     def lagrangian(angles):
-        kinetic, potential = energies(angles, thetadot, robot)
+        kinetic, potential = energies(angles, thetadot, robot, rods)
         return kinetic - potential
 
     slopes = [derivative(lambda h, unit=unit: lagrangian(theta + h * unit)) for unit in np.eye(3)]
@@ -137,11 +147,13 @@ def test_the_reference_state_has_its_known_energies(robot):
         },
     ],
 )
-def test_torques_follow_lagranges_equation_of_the_point_masses(change, robot):
+@pytest.mark.parametrize('rods', [False, True])
+def test_torques_follow_lagranges_equation_of_the_masses(rods, change, robot):
     changed = robot.replace(**change)
     for theta, thetadot, thetaddot in zip(*states(12), strict=True):
-        expected = lagrange(theta, thetadot, thetaddot, changed)
-        assert dynamics.inverse(theta, thetadot, thetaddot, changed) == pytest.approx(expected, abs=LAGRANGE)
+        expected = lagrange(theta, thetadot, thetaddot, changed, rods)
+        found = dynamics.inverse(theta, thetadot, thetaddot, changed, rods=rods)
+        assert found == pytest.approx(expected, abs=LAGRANGE)
 
 
 def test_the_mass_matrix_is_symmetric_and_positive_definite(robot):
@@ -149,7 +161,7 @@ def test_the_mass_matrix_is_symmetric_and_positive_definite(robot):
     mass = dynamics.mass_matrix(theta, robot)
     assert np.array_equal(mass, mass.swapaxes(-1, -2))
     assert (
-        np.linalg.eigvalsh(mass).min() > dynamics.inertia(robot)['arm'][0] - 1e-12
+        np.linalg.eigvalsh(mass).min() > dynamics.inertia(robot)['arm'].min() - 1e-12
     )  # the plate can only add
 
 
@@ -184,10 +196,18 @@ def test_a_dot_minus_2_c_is_skew(robot):
     assert np.abs(quadratic).max() < POWER
 
 
-def test_forward_undoes_inverse(robot):
+@pytest.mark.parametrize('rods', [False, True])
+def test_forward_undoes_inverse(rods, robot):
     theta, thetadot, thetaddot = states(2000)
-    tau = dynamics.inverse(theta, thetadot, thetaddot, robot)
-    assert np.abs(dynamics.forward(theta, thetadot, tau, robot) - thetaddot).max() < ENGINE * 60.0
+    tau = dynamics.inverse(theta, thetadot, thetaddot, robot, rods=rods)
+    assert np.abs(dynamics.forward(theta, thetadot, tau, robot, rods=rods) - thetaddot).max() < ENGINE * 60.0
+
+
+def test_at_rest_a_rod_is_two_halves_at_its_ends(robot):
+    halves = robot.replace(dynamics__forearm_share_at_elbow=0.5)
+    theta, _, _ = states(50)
+    at_rest = dynamics.inverse(theta, np.zeros(3), np.zeros(3), robot, rods=True)
+    assert at_rest == pytest.approx(dynamics.gravity(theta, halves), abs=1e-12)
 
 
 def test_three_equal_arms_carry_a_central_plate_alike(robot):
@@ -328,5 +348,90 @@ def test_mujoco_finds_the_same_accelerations(payload_kg, robot):
         worst = max(worst, float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max())))
         back = dynamics.inverse(theta, thetadot, expected, loaded)
         assert np.abs(back - tau).max() < ENGINE * max(1.0, math.hypot(*tau)) * 10.0
+    print(f'largest relative difference to MuJoCo: {worst:.1e}')
+    assert worst < ENGINE
+
+
+def mujoco_rods(robot):
+    """As ``mujoco_model``, but each forearm a slender rod on two hinges at the elbow; its end has to meet the plate."""
+    mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
+    k, d = robot.kinematics, robot.dynamics
+    length, mass = k.upper_arm_length_m, d.upper_arm_mass_kg
+    reach, rod = k.forearm_length_m, d.forearm_mass_kg
+    armature = d.gear_ratio**2 * (robot.motor.rotor_inertia_kg_m2 + robot.motor.brake_inertia_kg_m2)
+    point = 'diaginertia="1e-14 1e-14 1e-14"'
+    arms = ''.join(
+        f"""<body euler="0 0 {azimuth}"><body name="arm{i}" pos="{k.radius_difference_m} 0 0">
+          <joint type="hinge" axis="0 1 0" armature="{armature!r}"/>
+          <inertial pos="{length / 2!r} 0 0" mass="{mass!r}"
+            diaginertia="1e-14 {mass * length**2 / 12!r} {mass * length**2 / 12!r}"/>
+          <body pos="{length!r} 0 0"><inertial pos="0 0 0" mass="{d.elbow_mass_kg!r}" {point}/>
+            <body><joint type="hinge" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
+              <inertial pos="{reach / 2!r} 0 0" mass="{rod!r}"
+                diaginertia="1e-14 {rod * reach**2 / 12!r} {rod * reach**2 / 12!r}"/>
+              <site name="end{i}" pos="{reach!r} 0 0"/></body></body></body></body>"""
+        for i, azimuth in enumerate(k.arm_azimuth_deg)
+    )
+    slides = ''.join(f'<joint type="slide" axis="{axis}"/>' for axis in ('1 0 0', '0 1 0', '0 0 1'))
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><compiler angle="degree"/><option gravity="0 0 {-d.gravity_m_s2}"/><worldbody>{arms}
+        <body>{slides}<inertial pos="0 0 0" mass="{d.plate_mass_kg + d.payload_mass_kg!r}" {point}/>
+        <site name="plate"/></body></worldbody></mujoco>"""
+    )
+    return mujoco, model, mujoco.MjData(model)
+
+
+def mujoco_rod_acceleration(engine, theta, thetadot, tau, robot):
+    """Joint accelerations of MuJoCo's tree with the rods' ends held at the plate by exact constraints."""
+    mujoco, model, data = engine
+    p = kinematics.forward(theta, robot.kinematics)
+    arms, hinges = [0, 3, 6], [1, 2, 4, 5, 7, 8]
+    data.qpos[:], data.qvel[:] = 0.0, 0.0
+    data.qpos[arms], data.qpos[9:] = theta, p
+    mujoco.mj_kinematics(model, data)
+    elbow, _ = elbow_and_outward(theta, robot)
+    for i in range(3):
+        # Ry(a) Rz(b) turns the axis of the upper arm into that of the rod
+        x, y, z = data.body(f'arm{i}').xmat.reshape(3, 3).T @ (p - elbow[i])
+        data.qpos[3 * i + 1 : 3 * i + 3] = math.atan2(-z, x), math.asin(y / robot.kinematics.forearm_length_m)
+    data.qvel[arms] = thetadot
+    data.qvel[9:] = kinematics.jacobian(theta, p, robot.kinematics) @ thetadot
+    ends, plate_site = [model.site(f'end{i}').id for i in range(3)], model.site('plate').id
+
+    def rows_of(function):
+        rows = np.zeros((4, 3, 12))
+        for n, site in enumerate([*ends, plate_site]):
+            function(site, rows[n])
+        return (rows[:3] - rows[3]).reshape(9, 12)
+
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.site_xpos[ends] - p).max() < 1e-12
+    rows = rows_of(lambda site, out: mujoco.mj_jacSite(model, data, out, None, site))
+    data.qvel[hinges] = np.linalg.lstsq(rows[:, hinges], -rows @ data.qvel)[0]
+    assert np.abs(rows @ data.qvel).max() < 1e-9
+    mujoco.mj_forward(model, data)
+    rates = rows_of(
+        lambda site, out: mujoco.mj_jacDot(
+            model, data, out, None, data.site_xpos[site], model.site_bodyid[site]
+        )
+    )
+    mass = np.zeros((12, 12))
+    mujoco.mj_fullM(model, data, mass)
+    saddle = np.block([[mass, rows.T], [rows, np.zeros((9, 9))]])
+    force = -data.qfrc_bias
+    force[arms] += tau
+    return np.linalg.solve(saddle, np.append(force, -rates @ data.qvel))[arms]
+
+
+@pytest.mark.parametrize('payload_kg', [0.0, 0.5, 2.0])
+def test_mujoco_finds_the_same_accelerations_with_rods(payload_kg, robot):
+    loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
+    engine = mujoco_rods(loaded)
+    worst = 0.0
+    for theta, thetadot, push in zip(*states(100), strict=True):
+        tau = dynamics.gravity(theta, loaded) + push
+        expected = mujoco_rod_acceleration(engine, theta, thetadot, tau, loaded)
+        found = dynamics.forward(theta, thetadot, tau, loaded, rods=True)
+        worst = max(worst, float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max())))
     print(f'largest relative difference to MuJoCo: {worst:.1e}')
     assert worst < ENGINE

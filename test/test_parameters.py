@@ -16,7 +16,8 @@ FIELDS = {
     for field in dataclasses.fields(cls)
 }
 UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm)')
-DIMENSIONLESS = {
+SWITCHES = {name for name, field in FIELDS.items() if field.type is bool}
+DIMENSIONLESS = SWITCHES | {
     'kinematics.serial_singularity_min',
     'kinematics.parallel_singularity_min',
     'drive.velocity_feedforward',
@@ -26,6 +27,11 @@ DIMENSIONLESS = {
     'dynamics.gear_in',
     'dynamics.gear_out',
     'motor.pole_pairs',
+    'rich.cogging_periods',
+    'rich.torque_ripple',
+    'rich.sensor_seed',
+    'rich.current_gain_error',
+    'rich.encoder_periods',
     'bus.increments_per_rev',
     'bus.outstanding_cycles_max',
     'motion.following_error_delay_cycles',
@@ -165,13 +171,15 @@ def test_a_misspelt_parameter_is_named(name, values):
 
 
 @pytest.mark.parametrize('name', FIELDS)
-@pytest.mark.parametrize('wrong', ['fast', '1.0', True, None, {'a': 1}, [1.0, 2.0]], ids=repr)
+@pytest.mark.parametrize('wrong', ['fast', '1.0', bool, None, {'a': 1}, [1.0, 2.0]], ids=repr)
 def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
+    if wrong is bool:  # a switch is no number, and a number no switch
+        wrong = 1 if name in SWITCHES else True
     assert f'{name} must be a' in refusal(replace, robot, name, wrong)
     assert f'{name} must be a' in refusal(replace, robot, name, with_item(values[name], wrong))
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - SWITCHES))
 def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
     low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
     if FIELDS[name].type is int:
@@ -243,6 +251,14 @@ def test_a_number_beyond_all_machine_numbers_is_refused(name, digits, robot, val
             {'kinematics__arm_azimuth_deg': (0.0, 120.0, 360.0)},
             'kinematics.arm_azimuth_deg is (0.0, 120.0, 360.0), but the arms must differ in direction',
         ),
+        (
+            {'rich__break_away_torque_n_m': 0.09},
+            'rich.break_away_torque_n_m is 0.09, but must not be less than motor.static_friction_n_m (0.1)',
+        ),
+        (
+            {'rich__enabled': True, 'bus__exchange_period_s': 500e-6},
+            'rich.gear needs a bus.exchange_period_s of at most 0.00025, not 0.0005',
+        ),
         ({'motor__nominal_curent_a': 4.0}, 'unknown parameter motor.nominal_curent_a'),
     ],
 )
@@ -256,6 +272,31 @@ def test_every_bus_cycle_goes_with_every_exchange_period(cycle_time_s, exchange_
     period = exchange_period_s or cycle_time_s
     bus = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=period).bus
     assert (bus.cycle_time_s, bus.exchange_period_s) == (cycle_time_s, period)
+
+
+def test_the_rich_robot_is_the_default_one_with_its_effects_on(robot):
+    rich = parameters.load('rich')
+    assert rich == robot.replace(rich__enabled=True, bus__exchange_period_s=125e-6)
+    assert rich.rich.effects == rich.rich
+    for path in ('rich.yaml', parameters.config_directory() / 'rich.yaml'):
+        assert parameters.load(path) == rich
+    assert parameters.load('delta3') == parameters.load('delta3.yaml') == robot
+
+
+def test_without_enabled_no_effect_is_on(robot):
+    off = parameters.flatten(robot.replace(rich__enabled=False))
+    on = {name for name in SWITCHES if off[name]}
+    assert on  # they stand ready
+    assert not any(getattr(robot.rich.effects, name.removeprefix('rich.')) for name in on)
+
+
+def test_a_file_of_ones_own_goes_before_the_packaged_one_of_its_name(robot, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parameters.write(robot.replace(rich__sensor_seed=7), tmp_path / 'rich.yaml')
+    assert parameters.load('rich.yaml').rich.sensor_seed == 7
+    (tmp_path / 'rich.yaml').write_text('/**: {ros__parameters: {rich: {enabled: true}}}')
+    assert 'missing parameter group kinematics' in refusal(parameters.load, 'rich.yaml')
+    assert refusal(parameters.load, 'richer').startswith('cannot read parameter file richer')
 
 
 BOMB = 'a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n'
@@ -317,6 +358,9 @@ def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
         changed = 500e-6
     elif isinstance(values[name], tuple):
         changed = (*values[name][:2], math.nextafter(values[name][2], 0.0))
+    elif name in SWITCHES:
+        changed = not values[name]
+        robot = robot.replace(bus__exchange_period_s=125e-6)
     elif isinstance(values[name], int):
         changed = values[name] + 1
     else:

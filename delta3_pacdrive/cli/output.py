@@ -55,7 +55,11 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that describe a robot."""
-    parser.add_argument('--parameters', metavar='FILE', help='parameter file instead of the packaged one')
+    parser.add_argument(
+        '--parameters',
+        metavar='FILE',
+        help='parameter file instead of the packaged one, or rich: the built robot',
+    )
     parser.add_argument(
         '--exchange-period',
         metavar='S',

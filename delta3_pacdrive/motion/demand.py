@@ -25,6 +25,7 @@ from delta3_pacdrive.kinematics import (
     forearms,
     geometry,
     inverse_columns,
+    upper_arm,
 )
 from delta3_pacdrive.parameters import Parameters
 
@@ -65,17 +66,17 @@ def _path_demand(samples, payload, out, gear_ratio, geometry_record, inertia_rec
             out[n, 9 + i] = inertial[i] / gear_ratio
             out[n, 12 + i] = (centrifugal[i] + bias[i] - weight[i]) / gear_ratio
             out[n, 15 + i] = weight[i] / gear_ratio
-            out[n, 18 + i] = sb[i] / (g.l_a * g.l_b)
+            out[n, 18 + i] = sb[i] / (g.l_a[i] * g.l_b[i])
             sideways = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
-            out[n, 21 + i] = np.arcsin(min(abs(sideways) / g.l_b, 1.0))
-        out[n, 24] = abs(determinant) / (g.l_b * g.l_b * g.l_b)
+            out[n, 21 + i] = np.arcsin(min(abs(sideways) / g.l_b[i], 1.0))
+        out[n, 24] = abs(determinant) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
 
 
 @kernel
 def _angle_curvature(i, p, first, second, s, b, sb, rate, g):
     """Second derivative of arm angle i by the distance, from that of s.X' = (s.b) theta' (4.9, 4.14)."""
     s_dot = combine(1.0, first, -rate, b, 0.0, first)
-    arm = (p[0] - s[0] - g.r * g.cos_alpha[i], p[1] - s[1] - g.r * g.sin_alpha[i], p[2] - s[2])
+    arm = upper_arm(i, p, s, g)
     return (dot(s_dot, first) + dot(s, second) - (dot(s_dot, b) - dot(s, arm) * rate) * rate) / sb
 
 

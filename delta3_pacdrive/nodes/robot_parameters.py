@@ -53,7 +53,7 @@ def declare_robot(node: Node, writable: frozenset[str] = frozenset()) -> core.Pa
     for group, cls in core.groups().items():
         for f in dataclasses.fields(cls):
             default = defaults[f'{group}.{f.name}']
-            kind = f.type if f.type in (int, float) else list
+            kind = f.type if f.type in (int, float, bool) else list
             low, high = f.metadata['low'], f.metadata['high']
             info = descriptor(f.metadata['description'], low, high, kind, f'{group}.{f.name}' in writable)
             entries.append((f'{group}.{f.name}', list(default) if kind is list else default, info))
