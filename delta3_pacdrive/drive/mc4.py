@@ -15,6 +15,13 @@ from delta3_pacdrive.drive.cascade import (
 from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
 from delta3_pacdrive.drive.observer import advance_observer, reset_observer
 from delta3_pacdrive.drive.record import STATE, DriveState, drive_constants
+from delta3_pacdrive.drive.sensors import (
+    calibrate,
+    interpolation_error,
+    measured_current,
+    next_random,
+    signed_share,
+)
 from delta3_pacdrive.drive.supervision import (
     advance_state,
     bridge_telegram,
@@ -39,12 +46,12 @@ from delta3_pacdrive.parameters import Parameters
 
 @kernel
 def _encoder(position, s, c):
-    """Increments that the encoder reads for a shaft position; an injected fault falsifies them."""
-    if s.encoder_noise != 0.0:
-        # a linear congruential generator: the same numbers in every process
-        s.encoder_seed = s.encoder_seed * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
-        share = np.float64(s.encoder_seed >> np.uint64(11)) / 9007199254740992.0
-        position += s.encoder_noise * (2.0 * share - 1.0)
+    """Increments that the encoder reads for a shaft position, with its errors; an injected fault adds its own."""
+    noise = c.encoder_noise + s.encoder_noise
+    position += interpolation_error(position, c)
+    if noise != 0.0:
+        s.encoder_seed = next_random(s.encoder_seed)
+        position += noise * signed_share(s.encoder_seed)
     return to_increments(position + s.encoder_offset, c.increments_per_rad)
 
 
@@ -75,13 +82,14 @@ def _end_stage(s, c, m):
     voltage = s.voltage
     current_loop(phase_voltage_max(s.dc_link), s, c)
     if s.winding_short != 0:
-        s.current = short_circuit_current(s.current, voltage, m)
+        s.stage_current = short_circuit_current(s.stage_current, voltage, m)
     else:
-        s.current = winding_current(s.current, voltage, s.speed, m)
-    if abs(s.current) > c.current_trip:
+        s.stage_current = winding_current(s.stage_current, voltage, s.speed, m)
+    if abs(s.stage_current) > c.current_trip:
         # its comparator does not wait for the next bus cycle
-        s.current = clamp(s.current, c.current_trip)
+        s.stage_current = clamp(s.stage_current, c.current_trip)
         s.blocked = 1
+    s.current = measured_current(s.stage_current, s, c, m)
     return s.blocked == 0
 
 
@@ -119,11 +127,11 @@ def mc4_run_period(position, speed, coupling, currents, state, constants, motor_
         if powered:
             powered = _end_stage(s, c, m)
         else:
-            s.current = 0.0
+            s.stage_current = s.current = 0.0
         if s.winding_short != 0:
             s.motor_current = winding_current(before_current, 0.0, s.speed, m)
         else:
-            s.motor_current = s.current
+            s.motor_current = s.stage_current
         advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
         currents[n] = s.motor_current
         s.step += 1
@@ -138,6 +146,13 @@ def _phase_currents(state, motor_record):
 class MC4:
     """One drive; ``begin_cycle`` at each bus cycle, ``run_period`` at each exchange with the plant.
 
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    axis
+        Which of the three drives it is, 0 to 2: each has sensors of its own.
+
     Attributes
     ----------
     answer
@@ -150,11 +165,12 @@ class MC4:
 
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, axis: int = 0) -> None:
         self.constants = drive_constants(parameters)
         self._motor = motor(parameters)
         self.state = np.zeros(1, STATE)
         self.state['dc_link'] = parameters.drive.dc_link_voltage_v
+        calibrate(axis, parameters, self.state)
         self.answer: Floats = np.zeros(3)
         self.currents: Floats = np.zeros(int(self.constants['steps_per_exchange'][0]))
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
@@ -235,7 +251,8 @@ class MC4:
     def encoder_position(self, position: float) -> float:
         """Shaft position [rad] as the encoder reads it."""
         per_rad = float(self.constants['increments_per_rad'][0])
-        return float(to_increments(position, per_rad)) / per_rad
+        read = position + interpolation_error(position, self.constants[0])
+        return float(to_increments(read, per_rad)) / per_rad
 
     def phase_currents(self) -> tuple[float, float, float]:
         """I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""

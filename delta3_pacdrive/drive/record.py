@@ -72,7 +72,11 @@ STATE = np.dtype(
         ('current_filtered', 'f8'),  # [A]
         ('current_integral', 'f8'),  # [V]
         ('voltage', 'f8'),  # [V], computed in the last period, applied in this one
-        ('current', 'f8'),  # I_eff [A] of the end stage, as its sensors measure it
+        ('stage_current', 'f8'),  # I_eff [A] of the end stage
+        ('current', 'f8'),  # [A], the same as its sensors measure it
+        ('current_gain', 'f8'),  # of the sensors
+        ('current_offset', 'f8'),  # [A], of a phase
+        ('current_seed', 'u8'),  # of their noise
         ('overload', 'f8'),  # [s]
         # end stage and motor
         ('dc_link', 'f8'),  # [V], actual value
@@ -94,6 +98,10 @@ STATE = np.dtype(
 CONSTANTS = np.dtype(
     [
         ('increments_per_rad', 'f8'),
+        ('encoder_noise', 'f8'),  # [rad], amplitude
+        ('encoder_error', 'f8'),  # [rad], amplitude within a sine period
+        ('encoder_periods', 'f8'),
+        ('current_noise', 'f8'),  # [A], amplitude
         ('cycle_time', 'f8'),
         ('velocity_period', 'f8'),
         ('current_period', 'f8'),
@@ -195,6 +203,12 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
         'apply_cycles': cycles(motor.brake_apply_s) + 1,
         'stop_cycles_max': cycles(drive.stop_time_max_s),
     }
+    rich = parameters.rich.effects
+    if rich.sensors:
+        values['encoder_noise'] = rich.encoder_noise_rad
+        values['encoder_error'] = rich.encoder_error_rad
+        values['encoder_periods'] = rich.encoder_periods
+        values['current_noise'] = rich.current_noise_a
     record = np.zeros(1, CONSTANTS)
     for name, value in values.items():
         record[name] = value

@@ -314,7 +314,7 @@ def leave_bus(s):
     s.control = s.next_control = 0
     s.losses_in_a_row = s.losses_in_window = 0
     s.warning = 0
-    s.current = 0.0
+    s.stage_current = s.current = 0.0
     if s.fault == NO_FAULT:
         s.reaction = NO_REACTION
         change_state(NOT_READY, s)

@@ -54,7 +54,7 @@ class MC4DriveNode(Node):
         bus = parameters.bus
         self._index = number - 1
         self._axis = axis = DRIVES[self._index]
-        self._drive = MC4(parameters)
+        self._drive = MC4(parameters, self._index)
         self._session = telegram.NO_SESSION
         self._cyclic = False
         self._parting = False  # no master any more: the drive stops by itself

@@ -1,0 +1,62 @@
+"""Errors of a drive's sensors: of the current that its loop sees, and of its encoder within a sine period.
+
+Noise comes from a generator in the drive's own record, so that it is the same in one process and in six.
+"""
+
+import hashlib
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.parameters import Parameters
+
+_SHARES = 2.0**53
+
+
+@kernel
+def next_random(seed):
+    """Advance a linear congruential generator of 64 bits."""
+    return seed * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+
+
+@kernel
+def signed_share(seed):
+    """Uniformly distributed number from -1 to 1 of a generator's state."""
+    return 2.0 * (np.float64(seed >> np.uint64(11)) / _SHARES) - 1.0
+
+
+@kernel
+def interpolation_error(position, c):
+    """Error [rad] of an encoder's interpolation, periodic over its sine periods."""
+    return c.encoder_error * math.sin(c.encoder_periods * position) if c.encoder_error != 0.0 else 0.0
+
+
+@kernel
+def measured_current(current, s, c, m):
+    """I_eff [A] that the current sensors see; the offset of a phase turns with the electrical angle."""
+    measured = s.current_gain * current
+    if s.current_offset != 0.0:
+        measured += s.current_offset * math.cos(m.pole_pairs * s.position)
+    if c.current_noise != 0.0:
+        s.current_seed = next_random(s.current_seed)
+        measured += c.current_noise * signed_share(s.current_seed)
+    return measured
+
+
+def _seed(axis: int, sensor: str, seed: int) -> int:
+    digest = hashlib.sha256(f'{seed} {axis} {sensor}'.encode()).digest()
+    return int.from_bytes(digest[:8], 'little')
+
+
+def calibrate(axis: int, parameters: Parameters, state: NDArray[Any]) -> None:
+    """Give the record of a drive the sensors of its axis, 0 to 2: ideal ones, or those of ``parameters.rich``."""
+    rich = parameters.rich.effects
+    state['current_gain'] = 1.0
+    if rich.sensors:
+        state['current_gain'] += rich.current_gain_error[axis]
+        state['current_offset'] = rich.current_offset_a[axis]
+        state['current_seed'] = _seed(axis, 'current', rich.sensor_seed)
+        state['encoder_seed'] = _seed(axis, 'encoder', rich.sensor_seed)
