@@ -79,7 +79,7 @@ class Disturbed:
         if cycle >= schedule.next_cycle:
             self._change_faults(cycle)
         motors = task.command(cycle).copy()
-        shafts = np.array(robot.plant.shafts())
+        shafts, arms, true_tcp = np.array(robot.plant.shafts()), robot.plant.arm_angles(), robot.plant.tcp()
         heard = [schedule.telegram(LOSES_MDT, axis, cycle) is None for axis in AXES]
         status = robot.cycle(motors, task.control(cycle), self._answers, task.payload, heard)
         answers = self._answers.copy()
@@ -94,7 +94,7 @@ class Disturbed:
             names = [f': {fault_text(robot.drives[n].fault)}' for n in master.faulty()]
             self._stop(reason + ''.join(names[:1]), cycle + master.reaction_cycles)
         tcp = [answer[columns] for columns in (FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR)]
-        return [motors, *answers, *tcp, *np.split(shafts, 3)]
+        return [motors, *answers, *tcp, *np.split(shafts, 3), arms, true_tcp]
 
     def _change_faults(self, cycle: int) -> None:
         nominal = self._parameters.drive.dc_link_voltage_v

@@ -10,7 +10,7 @@ from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.mechanism import Plant, advance_plant
+from delta3_pacdrive.plant.mechanism import Plant, advance
 
 AXES = ('axis1', 'axis2', 'axis3')
 
@@ -23,9 +23,17 @@ def robot_cycle(
 
     ``payload`` holds what is gripped now, and what the last MDT said [kg].
     """
-    motor_record, plant_state, plant_constants, geometry_record, inertia_record, shafts, matrix, brakes = (
-        plant
-    )
+    (
+        motor_record,
+        plant_state,
+        plant_constants,
+        geometry_record,
+        inertia_record,
+        rich,
+        shafts,
+        matrix,
+        brakes,
+    ) = plant
     payload[0] = payload[1]
     payload[1] = payload_kg
     for i in range(3):
@@ -51,7 +59,7 @@ def robot_cycle(
             )
             for n in range(currents.shape[0]):
                 matrix[n, i] = currents[n]
-        advance_plant(
+        advance(
             matrix,
             brakes,
             payload[0],
@@ -61,6 +69,7 @@ def robot_cycle(
             geometry_record,
             inertia_record,
             motor_record,
+            rich,
         )
 
 
@@ -70,7 +79,7 @@ class Robot:
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus
         self.plant = Plant(parameters)
-        self.drives = [MC4(parameters) for _ in AXES]
+        self.drives = [MC4(parameters, index) for index in range(len(AXES))]
         gripped = payload_on_grid(parameters.dynamics.payload_mass_kg)
         self.payload: Floats = np.array([gripped, gripped])
         self.exchanges = round(bus.cycle_time_s / bus.exchange_period_s)

@@ -20,7 +20,7 @@ from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion.checks import Limits
 from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.mechanism import Plant
+from delta3_pacdrive.plant.mechanism import Plant, true_tcp
 from delta3_pacdrive.robot import AXES, Robot, robot_cycle
 from delta3_pacdrive.trace import SIGNALS, Trace
 from delta3_pacdrive.transformation import Transformation, answer_cycle, command_cycle
@@ -38,6 +38,8 @@ from delta3_pacdrive.transformation import Transformation, answer_cycle, command
     SHAFT_POSITION,
     SHAFT_SPEED,
     COUPLING_TORQUE,
+    ARM_ANGLE,
+    TCP_TRUE,
 ) = range(len(SIGNALS))
 
 
@@ -53,7 +55,7 @@ def _run_cycles(first, last, start_cycle, enable_cycle, task, robot, status, col
     """Run bus cycles and fill the columns; return the first cycle of the program without torque, or -1."""
     course, table, tables, motors, answer, task_state, task_constants, geometry_record = task
     payload, exchanges, drives, drive_constants, plant = robot
-    shafts = plant[5]
+    plant_state, plant_geometry, shafts = plant[1], plant[3], plant[6]
     answers, heard = np.empty((3, 3)), np.ones(3, dtype=np.int64)
     for k in range(first, last):
         command_cycle(k, course, table, tables, motors, task_state, task_constants, geometry_record)
@@ -62,6 +64,10 @@ def _run_cycles(first, last, start_cycle, enable_cycle, task, robot, status, col
             columns[SHAFT_POSITION][k, i] = shafts[i]
             columns[SHAFT_SPEED][k, i] = shafts[3 + i]
             columns[COUPLING_TORQUE][k, i] = shafts[6 + i]
+            columns[ARM_ANGLE][k, i] = plant_state[0].theta[i]
+        tcp = true_tcp(plant_state, plant_geometry)
+        for i in range(3):
+            columns[TCP_TRUE][k, i] = tcp[i]
         control = CONTROL_ENABLE if k >= enable_cycle else CONTROL_ON
         robot_cycle(
             heard,
@@ -203,6 +209,7 @@ def _meta(planned: planning.Planned, parameters: Parameters, task: Transformatio
         'repeat': planned.repeat,
         'checksum': parameters.checksum,
         'gear_ratio': parameters.dynamics.gear_ratio,
+        'rich': parameters.rich.enabled,
         'cycle_time_s': parameters.bus.cycle_time_s,
         'exchange_period_s': parameters.bus.exchange_period_s,
         'start_cycle': parameters.motion.start_cycle,

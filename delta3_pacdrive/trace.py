@@ -24,6 +24,8 @@ SIGNALS = {
     'shaft_position': ('rad', 'true motor shaft position'),
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
+    'arm_angle': ('rad', 'true arm angle; only simulated'),
+    'tcp_true': ('m', 'true TCP, of the arms as they are built; only simulated'),
 }
 
 

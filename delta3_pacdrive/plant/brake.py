@@ -5,22 +5,43 @@ from delta3_pacdrive.kernel import kernel
 
 
 @kernel
-def advance_brake(i, s, c):
+def advance_brake(i, speed, s, c):
     """Let brake ``i`` follow its command after the release or apply delay; one integration step."""
     released = s.brake_released[i]
     if s.brake_command[i] == released or (released == 0 and s.brake_stuck[i] != 0):
         s.brake_delay[i] = 0
-        return
-    s.brake_delay[i] += 1
-    if s.brake_delay[i] >= (c.brake_release_steps if released == 0 else c.brake_apply_steps):
-        s.brake_delay[i] = 0
-        s.brake_released[i] = s.brake_command[i]
-        s.brake_locked[i] = 0
+    else:
+        s.brake_delay[i] += 1
+        if s.brake_delay[i] >= (c.brake_release_steps if released == 0 else c.brake_apply_steps):
+            s.brake_delay[i] = 0
+            s.brake_released[i] = s.brake_command[i]
+            s.brake_locked[i] = 0
+    if s.brake_released[i] == 0 and speed == 0.0:
+        # a shaft that stands sticks, unless its brake is overloaded
+        s.brake_locked[i] = 1
 
 
 @kernel
-def braked_acceleration(mass, force, speed, s, c):
-    """Arm accelerations with brakes applied: sticking shafts stand, slipping ones feel the full brake torque.
+def caught_speed(i, before, after, s):
+    """Speed of shaft ``i`` after a step from ``before``: 0 where its brake catches it on the way through zero."""
+    comes_to_rest = before != 0.0 and after * before <= 0.0
+    if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or comes_to_rest):
+        s.brake_locked[i] = 1
+        return 0.0
+    return after
+
+
+@kernel
+def acceleration_under_brakes(mass, force, speed, s, c):
+    """Accelerations of shafts, some of which a brake may hold: mass x = force for the free ones."""
+    if s.brake_released[0] + s.brake_released[1] + s.brake_released[2] == 3:
+        return solve(mass, force)
+    return _braked_acceleration(mass, force, speed, s, c)
+
+
+@kernel
+def _braked_acceleration(mass, force, speed, s, c):
+    """Accelerations with brakes applied: sticking shafts stand, slipping ones feel the full brake torque.
 
     A sticking brake gives way where the torque that holds its shaft exceeds the brake's; ``brake_share`` is what wear
     has left of that.

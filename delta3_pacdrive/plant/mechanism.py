@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.dynamics import inertia, motion_terms, multiply, solve
+from delta3_pacdrive.dynamics import inertia, motion_terms, multiply
 from delta3_pacdrive.kernel import kernel
-from delta3_pacdrive.kinematics import Floats, geometry
+from delta3_pacdrive.kinematics import Floats, geometry, plate_position
 from delta3_pacdrive.motor import friction_torque, motor
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.brake import advance_brake, braked_acceleration
+from delta3_pacdrive.plant.brake import acceleration_under_brakes, advance_brake, caught_speed
+from delta3_pacdrive.plant.load import end_stop_torque, take_payload
+from delta3_pacdrive.plant.rich import RICH_STATE, advance_rich, rich_constants, settle
 
 STATE = np.dtype(
     [
@@ -54,6 +56,7 @@ CONSTANTS = np.dtype(
         ('stop_max', 'f8'),
         ('stop_stiffness', 'f8'),
         ('stop_damping', 'f8'),
+        ('angle_error', 'f8', (3,)),  # arm angle beyond that of a rigid shaft, as referenced
     ],
     align=True,
 )
@@ -72,6 +75,8 @@ def _constants(parameters: Parameters) -> NDArray[Any]:
     record['stop_max'] = math.radians(p.end_stop_max_deg)
     record['stop_stiffness'] = p.end_stop_stiffness_n_m_rad
     record['stop_damping'] = p.end_stop_damping_n_m_s_rad
+    if parameters.rich.effects.geometry:
+        record['angle_error'] = np.radians(parameters.rich.arm_angle_error_deg)
     return record
 
 
@@ -80,17 +85,7 @@ def drive_torque(current, theta, thetadot, c, m):
     """Torque [N m, arm side] of one motor through its gear, less friction, plus that of an end stop."""
     speed = c.gear_ratio * thetadot
     torque = c.gear_ratio * (m.torque_constant * current - friction_torque(speed, m))
-    depth = 0.0
-    if theta < c.stop_min:
-        depth = theta - c.stop_min
-    elif theta > c.stop_max:
-        depth = theta - c.stop_max
-    if depth != 0.0:
-        contact = c.stop_stiffness * depth + c.stop_damping * thetadot
-        # a stop pushes, it never pulls
-        if contact * depth > 0.0:
-            torque -= contact
-    return torque
+    return torque - end_stop_torque(theta, thetadot, c)
 
 
 @kernel
@@ -107,10 +102,7 @@ def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
         drive_torque(current[1], theta[1], thetadot[1], c, m) - bias[1],
         drive_torque(current[2], theta[2], thetadot[2], c, m) - bias[2],
     )
-    if s.brake_released[0] + s.brake_released[1] + s.brake_released[2] == 3:
-        acceleration = solve(mass, force)
-    else:
-        acceleration = braked_acceleration(mass, force, thetadot, s, c)
+    acceleration = acceleration_under_brakes(mass, force, thetadot, s, c)
     product = multiply(mass, acceleration)
     coupling = (
         (product[0] + bias[0] - c.linear_inertia * acceleration[0]) / c.gear_ratio,
@@ -118,18 +110,6 @@ def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
         (product[2] + bias[2] - c.linear_inertia * acceleration[2]) / c.gear_ratio,
     )
     return acceleration, coupling
-
-
-@kernel
-def _take_payload(payload_kg, s, n):
-    """Hang what is gripped at the plate, unless it has fallen off; a gripped part takes the plate's speed at once."""
-    if payload_kg != s.gripped:
-        s.gripped = payload_kg
-        s.payload_lost = 0
-    carried = 0.0 if s.payload_lost != 0 else s.gripped
-    if carried != s.carried:
-        n.plate += carried - s.carried
-        s.carried = carried
 
 
 @kernel
@@ -149,16 +129,13 @@ def advance_plant(
     for i in range(3):
         s.brake_command[i] = brakes[i]
     g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
-    _take_payload(payload_kg, s, n)
+    take_payload(payload_kg, s, n)
     h = c.step
     theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
     before = _tuple3(s.current)
     for k in range(currents.shape[0]):
         for i in range(3):
-            advance_brake(i, s, c)
-            if s.brake_released[i] == 0 and thetadot[i] == 0.0:
-                # a shaft that stands sticks, unless its brake is overloaded
-                s.brake_locked[i] = 1
+            advance_brake(i, thetadot[i], s, c)
         now = (currents[k, 0], currents[k, 1], currents[k, 2])
         mean = (0.5 * (before[0] + now[0]), 0.5 * (before[1] + now[1]), 0.5 * (before[2] + now[2]))
         before = now
@@ -173,39 +150,98 @@ def advance_plant(
             thetadot[2] + 0.5 * h * last[2],
         )
         last, _ = acceleration_and_coupling(middle, speed, mean, s, c, g, n, m)
-        after = [thetadot[0] + h * last[0], thetadot[1] + h * last[1], thetadot[2] + h * last[2]]
-        for i in range(3):
-            comes_to_rest = thetadot[i] != 0.0 and after[i] * thetadot[i] <= 0.0
-            if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or comes_to_rest):
-                s.brake_locked[i] = 1
-                after[i] = 0.0
+        after = (
+            caught_speed(0, thetadot[0], thetadot[0] + h * last[0], s),
+            caught_speed(1, thetadot[1], thetadot[1] + h * last[1], s),
+            caught_speed(2, thetadot[2], thetadot[2] + h * last[2], s),
+        )
         theta = (
             theta[0] + 0.5 * h * (thetadot[0] + after[0]),
             theta[1] + 0.5 * h * (thetadot[1] + after[1]),
             theta[2] + 0.5 * h * (thetadot[2] + after[2]),
         )
-        thetadot = (after[0], after[1], after[2])
+        thetadot = after
     _, coupling = acceleration_and_coupling(theta, thetadot, before, s, c, g, n, m)
     for i in range(3):
         s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
         s.current[i], s.coupling[i] = before[i], coupling[i]
         shafts[i], shafts[3 + i], shafts[6 + i] = (
-            theta[i] * c.gear_ratio,
+            (theta[i] - c.angle_error[i]) * c.gear_ratio,
             thetadot[i] * c.gear_ratio,
             coupling[i],
         )
 
 
+@kernel
+def advance(
+    currents,
+    brakes,
+    payload_kg,
+    shafts,
+    state,
+    constants,
+    geometry_record,
+    inertia_record,
+    motor_record,
+    rich,
+):
+    """Integrate as ``advance_plant`` does; ``rich`` holds what ``advance_rich`` needs besides, or is None."""
+    if rich is None:
+        advance_plant(
+            currents,
+            brakes,
+            payload_kg,
+            shafts,
+            state,
+            constants,
+            geometry_record,
+            inertia_record,
+            motor_record,
+        )
+    else:
+        advance_rich(
+            currents,
+            brakes,
+            payload_kg,
+            shafts,
+            state,
+            constants,
+            geometry_record,
+            inertia_record,
+            motor_record,
+            rich[0],
+            rich[1],
+        )
+
+
+@kernel
+def true_tcp(state, geometry_record):
+    """TCP [m] of the arms as they are built and stand."""
+    return plate_position(_tuple3(state[0].theta), geometry_record[0])
+
+
 class Plant:
-    """Motors, brakes, gears and arms; starts at rest at the home position with the brakes applied."""
+    """Motors, brakes, gears and arms; starts at rest at the home position with the brakes applied.
+
+    The controller believes that a shaft at k_r theta holds its arm at theta: a plant with geometric errors or elastic
+    gears stands a little beside the home position.
+    """
 
     def __init__(self, parameters: Parameters) -> None:
+        effects = parameters.rich.effects
         self._constants = _constants(parameters)
-        self._geometry = geometry(parameters.kinematics)
-        self._inertia = inertia(parameters)
+        self._geometry = geometry(parameters.kinematics, effects if effects.geometry else None)
+        self._inertia = inertia(
+            parameters, self._geometry, rods=effects.forearm_rods, rotors=not effects.gear
+        )
         self._motor = motor(parameters)
         self.state = np.zeros(1, STATE)
         self.state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
+        self.state['theta'] += self._constants['angle_error']
+        self._rich: tuple[NDArray[Any], NDArray[Any]] | None = None
+        if effects.gear or effects.friction or effects.ripple:
+            self._rich = np.zeros(1, RICH_STATE), rich_constants(parameters)
+            settle(self.state, self._constants, self._geometry, self._inertia, *self._rich)
         self.state['brake_locked'] = 1
         self.state['brake_share'] = 1.0
         self.state['gripped'] = self.state['carried'] = parameters.dynamics.payload_mass_kg
@@ -214,7 +250,7 @@ class Plant:
         self._advance_through(np.empty((0, 3)), parameters.dynamics.payload_mass_kg)
 
     def _advance_through(self, currents: Floats, payload_kg: float) -> None:
-        advance_plant(
+        advance(
             currents,
             self._brakes,
             payload_kg,
@@ -224,11 +260,20 @@ class Plant:
             self._geometry,
             self._inertia,
             self._motor,
+            self._rich,
         )
 
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Arrays for a loop that is compiled as a whole: motor, state, constants, geometry, inertia, shafts."""
-        return (self._motor, self.state, self._constants, self._geometry, self._inertia, self._shafts)
+    def arrays(self) -> tuple[Any, ...]:
+        """Arrays for a loop that is compiled as a whole: motor, state, constants, geometry, inertia, rich, shafts."""
+        return (
+            self._motor,
+            self.state,
+            self._constants,
+            self._geometry,
+            self._inertia,
+            self._rich,
+            self._shafts,
+        )
 
     def advance(
         self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float | None = None
@@ -253,3 +298,11 @@ class Plant:
     def shafts(self) -> list[float]:
         """Motor side: three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]."""
         return list(self._shafts.tolist())
+
+    def arm_angles(self) -> Floats:
+        """True arm angles [rad], behind elastic gears and beside what the encoders were referenced to; shape (3,)."""
+        return np.array(self.state['theta'][0])
+
+    def tcp(self) -> Floats:
+        """True TCP [m]: of the arms as they are built and stand; shape (3,)."""
+        return np.array(true_tcp(self.state, self._geometry))
