@@ -21,7 +21,7 @@ from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot import AXES, Robot
-from delta3_pacdrive.trace import SIGNALS
+from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.transformation import (
     FOLLOWING_ERROR,
     TCP_ACTUAL,
@@ -59,7 +59,8 @@ class Disturbed:
 
     def run(self) -> dict[str, Floats]:
         """Run to the end; return the signals, torques [N m] in place of currents."""
-        rows: list[list[Floats]] = [[] for _ in SIGNALS]
+        names = (*SIGNALS, *TRUE_SIGNALS)
+        rows: list[list[Floats]] = [[] for _ in names]
         rest_cycles = round(REST_S / self._parameters.bus.cycle_time_s)
         cycle, last = 0, NEVER
         while cycle <= min(last, NEVER if self.stopped else self._task.last_cycle):
@@ -68,7 +69,7 @@ class Disturbed:
             if self.stopped and last == NEVER and self._without_torque():
                 last = cycle + rest_cycles
             cycle += 1
-        return {name: np.array(column) for name, column in zip(SIGNALS, rows, strict=True)}
+        return {name: np.array(column) for name, column in zip(names, rows, strict=True)}
 
     def _without_torque(self) -> bool:
         return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)

@@ -22,7 +22,7 @@ from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.mechanism import Plant, true_tcp
 from delta3_pacdrive.robot import AXES, Robot, robot_cycle
-from delta3_pacdrive.trace import SIGNALS, Trace
+from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
 from delta3_pacdrive.transformation import Transformation, answer_cycle, command_cycle
 
 # places of the signals in the columns of a run
@@ -40,7 +40,7 @@ from delta3_pacdrive.transformation import Transformation, answer_cycle, command
     COUPLING_TORQUE,
     ARM_ANGLE,
     TCP_TRUE,
-) = range(len(SIGNALS))
+) = range(len((*SIGNALS, *TRUE_SIGNALS)))
 
 
 def placed(parameters: Parameters, program: Program) -> Parameters:
@@ -127,7 +127,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
         signals, stopped = run_disturbed(program.faults, robot, task, parameters)
     else:
         columns, stopped = _run_undisturbed(robot, task, motion.start_cycle), ''
-        signals = dict(zip(SIGNALS, columns, strict=True))
+        signals = dict(zip((*SIGNALS, *TRUE_SIGNALS), columns, strict=True))
     signals['current'] /= parameters.motor.torque_constant_n_m_a
     return Trace(
         np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s,
@@ -139,7 +139,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
 def _run_undisturbed(robot: Robot, task: Transformation, start_cycle: int) -> tuple[Floats, ...]:
     """Run a program in one compiled loop; raises RunError if a drive trips."""
     cycles = task.last_cycle + 1
-    columns = tuple(np.empty((cycles, 3)) for _ in SIGNALS)
+    columns = tuple(np.empty((cycles, 3)) for _ in (*SIGNALS, *TRUE_SIGNALS))
     status = np.zeros(3, dtype=np.int64)
     stopped = _run_cycles(
         0, cycles, start_cycle, task.enable_cycle, task.arrays(), robot.arrays(), status, columns

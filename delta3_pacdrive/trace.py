@@ -24,8 +24,11 @@ SIGNALS = {
     'shaft_position': ('rad', 'true motor shaft position'),
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
-    'arm_angle': ('rad', 'true arm angle; only simulated'),
-    'tcp_true': ('m', 'true TCP, of the arms as they are built; only simulated'),
+}
+# what no topic tells: only simulations hold it
+TRUE_SIGNALS = {
+    'arm_angle': ('rad', 'true arm angle, behind the gear'),
+    'tcp_true': ('m', 'true TCP, of the arms as they are built'),
 }
 
 
@@ -38,7 +41,7 @@ class Trace:
     time_s
         Bus time of each cycle, shape (cycles,).
     signals
-        Arrays (cycles, 3) by the names in ``SIGNALS``.
+        Arrays (cycles, 3) by the names in ``SIGNALS``, of simulations in ``TRUE_SIGNALS`` as well.
     meta
         Where it comes from: program, parameter checksum, gear ratio, timing, results.
 

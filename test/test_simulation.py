@@ -9,7 +9,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.simulation import AXES, Robot, run
-from delta3_pacdrive.trace import SIGNALS, Trace
+from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
 from delta3_pacdrive.transformation import SETTLE_CYCLES
 
 GEAR = 32.0
@@ -94,10 +94,10 @@ def test_the_motors_draw_the_studied_current(trace):
 
 
 def test_the_encoder_reads_the_true_shaft_and_the_trace_holds_every_signal(trace):
-    assert set(trace.signals) == set(SIGNALS)
+    assert set(trace.signals) == {*SIGNALS, *TRUE_SIGNALS}
     cycles = trace.meta['end_cycle'] + SETTLE_CYCLES
     assert trace.time_s.tolist() == [k * 1e-3 for k in range(cycles)]
-    for name in SIGNALS:
+    for name in trace.signals:
         assert trace[name].shape == (cycles, 3)
         assert np.isfinite(trace[name]).all()
     assert np.abs(trace['motor_position'] - trace['shaft_position']).max() < 0.5001 * INCREMENT_RAD
@@ -108,7 +108,7 @@ def test_the_encoder_reads_the_true_shaft_and_the_trace_holds_every_signal(trace
 def test_two_runs_are_the_same_to_the_last_bit(experiment1, trace, robot):
     again = run(experiment1, robot)
     assert again.meta == trace.meta
-    for name in SIGNALS:
+    for name in trace.signals:
         assert again[name].tobytes() == trace[name].tobytes()
 
 
@@ -192,7 +192,7 @@ def test_a_trace_survives_its_file_to_the_last_bit(trace, tmp_path):
     back = Trace.load(tmp_path / 'run.npz')
     assert back.meta == trace.meta
     assert back.time_s.tobytes() == trace.time_s.tobytes()
-    for name in SIGNALS:
+    for name in trace.signals:
         assert back[name].tobytes() == trace[name].tobytes()
 
 
