@@ -26,7 +26,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('action', choices=ACTIONS, nargs='?', default='run', metavar='ACTION')
     parser.add_argument('fault', nargs='?', default='', help='the fault to inject')
-    parser.add_argument('--short', action='store_true', help='run: only in motion, and only one process dies')
+    parser.add_argument('--short', action='store_true', help='run: a dozen faults in motion')
     parser.add_argument('--only', metavar='TEXT', help='run: only faults whose line holds this text')
     parser.add_argument('--csv', metavar='FILE', type=Path, help='run: write the table to this file')
     parser.add_argument('--namespace', default='/', help='inject: ROS namespace of the robot')

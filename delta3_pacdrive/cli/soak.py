@@ -96,7 +96,8 @@ def _print(name: str, row: dict[str, Any]) -> None:
         f'    {row["injected"]} faults injected, {row["stopped"]} stopped the robot, {row["survived"]} survived'
     )
     print(f'    {row["lost_telegrams"]} AT lost, {row["lost_injected"]} of them at most by injected faults')
-    print(f'    memory {row["rss_start_mb"]:.0f} MB at the start, {row["rss_end_mb"]:.0f} MB at the end')
+    rss = f'{row["rss_start_mb"]:.1f} MB at the start, {row["rss_end_mb"]:.1f} MB at the end'
+    print(f'    memory of the processes that lived throughout: {rss}')
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
     print(f'    {kinds or "no faults"}')
     for sentence in row['violations']:

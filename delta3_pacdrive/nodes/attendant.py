@@ -11,6 +11,7 @@ from delta3_pacdrive.nodes.bringup import Bringup
 from delta3_pacdrive.nodes.operator import OperatorNode
 
 PATIENCE_S = 20.0  # wall time in which everything has to be as before
+ATTEMPTS = 3  # a fault may be injected while the last one is overcome
 RESET_S = 1.0  # wall time after which a reset is tried again
 RECOVERY_M_S = 1.0
 
@@ -59,6 +60,13 @@ class Attendant:
 
     def make_ready(self, home_m: Sequence[float]) -> None:
         """Do what has to be done: the robot stands enabled at a place, without faults; raises Delta3Error."""
+        for _ in range(ATTEMPTS):
+            self._try_to_make_ready(home_m)
+            if not self.fresh()['fault']:
+                return
+        raise ProgramError(self.progress['fault'])
+
+    def _try_to_make_ready(self, home_m: Sequence[float]) -> None:
         operator = self.operator
         self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
         operator.inject('fault: clear')
@@ -78,20 +86,17 @@ class Attendant:
             if 'already stands' not in str(error):
                 raise
         self.wait(lambda: operator.state in ('idle', 'error'), 'end of the motion')
-        if self.fresh()['fault']:
-            raise ProgramError(self.progress['fault'])
 
     def _reset(self) -> None:
         """Clear the fault, however often that takes until its cause is gone."""
         deadline = time.monotonic() + PATIENCE_S
-        while self.operator.state == 'error':
+        while self.fresh()['fault']:
             try:
                 self.operator.call('reset')
-                self.operator.wait_until(lambda: self.operator.state != 'error', 'end of the fault', RESET_S)
+                self.operator.wait_until(lambda: not self.fresh()['fault'], 'end of the fault', RESET_S)
             except Delta3Error:
                 if time.monotonic() > deadline:
                     raise
-                self.fresh()
 
     def replace_the_machine(self) -> None:
         """Let a new machine take the place of one that cannot be moved any more; its process is started again."""

@@ -15,7 +15,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
 from delta3_pacdrive.errors import Delta3Error, RunError
-from delta3_pacdrive.injection import NODES, OF_PROCESSES, TASK, UNIT_ROBOT
+from delta3_pacdrive.injection import NODES, TASK, UNIT_ROBOT
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.nodes import telegram
 from delta3_pacdrive.nodes.attendant import Attendant
@@ -145,14 +145,28 @@ I2T = Case({'fault': 'overload', **_AXIS, 'torque_n_m': 9.0, 'for_s': 0.8}, Stat
 COOLING_S = 6.0  # bus time in which the I2t monitoring forgets
 
 
+SHORT = {
+    'drop_mdt axis2',
+    'drop_mdt axis2 cycles=2',
+    'drop_at axis2 cycles=2',
+    'duplicate_mdt axis2 cycles=20',
+    'encoder_failure axis2',
+    'winding_short axis2',
+    'dc_link axis2 voltage_v=250.0',
+    'payload_lost',
+    'emergency_stop',
+    'freeze plant seconds=0.2',
+    'kill axis2',
+    'kill transformation_task',
+}
+
+
 def cases(short: bool = False, only: str = '') -> list[Case]:
-    """Return the catalogue, or a short form of it: in motion, and one process that dies; ``only`` cases with a text."""
+    """Return the catalogue, or a short form of it: some kinds, in motion; ``only`` those that hold a text."""
     found = []
     for fault, enabled, disabled in _FAULTS:
         for state in State:
-            if short and (
-                state != State.MOVING or (fault['fault'] in OF_PROCESSES and fault['node'] != 'axis2')
-            ):
+            if short and (state != State.MOVING or Case(fault, state).text not in SHORT):
                 continue
             case = Case(fault, state, disabled if state == State.DISABLED else enabled)
             if only in f'{case.text} {case.state}':

@@ -3,6 +3,7 @@
 import random
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,6 +41,8 @@ class Figures:
 
     Attributes
     ----------
+    rss_start_mb, rss_end_mb
+        Memory of the processes that lived throughout.
     violations
         Sentences about what must never be and was.
 
@@ -164,33 +167,34 @@ class Soak(Attendant):
                 repeats = kind in ('duplicate_at', 'delay_at', 'kill')
                 self._invariants.check(topic, telegrams, kind == 'corrupt_at', repeats)
 
-    def rss_mb(self) -> float:
-        """Resident memory of all processes of the robot."""
-        total = 0
+    def _rss_mb(self) -> dict[int, float]:
+        """Resident memory of each process of the robot, by its number."""
+        found = {}
         for child in self._processes():
-            try:
-                total += psutil.Process(child.pid).memory_info().rss
-            except psutil.NoSuchProcess:
-                continue
-        return total / 1e6
+            with suppress(psutil.NoSuchProcess):
+                found[child.pid] = psutil.Process(child.pid).memory_info().rss / 1e6
+        return found
 
     def run(self, seconds: float, show: Callable[[Figures], None]) -> None:
         """Run for a while."""
         started = time.monotonic()
         first_cycles = self.fresh()['cycles']
         cycles_before = self.figures.cycles
-        measured = False
+        measured, start = False, self._rss_mb()
         self.make_ready(HOME_M)
         while (passed := time.monotonic() - started) < seconds and len(
             self.figures.violations
         ) < VIOLATIONS_SHOWN:
             if not measured and passed > min(WARM_S, seconds / 4.0):
                 measured = True
-                self.figures.rss_start_mb += self.rss_mb()
+                start = self._rss_mb()
             self._run_program()
             self.figures.cycles = cycles_before + self.progress['cycles'] - first_cycles
             show(self.figures)
-        self.figures.rss_end_mb += self.rss_mb()
+        end = self._rss_mb()
+        survivors = start.keys() & end.keys()
+        self.figures.rss_start_mb = sum(start[pid] for pid in survivors)
+        self.figures.rss_end_mb = sum(end[pid] for pid in survivors)
 
     def _run_program(self) -> None:
         figures, chance = self.figures, self._chance
@@ -207,7 +211,7 @@ class Soak(Attendant):
         if fault:
             figures.injected += 1
             figures.kinds[fault['fault']] = figures.kinds.get(fault['fault'], 0) + 1
-        reported = self.observe(OBSERVED_S)
+        reported = self.observe(OBSERVED_S + (fault['after_s'] if fault else 0.0))
         figures.stopped += bool(reported)
         if reported and not fault:
             self._violate(f'stopped without an injected fault: {reported}')

@@ -64,6 +64,7 @@ class UnitRobotNode(PollingNode):
         self._running: Program | None = None  # the last one that was started
         self._failed = False  # a fault has stopped it
         self._cut_off: Timeline | None = None  # what a fault has left of it
+        self._restartable: Program | None = None  # all of it, from its beginning
         self._timeline: Timeline | None = None
         self._rate_max = RATE_MAX
         self._lead = LEAD_CYCLES
@@ -137,8 +138,7 @@ class UnitRobotNode(PollingNode):
         first = self._here is None
         self._here = np.array([message.point.x, message.point.y, message.point.z])
         self._cut_off = self._timeline if self._failed else None
-        if self._failed and self._queue is None:
-            self._queue = self._running
+        self._restartable = self._running if self._failed else None
         self._failed = False
         self._timeline = None
         self._planned = None
@@ -243,13 +243,15 @@ class UnitRobotNode(PollingNode):
         self._enqueue({'moves': [{'move_sb': {'through_m': _points_of(message)}}]})
 
     def _clear(self) -> str:
-        self._queue = self._planned = self._cut_off = None
+        self._queue = self._planned = self._cut_off = self._restartable = None
         return 'the queue is empty'
 
     # running ----------------------------------------------------------------------------------------------------------
 
     def _start(self) -> str:
         self._require_rest()
+        if self._queue is None and self._restartable is not None:
+            self._queue = replace(self._restartable, faults=())  # injected faults happen once
         if self._queue is None:
             raise ProgramError('no moves are in the queue')
         if not self._change.get_subscription_count():
@@ -266,7 +268,7 @@ class UnitRobotNode(PollingNode):
 
     def _send(self, plan: Plan, cycle: int, faults: Sequence[Fault] = ()) -> float:
         """Send a plan to the transformation task, which starts it; return how long it takes [s]."""
-        self._cut_off = None
+        self._cut_off = self._restartable = None
         rate = min(self._rate, self._rate_max)
         for number, move in enumerate(plan.moves):
             self._plan.publish(numbers(move.to_array(number, len(plan.moves)), move.kind.name))

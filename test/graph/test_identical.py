@@ -136,3 +136,41 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
         delta3, tmp_path / 'bag', '--real-time-factor', '0', *options, program=str(program)
     )
     _assert_same(simulated, recorded, result)
+
+
+DISTURBED = """
+start_m: [0.0, 0.0, -0.75]
+moves:
+- move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.8}
+- move_l: {to_m: [0.0, 0.1, -0.8], speed_m_s: 0.8}
+faults:
+- {fault: drop_mdt, axis: axis1, after_s: 0.1}
+- {fault: drop_at, axis: axis3, after_s: 0.15}
+- {fault: overload, axis: axis2, torque_n_m: 3.0, after_s: 0.2, for_s: 0.05}
+- {fault: encoder_noise, axis: axis1, noise_rad: 0.0002, after_s: 0.3}
+- {fault: duplicate_mdt, axis: axis2, after_s: 0.35, cycles: 50}
+- {fault: encoder_failure, axis: axis2, after_s: 0.5}
+"""
+
+
+@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
+    options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'disturbed.yaml'
+    program.write_text(DISTURBED)
+    robot = parameters.load()
+    simulated = simulation.run(programs.load(program, robot.motion), robot)
+    done = delta3('run', program, '--bag', tmp_path / 'bag', '--real-time-factor', '0', *options)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == f'error: {simulated.meta["stopped"]}'
+    assert '8171' in done.stderr
+    recorded = recording.load(tmp_path / 'bag')
+    cycle_time = robot.bus.cycle_time_s
+    cycles = [np.rint(trace.time_s / cycle_time).astype(int) for trace in (simulated, recorded)]
+    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
+    # the cycle of the lost AT is not on record; everything else is, until all drives are without torque
+    assert np.abs(simulated['current'][common[-1]]).max() == 0.0
+    assert len(common) == common[-1]
+    for name in COMPARED:
+        np.testing.assert_array_equal(recorded[name][theirs], simulated[name][ours], err_msg=name)
