@@ -99,7 +99,9 @@ def run_single(factory: Callable[[], Node]) -> int:
     # an operator's process has no use for the robot's core
     from delta3_pacdrive import parameters, simulation
     from delta3_pacdrive.kernel import all_compiled, alone
+    from delta3_pacdrive.nodes import discovery
 
+    discovery.keep_to_this_machine()
     try:
         if not all_compiled():
             print(
