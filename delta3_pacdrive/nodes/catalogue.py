@@ -105,6 +105,8 @@ class Outcome:
 
 
 _AXIS = {'axis': 'axis2'}
+# what the sentence says when a process hangs for longer than others wait, in the end
+HANGING = {'axis2': 'axis2', PLANT: PLANT, TASK: '8506'}
 # what the sentence says when a process has died; without a planner the program goes on to its end
 KILLED = {name: name for name in (*DRIVES, PLANT)} | {TASK: '8506', UNIT_ROBOT: ''}
 # fault; what it leads to while the drives are enabled, and while they are not
@@ -136,6 +138,7 @@ _FAULTS: list[tuple[dict[str, Any], str, str]] = [
     ({'fault': 'payload_lost'}, '', ''),
     ({'fault': 'emergency_stop'}, 'emergency stop', 'emergency stop'),
     *(({'fault': 'freeze', 'node': node, 'seconds': 0.2}, '', '') for node in NODES),
+    *(({'fault': 'freeze', 'node': node, 'seconds': 4.5}, name, name) for node, name in HANGING.items()),
     *(({'fault': 'kill', 'node': node}, KILLED[node], KILLED[node]) for node in NODES),
 ]
 

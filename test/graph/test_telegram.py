@@ -1,12 +1,15 @@
 """Cyclic messages of fixed layout are ordinary messages, and nothing else passes for one."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
+from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import telegram
 
@@ -139,3 +142,54 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
     with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp hhhh"'):
         telegram.parse_mdt_frame(frame, 1, b'3fa9')
+
+
+OURS, OTHERS = b'3fa9', b'3faa'
+
+
+@pytest.mark.parametrize(
+    'parse',
+    [
+        lambda: telegram.parse_mdt_frame(telegram.mdt_frame(4, 0xE000, 0.5, OTHERS), 1, OURS),
+        lambda: telegram.parse_at_frame(telegram.at_frame(0xC008, 0, OTHERS), OURS),
+        lambda: telegram.parse_current_frame(telegram.current_frame(True, 0.5, OTHERS), OURS),
+        lambda: telegram.require_session(OTHERS, OURS),
+    ],
+)
+def test_what_belongs_to_another_session_is_refused_by_both_names(parse: Callable[[], object]) -> None:
+    with pytest.raises(TelegramError, match="belongs to session '3faa', but this one is 3fa9"):
+        parse()
+
+
+def test_sessions_are_drawn_anew_and_never_the_one_of_nobody() -> None:
+    drawn = {telegram.new_session() for _ in range(200)}
+    assert len(drawn) > 150
+    assert telegram.NO_SESSION not in drawn
+    assert {len(session) for session in drawn} == {telegram.SHAFTS_FRAME_LENGTH}
+
+
+def test_a_phase_says_from_when_on_it_holds() -> None:
+    message = telegram.phase_message(Phase.CP4, OURS, (12, 345_000_000))
+    assert message.frame_id == 'CP4 3fa9'
+    assert telegram.parse_phase(message) == (Phase.CP4, OURS, (12, 345_000_000))
+
+
+@pytest.mark.parametrize('text', ['', 'CP4', 'CP5 3fa9', 'CP4 3fa9 x', 'CP4 \xe9'])
+def test_phases_of_another_form_are_refused(text: str) -> None:
+    with pytest.raises(TelegramError, match='is not "CPn hhhh"'):
+        telegram.parse_phase(Header(frame_id=text))
+
+
+def test_frames_hold_what_they_were_made_of() -> None:
+    mdt = telegram.mdt_frame(4, 0xE000, 0.5, OURS, (1, 2, 0x9FFF))
+    assert len(mdt) == telegram.MDT_FRAME_LENGTH
+    assert [telegram.parse_mdt_frame(mdt, axis, OURS) for axis in range(3)] == [
+        (4, 0xE000, 1, 0.5),
+        (4, 0xE000, 2, 0.5),
+        (4, 0xE000, 0x9FFF, 0.5),
+    ]
+    at = telegram.at_frame(0xC008, 0x1234, OURS)
+    assert (len(at), telegram.parse_at_frame(at, OURS)) == (telegram.AT_FRAME_LENGTH, (0xC008, 0x1234))
+    current = telegram.current_frame(False, 12.5, OURS)
+    assert len(current) == telegram.CURRENT_FRAME_LENGTH
+    assert telegram.parse_current_frame(current, OURS) == (False, 12.5)
