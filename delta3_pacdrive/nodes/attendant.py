@@ -14,6 +14,7 @@ PATIENCE_S = 20.0  # wall time in which everything has to be as before
 ATTEMPTS = 3  # a fault may be injected while the last one is overcome
 RESET_S = 1.0  # wall time after which a reset is tried again
 RECOVERY_M_S = 1.0
+EXPLANATION_S = 0.05  # bus time in which the master asks the drives for the number of their faults
 
 
 class Attendant:
@@ -136,6 +137,7 @@ class Attendant:
                 started = progress['bus_time_s']
             if progress['fault']:
                 self.wait(lambda: not self.fresh()['in_torque'], 'standstill')
+                self.let_pass(EXPLANATION_S)
                 break
             passed = 0.0 if started is None else progress['bus_time_s'] - started
             if passed > seconds and self.operator.state != 'moving':

@@ -149,9 +149,10 @@ def end_all(children: list[Child]) -> list[str]:
         for child in running:
             if time.monotonic() - start > child.patience_s:
                 child.send(signal.SIGKILL)
-                os.waitpid(child.pid, 0)
-                child.status = -signal.SIGKILL
-                killed.append(child.name)
+                if child.status is None:  # it may have ended at this very moment
+                    os.waitpid(child.pid, 0)
+                    child.status = -signal.SIGKILL
+                    killed.append(child.name)
         time.sleep(0.01)
     return killed
 

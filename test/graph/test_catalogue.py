@@ -81,7 +81,7 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
         refused = delta3('faults', 'inject', '{fault: rain}')
         assert refused.returncode == 1
         assert refused.stderr.startswith("error: fault.fault is 'rain', but must be one of drop_mdt")
-        assert delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.02', '--no-wait').returncode == 0
+        assert delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005', '--no-wait').returncode == 0
         injected = delta3('faults', 'inject', '{fault: kill, node: axis3}')
         assert injected.stdout.startswith('kill axis3 from bus cycle')
         lines = [process.stderr.readline() for _ in range(2)]
@@ -94,9 +94,10 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
                 break
         assert process.stderr.readline() == 'faults cleared\n'
         assert delta3('move', 'enable').returncode == 0
-        resumed = delta3('move', 'resume')
+        resumed = delta3('move', 'resume', '--no-wait')
         assert resumed.stdout.startswith('resumed after the fault: '), resumed.stderr
-        assert resumed.stdout.endswith('the robot stands\n')
+        assert delta3('move', 'override', '150').returncode == 0
+        assert delta3('move', 'state').stdout.startswith('moving')
     finally:
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=20.0)
