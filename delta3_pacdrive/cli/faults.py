@@ -29,6 +29,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--short', action='store_true', help='run: a dozen faults in motion')
     parser.add_argument('--only', metavar='TEXT', help='run: only faults whose line holds this text')
     parser.add_argument('--csv', metavar='FILE', type=Path, help='run: write the table to this file')
+    parser.add_argument('--logs', metavar='DIR', type=Path, help='run: keep the logs of the processes here')
     parser.add_argument('--namespace', default='/', help='inject: ROS namespace of the robot')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     options = parser.parse_args(arguments)
@@ -78,7 +79,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from delta3_pacdrive.nodes.catalogue import Outcome, run_catalogue
+    from delta3_pacdrive.nodes.catalogue import Outcome, cases, run_catalogue
 
     announce_compilation()
     if not options.json:
@@ -90,7 +91,10 @@ def _run(options: argparse.Namespace) -> int:
         elif sys.stderr.isatty():
             print(f'\r{number} of {count}', end='', file=sys.stderr, flush=True)
 
-    rows = [outcome.to_row() for outcome in run_catalogue(options.short, options.only or '', show)]
+    rows = [
+        outcome.to_row()
+        for outcome in run_catalogue(cases(options.short, options.only or ''), options.logs, show)
+    ]
     bad = [row for row in rows if not row['ok']]
     if options.csv:
         _write(options.csv, rows)

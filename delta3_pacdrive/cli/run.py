@@ -43,6 +43,7 @@ def add_graph_options(parser: argparse.ArgumentParser) -> None:
         '--ordinary-priority', action='store_true', help='no real-time scheduling even where it is permitted'
     )
     parser.add_argument('--bag', metavar='DIR', help='record every cyclic topic into a new rosbag2 folder')
+    parser.add_argument('--logs', metavar='DIR', help='keep the log of every process in this folder')
 
 
 def check_graph_options(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -130,6 +131,7 @@ def options_of(options: argparse.Namespace, program: Path | None) -> Any:
         single_process=options.single_process,
         exchange_period_s=options.exchange_period,
         real_time_priority=not options.ordinary_priority,
+        logs=Path(options.logs).absolute() if options.logs else None,
     )
 
 

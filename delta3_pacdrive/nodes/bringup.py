@@ -57,6 +57,7 @@ class Options:
     single_process: bool = False
     exchange_period_s: float | None = None
     real_time_priority: bool = True
+    logs: Path | None = None  # where the processes' logs are kept; None: nowhere
 
 
 class _Monitor(Node):
@@ -109,9 +110,9 @@ class Bringup:
         """
         simulation.rehearse(self._robot)
         discovery.keep_to_this_machine()
-        with _only_one(self._options.namespace), tempfile.TemporaryDirectory(prefix='delta3_') as logs:
+        with _only_one(self._options.namespace), _log_folder(self._options.logs) as logs:
             try:
-                self._start_processes(Path(logs))
+                self._start_processes(logs)
                 self._watch(show)
                 return self._result()
             finally:
@@ -354,6 +355,20 @@ def _check(options: Options) -> tuple[core.Parameters, programs.Program | None, 
     program = programs.load(options.program, robot.motion)
     robot = simulation.placed(robot, program)
     return robot, program, planning.plan(program, robot.motion.home_m, robot)
+
+
+@contextmanager
+def _log_folder(folder: Path | None) -> Iterator[Path]:
+    """Give the folder for logs, one that vanishes if none is asked for; raises RunError."""
+    if folder is None:
+        with tempfile.TemporaryDirectory(prefix='delta3_') as temporary:
+            yield Path(temporary)
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f'cannot write logs into {folder}: {error.strerror}') from error
+    yield folder
 
 
 @contextmanager

@@ -2,9 +2,10 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -267,10 +268,12 @@ class Catalogue(Attendant):
         outcome.deviation_m = _distance_from_line(self._watcher.tcp(), start, end)
 
 
-def run_catalogue(short: bool, only: str, show: Callable[[Outcome, int, int], None]) -> list[Outcome]:
-    """Bring a robot up without a clock, run the catalogue and return all outcomes; ``show`` is told each one."""
-    robot, todo = core.load(), cases(short, only)
-    bringup = Bringup(Options(program=None, real_time_factor=0.0))
+def run_catalogue(
+    todo: Sequence[Case], logs: Path | None, show: Callable[[Outcome, int, int], None]
+) -> list[Outcome]:
+    """Bring a robot up without a clock, run cases and return all outcomes; ``show`` is told each one."""
+    robot = core.load()
+    bringup = Bringup(Options(program=None, real_time_factor=0.0, logs=logs))
     outcomes: list[Outcome] = []
 
     def script(_: dict[str, Any]) -> None:
