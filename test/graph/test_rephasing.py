@@ -53,7 +53,7 @@ class Cell:
     def reset_and_move_home(self) -> None:
         """Do what an operator does, without restarting anything."""
         graph, operator = self.graph, self.operator
-        graph.spin_until(lambda: operator.progress.get('phase') == 'CP4', 'cyclic operation')
+        graph.spin_until(lambda: self.task.progress()['phase'] == 'CP4', 'cyclic operation')
         graph.spin_until(lambda: operator.state == 'error', 'the fault')
         assert graph.call(Trigger, 'reset', Trigger.Request()).success
         graph.spin_until(lambda: operator.state == 'idle', 'the reset')
@@ -62,7 +62,7 @@ class Cell:
         operator.call('start')
         graph.spin_until(lambda: operator.state == 'moving', 'the motion')
         graph.spin_until(lambda: operator.state == 'idle', 'the end')
-        assert operator.progress['fault'] == '' or not operator.progress['fault']
+        assert self.task.progress()['fault'] == ''
 
     def stamps(self) -> np.ndarray:
         """Bus time of all shafts [ns]."""
