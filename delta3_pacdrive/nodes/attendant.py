@@ -10,7 +10,9 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
 from delta3_pacdrive.nodes.bringup import Bringup
 from delta3_pacdrive.nodes.operator import OperatorNode
 
-PATIENCE_S = 60.0  # wall time in which everything has to be as before, also on a machine that has other things to do
+PATIENCE_S = (
+    60.0  # wall time in which everything has to be as before, also on a machine that has other things to do
+)
 ATTEMPTS = 3  # a fault may be injected while the last one is overcome
 RESET_S = 1.0  # wall time after which a reset is tried again
 RECOVERY_M_S = 1.0
