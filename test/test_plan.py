@@ -144,7 +144,7 @@ def moved(row, index, by):
         (lambda row: spoilt(row, PHASES + 5, -0.1), 'times or distances do not increase'),
         (lambda row: moved(row, PHASES, 0.001), 'does not start at 0'),
         (lambda row: spoilt(row, 7, 0.0), 'cannot be stopped'),
-        (lambda row: spoilt(row, PHASES + 1, 1e-3), 'not at rest at both ends'),
+        (lambda row: spoilt(row, PHASES + 1, 1e-3), 'its master jumps'),
         (lambda row: spoilt(row, PHASES + 2, 0.1), 'not at rest at both ends'),
         (lambda row: spoilt(row, PHASES + 7 * 5 + 2, 0.1), 'not at rest at both ends'),
         (lambda row: spoilt(row, PHASES + 7 * 5 + 3, 1.0), 'not at rest at both ends'),

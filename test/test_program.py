@@ -144,7 +144,7 @@ def only(**kind):
         ({}, 'the program: missing key moves'),
         (
             changed(speed=1),
-            "unknown key 'speed', expected one of limits, moves, name, payload_kg, points, repeat, start_m",
+            "unknown key 'speed', expected one of faults, limits, moves, name, payload_kg, points, repeat, start_m",
         ),
         (changed(**{'': 1}), "unknown key ''"),
         ({**GOOD, 1: 2}, 'unknown key 1'),

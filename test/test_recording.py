@@ -32,7 +32,11 @@ TYPES = {
     'tcp/actual': POINT,
     'tcp/error': VECTOR,
 }
-FRAMES = {'sercos/mdt': 'CP4 e000 e000 e000 0000 0000 0000 000.5000', **dict.fromkeys(ANSWERS, 'c008 0000')}
+FRAMES = {
+    'sercos/mdt': 'CP4 e000 e000 e000 0000 0000 0000 000.5000 3fa9',
+    **dict.fromkeys(ANSWERS, 'c008 0000 3fa9'),
+    'plant/motor_shafts': '3fa9',
+}
 TORQUE_CONSTANT = 0.5  # a power of two: current times it and back is exact
 META = {'gear_ratio': 32.0, 'torque_constant_n_m_a': TORQUE_CONSTANT, 'cycle_time_s': 1e-3, 'program': 'a'}
 CYCLES = 8
