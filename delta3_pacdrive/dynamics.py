@@ -258,6 +258,22 @@ def inverse(
     return out.reshape(*shape, 3)
 
 
+def regressor(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
+    """Columns Y of (4.26), which is linear in the inertial constants: tau = Y [I_b, m_nt, m_br r_Gb].
+
+    Shapes (..., 3) -> (..., 3, 3): arm by constant, in [rad/s^2], [m^2/s^2], [m/s^2]; nan where FK fails.
+    """
+    (angles, rates, accelerations), shape = _three_rows(
+        theta, thetadot, thetaddot, ('theta', 'thetadot', 'thetaddot')
+    )
+    out = np.empty((3, *angles.shape))
+    for column, name in zip(out, ('arm', 'plate', 'arm_moment'), strict=True):
+        unit = np.zeros(1, INERTIA)
+        unit[name], unit['gravity'] = 1.0, parameters.dynamics.gravity_m_s2
+        _inverse(angles, rates, accelerations, column, geometry(parameters.kinematics), unit)
+    return np.moveaxis(out, 0, -1).reshape(*shape, 3, 3)
+
+
 def forward(
     theta: ArrayLike, thetadot: ArrayLike, tau: ArrayLike, parameters: Parameters, *, rods: bool = False
 ) -> Floats:

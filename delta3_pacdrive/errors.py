@@ -29,6 +29,10 @@ class TraceError(Delta3Error, ValueError):
     """A recording that cannot be read or lacks a signal."""
 
 
+class EstimationError(Delta3Error, ValueError):
+    """Signals that hold nothing to estimate from, or an estimation that cannot go on."""
+
+
 class FigureError(Delta3Error, OSError):
     """Figures that cannot be written."""
 

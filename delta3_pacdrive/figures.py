@@ -70,8 +70,14 @@ def draw(trace: Trace, folder: str | Path) -> list[Path]:
     return save({name: partial(make, trace) for name, make in FIGURES.items()}, folder)
 
 
-def save(makers: Mapping[str, Callable[[], Figure]], folder: str | Path) -> list[Path]:
+def save(
+    makers: Mapping[str, Callable[[], Figure]],
+    folder: str | Path,
+    metadata: Mapping[str, str] | None = None,
+) -> list[Path]:
     """Make figures, write each under its name into ``folder``, made if it is not there; return the paths.
+
+    ``metadata`` goes into the text fields of every file.
 
     Raises
     ------
@@ -87,7 +93,7 @@ def save(makers: Mapping[str, Callable[[], Figure]], folder: str | Path) -> list
         folder.mkdir(parents=True, exist_ok=True)
         for name, make in makers.items():
             paths.append(folder / name)
-            FigureCanvasAgg(make()).print_png(paths[-1])
+            FigureCanvasAgg(make()).print_png(paths[-1], metadata=metadata)
     except OSError as error:
         raise FigureError(f'cannot write figures to {folder}: {error.strerror or error}') from error
     return paths

@@ -1,0 +1,264 @@
+"""``delta3 estimate``: parameters of motors, masses and geometry from traces, and what traces can tell of them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+GROUPS = ('motor', 'masses', 'geometry', 'thesis')
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    arguments = list(sys.argv[2:] if arguments is None else arguments)
+    options = _parse(arguments)
+    command = shlex.join(['delta3', 'estimate', *arguments])
+    return guarded(lambda: _estimate(options, command), options.json)
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = parser_for(
+        'estimate',
+        'Least squares on traces, or on a program that is simulated as measurement: values with 95 % intervals, and '
+        'which quantities the signals do not show. The group thesis repeats the estimation of chapter 9 and shows why '
+        'it returned its initial values.',
+    )
+    parser.add_argument(
+        'inputs', nargs='*', metavar='INPUT', help='traces (.npz, .csv, folder of a bag), or one program'
+    )
+    parser.add_argument('--group', choices=GROUPS, default='motor', help='what is estimated')
+    parser.add_argument('--parameters', metavar='FILE', help='parameter file instead of the packaged one')
+    parser.add_argument(
+        '--free', metavar='SYMBOLS', default='', help='quantities to free, such as I_brake,w_s'
+    )
+    parser.add_argument('--known', metavar='SYMBOLS', default='', help='quantities to hold, such as m_fb')
+    parser.add_argument(
+        '--start-off',
+        type=_number,
+        metavar='SHARE',
+        help='start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
+    )
+    parser.add_argument(
+        '--sampling',
+        choices=['drive', 'bus'],
+        default='drive',
+        help='of a simulated measurement: every period of the current loop, or every bus cycle',
+    )
+    parser.add_argument(
+        '--method',
+        choices=['auto', 'balance', 'replay'],
+        default='auto',
+        help='mechanical part: balance of torques, or replay of the closed loop; auto: as the sampling asks for',
+    )
+    parser.add_argument(
+        '--noise',
+        type=_number,
+        default=0.0,
+        metavar='X',
+        help='sensor noise of a simulated measurement, 1: typical',
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of the noise, and of --design')
+    parser.add_argument(
+        '--measurement', metavar='FILE', help='write the simulated measurement to this .npz or .csv file'
+    )
+    parser.add_argument(
+        '--output', metavar='FOLDER', default='estimation', help='for report, tables, figures'
+    )
+    parser.add_argument(
+        '--resume', metavar='FOLDER', help='go on with the estimation that began in this folder'
+    )
+    parser.add_argument(
+        '--design', metavar='FILE', help='write an exciting program for the group to this file instead'
+    )
+    parser.add_argument('--json', action='store_true', help='print the report as JSON')
+    options = parser.parse_args(arguments)
+    if options.resume and (options.inputs or options.design or options.measurement):
+        parser.error('--resume goes on with the inputs of the folder: it takes no others')
+    if options.seed < 0:
+        parser.error(f'--seed is {options.seed}, but must not be negative')
+    if not 0.0 <= options.noise <= 1e3:
+        parser.error(f'--noise is {options.noise:g}, but must be between 0 and 1000')
+    if options.start_off is not None and not -0.9 <= options.start_off <= 9.0:
+        parser.error(f'--start-off is {options.start_off:g}, but must be between -0.9 and 9')
+    return options
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
+    return value
+
+
+class _Progress:
+    """A line on standard error that tells what goes on; silent where nobody looks."""
+
+    def __init__(self, quiet: bool) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn('{task.description}'),
+            BarColumn(bar_width=24),
+            TimeElapsedColumn(),
+            console=console,
+            disable=quiet or not console.is_terminal,
+        )
+        self._task = self._bar.add_task('starting', total=None)
+
+    def show(self, stage: str, done: int, total: int) -> None:
+        """Draw the line anew; without a total it only moves."""
+        self._bar.update(self._task, description=stage, completed=done, total=total or None)
+
+    def __enter__(self) -> _Progress:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+
+def _estimate(options: argparse.Namespace, command: str) -> int:
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.estimation.session import Session, Settings
+    from delta3_pacdrive.kernel import all_compiled
+
+    announce_compilation()
+    if not all_compiled():
+        simulation.rehearse(core.load(options.parameters))
+    if options.design:
+        return _design(options, command)
+    progress = _Progress(quiet=options.json)
+    session = None
+    try:
+        with progress:
+            if options.resume:
+                session = Session.resumed(Path(options.resume), command, progress.show)
+            else:
+                program = 'experiment1' if options.group == 'thesis' else 'excitation'
+                settings = Settings(
+                    options.group,
+                    tuple(options.inputs) or (program,),
+                    options.parameters,
+                    options.sampling,
+                    options.method,
+                    options.noise,
+                    options.seed,
+                    options.start_off,
+                    _symbols(options.free),
+                    _symbols(options.known),
+                )
+                session = Session(settings, Path(options.output), command, progress.show)
+            document = session.run(Path(options.measurement) if options.measurement else None)
+    except KeyboardInterrupt:
+        where = 'before the first iteration'
+        if session is not None and session.iterate is not None:
+            again = f'delta3 estimate --resume {shlex.quote(str(session.folder))}'
+            where = f'after iteration {session.iterate.number}; {again} goes on from there'
+        print(f'interrupted {where}', file=sys.stderr)
+        return INTERRUPTED
+    except OSError as error:
+        raise EstimationError(f'cannot write to {options.output}: {error.strerror or error}') from error
+    if options.json:
+        print(json.dumps(document))
+    else:
+        _print(document)
+    return 0
+
+
+def _symbols(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(',') if part.strip())
+
+
+def _design(options: argparse.Namespace, command: str) -> int:
+    import yaml
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.estimation import excitation, report
+
+    robot = core.load(options.parameters)
+    try:
+        with _Progress(quiet=options.json) as progress:
+            found = excitation.design(
+                'geometry' if options.group == 'geometry' else 'masses',
+                robot,
+                options.seed,
+                on_progress=lambda done, total, best: progress.show(
+                    f'curve {done}, condition {best:.4g}', done, total
+                ),
+            )
+    except KeyboardInterrupt:
+        print('interrupted: no program was written', file=sys.stderr)
+        return INTERRUPTED
+    lines = [
+        f'condition of the scaled jacobian {found.condition:.4g}, '
+        f'{found.first_condition:.4g} after the random search; {found.evaluations} curves',
+        f'command: {command}',
+        f'seed: {options.seed}',
+        f'parameters: {robot.checksum}',
+        f'versions: {report.versions()}',
+    ]
+    text = ''.join(f'# {line}\n' for line in lines)
+    text += yaml.safe_dump(found.document, sort_keys=False, default_flow_style=None)
+    try:
+        Path(options.design).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise EstimationError(f'cannot write {options.design}: {error.strerror or error}') from error
+    result = {
+        'ok': True,
+        'file': options.design,
+        'condition': found.condition,
+        'first_condition': found.first_condition,
+        'evaluations': found.evaluations,
+    }
+    print(json.dumps(result) if options.json else f'{options.design}: condition {found.condition:.4g}')
+    return 0
+
+
+def _print(document: dict[str, Any]) -> None:
+    for sentence in document.get('explanation', ()):
+        print(sentence)
+    for row in document['estimates']:
+        if row['estimate'] is None:
+            print(f'{row["quantity"]:>14}  {row["verdict"]}: {row["reason"]}')
+            continue
+        half = (row['high_95'] - row['low_95']) / 2.0
+        error = '' if row['true'] is None else f'  true error {100.0 * row["error_relative"]:+.2g} %'
+        share = 100.0 * row['half_width_relative']
+        print(
+            f'{row["quantity"]:>14}  {row["estimate"]:.6g} +- {half:.2g} {row["unit"]} (95 %, {share:.2g} %){error}'
+        )
+    facts = document['identifiability']
+    print(
+        f'{"condition":>14}  {facts["condition"]:.3g} scaled, {facts["condition_of_columns"]:.3g} of the columns'
+    )
+    for group in facts['collinear']:
+        print(f'{"collinear":>14}  {", ".join(group["symbols"])} (index {group["condition_index"]:.0f})')
+    for signal in document['residuals']:
+        colour = 'white' if signal['white'] else f'correlated over {signal["lag"]} samples'
+        print(
+            f'{signal["signal"]:>20}  residuals {signal["rms"]:.3g} {signal["unit"]} rms, '
+            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}'
+        )
+    if not document['solver']['converged']:
+        print(f'{"note":>14}  {document["solver"]["message"]}')
+    print('\n'.join(document['files']))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
