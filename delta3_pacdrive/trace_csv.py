@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.errors import TraceError, shown
-from delta3_pacdrive.trace import SIGNALS, Trace, reason
+from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace, reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -29,8 +29,8 @@ MEASURED = {
     'phase_voltage': ('V', 'voltage of a phase [rms], applied from this instant to the next'),
     'tcp_measured': ('m', 'TCP by an external measurement, for example a laser tracker, in the frame base'),
 }
-QUANTITIES = SIGNALS | MEASURED
-CARTESIAN = ('tcp_command', 'tcp_actual', 'tcp_error', 'tcp_measured')
+QUANTITIES = SIGNALS | TRUE_SIGNALS | MEASURED
+CARTESIAN = ('tcp_command', 'tcp_actual', 'tcp_error', 'tcp_true', 'tcp_measured')
 # unit in a file: (SI unit, factor)
 UNITS = {
     's': ('s', 1.0),

@@ -134,7 +134,8 @@ def test_the_equation_of_motion_is_linear_in_three_constants(robot):
     generator = np.random.default_rng(7)
     theta, rates, accelerations = generator.uniform(-0.2, 0.8, (3, 50, 3)) * [[[1.0]], [[5.0]], [[100.0]]]
     record = dynamics.inertia(robot)[0]
-    constants = [record['arm'], record['plate'], record['arm_moment']]
+    moment = record['weight'][0] * robot.kinematics.upper_arm_length_m / robot.dynamics.gravity_m_s2
+    constants = [record['arm'][0], record['plate'], moment]
     torque = dynamics.regressor(theta, rates, accelerations, robot) @ constants
     assert np.abs(torque - dynamics.inverse(theta, rates, accelerations, robot)).max() < 1e-10
 

@@ -73,7 +73,11 @@ class Replay:
         robot, answers = Robot(parameters), np.empty((3, 3))
         # masses come in by their sums: one of them may be negative for a while, where only sums can be seen
         record = robot.plant.arrays()[4]
-        record['arm'], record['plate'], record['arm_moment'] = base_constants(whole, parameters)
+        arm, plate, moment = base_constants(whole, parameters)
+        record['arm'], record['plate'] = arm, plate
+        record['weight'] = (
+            moment * parameters.dynamics.gravity_m_s2 / parameters.kinematics.upper_arm_length_m
+        )
         # telegrams carry whole steps of the payload
         robot.payload[:] = parameters.dynamics.payload_mass_kg
         # the drives keep what they were set to, also the torque constant of the name plate
