@@ -244,3 +244,51 @@ def test_a_program_is_restarted_after_a_fault(cell: Cell, graph: Any) -> None:
     assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
     with pytest.raises(ProgramError, match='only a stopped program can be resumed'):
         cell.operator.call('resume')
+
+
+# during the start-up ----------------------------------------------------------------------------------------------
+
+
+def prepared(graph: Any) -> Any:
+    """Return a task in CP3, which waits for a program."""
+    for axis in (1, 2, 3):
+        graph.add(MC4DriveNode, axis=axis)
+    graph.add(PlantNode)
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    return task
+
+
+def test_a_drive_that_dies_before_cyclic_operation_is_named_when_it_begins(graph: Any) -> None:
+    task = prepared(graph)
+    graph.remove(next(node for node in graph.nodes if node.get_name() == 'mc4_drive_3'))
+    graph.add(UnitRobotNode, program='experiment1')
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP4', 'CP4')
+    graph.spin_until(lambda: task.progress()['fault'], 'the fault', BOUND_S)
+    assert task.progress()['fault'].startswith('no AT of axis3 for ')
+    graph.spin_until(lambda: task.progress()['waiting'] == 'waiting for axis3', 'the name', BOUND_S)
+    assert not task.progress()['in_torque']
+    assert task.progress()['state'] == 'error'
+
+
+def test_a_drive_that_comes_back_before_cyclic_operation_costs_nothing(graph: Any) -> None:
+    task = prepared(graph)
+    graph.remove(next(node for node in graph.nodes if node.get_name() == 'mc4_drive_3'))
+    graph.add(MC4DriveNode, axis=3)
+    graph.spin_until(lambda: graph.nodes[-1]._resting_position is not None, 'the greeting of the new drive')
+    graph.add(UnitRobotNode, program='experiment1')
+    graph.spin_until(lambda: task.progress()['finished'], 'the end of the program')
+    assert task.progress()['fault'] == ''
+
+
+def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None:
+    task = prepared(graph)
+    phases = graph.listen(Header, 'sercos/phase', LATCHED)
+    (plant,) = (node for node in graph.nodes if isinstance(node, PlantNode))
+    graph.remove(plant)
+    graph.add(UnitRobotNode, program='experiment1')
+    graph.spin_until(lambda: 'is the plant running?' in task.progress()['fault'], 'the fault', 2 * BOUND_S)
+    phases.clear()
+    graph.spin_until(lambda: len(phases) > 3, 'calls')
+    assert {message.frame_id for message in phases} == {'CP0 0000'}
+    assert task.progress()['waiting'] == 'waiting for plant'
