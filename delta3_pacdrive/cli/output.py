@@ -75,7 +75,7 @@ def announce_compilation() -> None:
 
     if not all_compiled():
         print(
-            'compiling the numerical kernels, once for this version (about 20 s) ...',
+            'compiling the numerical kernels, once for this version (about 30 s) ...',
             file=sys.stderr,
             flush=True,
         )

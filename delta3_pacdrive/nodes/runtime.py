@@ -105,7 +105,7 @@ def run_single(factory: Callable[[], Node]) -> int:
     try:
         if not all_compiled():
             print(
-                'compiling the numerical kernels, once for this version (about 20 s) ...',
+                'compiling the numerical kernels, once for this version (about 30 s) ...',
                 file=sys.stderr,
                 flush=True,
             )
