@@ -191,15 +191,6 @@ def test_bridged_losses_cost_micrometres(robot):
     assert 0.0 < away < 2e-3  # motor shaft; 25 um at the elbow
 
 
-def test_duplicates_change_no_bit(robot):
-    twice = run(
-        robot, *({'fault': f'duplicate_{word}', 'axis': 'axis1', 'cycles': 500} for word in ('mdt', 'at'))
-    )
-    undisturbed = run(robot)
-    for name, values in undisturbed.signals.items():
-        np.testing.assert_array_equal(twice[name], values, err_msg=name)
-
-
 @pytest.mark.parametrize(
     ('fault', 'number'),
     [

@@ -100,7 +100,9 @@ class MC4DriveNode(Node):
         )
         self._participant = Participant(self, axis, parameters)
         self._faults = Faults(self, axis, lambda: self._cycle)
-        self._delayed: list[tuple[int, bytes]] = []  # AT that an injected fault holds back, and until when
+        # telegrams that an injected fault holds back, and until when
+        self._held_back: list[tuple[int, int, tuple[float, int, int, float]]] = []
+        self._delayed: list[tuple[int, bytes]] = []
         self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
@@ -190,32 +192,44 @@ class MC4DriveNode(Node):
             return
         if cycle >= 0:
             self._master.heard(time.monotonic())
-            if self._faults.disturbs_telegrams and not self._reaches_the_drive(cycle, data):
-                return
-            if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
-                self._commands[cycle] = (values[self._index], *self._words[1:])
-                self._newest_command = max(self._newest_command, cycle)
-                self._advance()
+            command = (values[self._index], *self._words[1:])
+            if self._faults.disturbs_telegrams:
+                self._disturb_mdt(cycle, command, data)
             else:
-                self._late += 1  # late, or repeated
+                self._take_mdt(cycle, command)
         elif self._resting_position is not None and not self._cyclic:
             position = self._drive.encoder_position(self._resting_position)
             frame = telegram.at_frame(RESTING, 0, self._session)
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
 
-    def _reaches_the_drive(self, cycle: int, data: bytes) -> bool:
-        """Let injected faults befall an MDT."""
+    def _take_mdt(self, cycle: int, command: tuple[float, int, int, float]) -> None:
+        if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
+            self._commands[cycle] = command
+            self._newest_command = max(self._newest_command, cycle)
+            self._advance()
+        else:
+            self._late += 1  # late, or repeated
+
+    def _disturb_mdt(self, cycle: int, command: tuple[float, int, int, float], data: bytes) -> None:
+        """Take an MDT, unless an injected fault befalls it."""
         fault = self._faults.telegram(MDT_FAULTS, self._axis, cycle)
         if fault is None:
-            return True
-        if fault.kind in ('duplicate_mdt', 'delay_mdt'):
-            self._late += 1  # repeated, or of no use any more when it comes
+            self._take_mdt(cycle, command)
+        elif fault.kind == 'duplicate_mdt':
+            self._take_mdt(cycle, command)
+            self._take_mdt(cycle, command)
+        elif fault.kind == 'delay_mdt':
+            self._held_back.append((cycle + int(fault.value), cycle, command))
         elif fault.kind == 'corrupt_mdt':
             try:
                 self._mdt.decode(data[: len(data) // 2])
             except TelegramError as error:
                 self._refuse(error)
-        return fault.kind == 'duplicate_mdt'
+        # what is held back comes when its cycle is over in bus time, however far this drive is
+        over = [item for item in self._held_back if item[0] <= cycle and item[1] < self._cycle]
+        self._held_back = [item for item in self._held_back if item not in over]
+        for _, late_cycle, late_command in over:
+            self._take_mdt(late_cycle, late_command)
 
     def _send_at(self, cycle: int, frame: bytes) -> None:
         """Publish an AT, unless an injected fault befalls it."""

@@ -103,7 +103,7 @@ class TransformationTaskNode(PollingNode):
         self._sent_ns = [0] * (4 * bus.outstanding_cycles_max)
         self._joint_states_every = max(1, round(JOINT_STATES_S / bus.cycle_time_s))
         self._inbox: list[dict[int, tuple[Any, int, int]]] = [{}, {}, {}]
-        self._master_of_drives = Master(parameters)
+        self._master = Master(parameters)
         self._refused = 0
         self._lost = 0
         self._expected = [0] * 3
@@ -155,7 +155,7 @@ class TransformationTaskNode(PollingNode):
             (point(Vector3Stamped, 'tcp/error'), TCP_ERROR),
         ]
         self._joint_states = TelegramOutput(self, JointState, 'joint_states', telegram.joint_states_codec())
-        self._master = point(Vector3Stamped, 'motion/master')
+        self._master_output = point(Vector3Stamped, 'motion/master')
         self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
         self._progress = Output(self, String, 'motion/progress', REPORT)
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
@@ -228,7 +228,7 @@ class TransformationTaskNode(PollingNode):
         for output, _ in self._answers:
             # who records knows by this that nothing of cyclic operation will pass it by
             output.send((ACYCLIC_SEC, 0), [0.0] * 3)
-        self._master.send((ACYCLIC_SEC, 0), [0.0] * 3)
+        self._master_output.send((ACYCLIC_SEC, 0), [0.0] * 3)
 
     def _prepare(self) -> None:
         resting = self._phase_up.resting
@@ -253,7 +253,7 @@ class TransformationTaskNode(PollingNode):
         self._expected = [self._cycle] * 3
         for inbox in self._inbox:
             inbox.clear()
-        self._master_of_drives.begin()
+        self._master.begin()
         self._pacing.restart()
         self._roll.close()
         self._enter(Phase.CP4)
@@ -319,9 +319,9 @@ class TransformationTaskNode(PollingNode):
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
             self._sent_ns[cycle % len(self._sent_ns)] = time.time_ns()
             self._publish_mdt(data)
-            if self._master.wanted:
+            if self._master_output.wanted:
                 move, distance, speed = self._task.progress()
-                self._master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
+                self._master_output.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self._cycle = cycle + 1
             self._motion.commanded(cycle)
 
@@ -376,7 +376,7 @@ class TransformationTaskNode(PollingNode):
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
         first, second, third = self._expected
-        master, motion, desk = self._master_of_drives, self._motion, self._desk
+        master, motion, desk = self._master, self._motion, self._desk
         while (cycle := self._answered) < first and cycle < second and cycle < third and cycle < self._cycle:
             for index, inbox in enumerate(self._inbox):
                 answer_ = inbox.pop(cycle, None)
@@ -414,15 +414,15 @@ class TransformationTaskNode(PollingNode):
             self._start_cycles()
 
     def _in_torque(self) -> bool:
-        return any(in_torque(status) for status in self._master_of_drives.status)
+        return any(in_torque(status) for status in self._master.status)
 
     def _lose(self, index: int, reason: str) -> None:
         """Go on without a drive, to a stop; then the phase falls."""
-        self._master_of_drives.lose(index)
+        self._master.lose(index)
         self._expected[index] = NEVER
         self._inbox[index].clear()
         self._stop(reason)
-        if len(self._master_of_drives.absent) == len(DRIVES):
+        if len(self._master.absent) == len(DRIVES):
             self._go_down(reason)
         else:
             self._complete(0)
@@ -437,13 +437,13 @@ class TransformationTaskNode(PollingNode):
                 self.get_logger().error(self._fault)
                 self._report()
 
-        for index in self._master_of_drives.faulty():
+        for index in self._master.faulty():
             self._desk.ask(index, Access(DIAGNOSTIC_NUMBER, Operation.READ), add)
 
     def _send_joint_states(self, stamp: tuple[int, int]) -> None:
         theta = self._task.answer[THETA].tolist()
         ratio = self._robot.dynamics.gear_ratio
-        master = self._master_of_drives
+        master = self._master
         speeds = [speed / ratio for speed in master.speeds]
         self._joint_states.send(stamp, [*theta, *speeds, *master.torques.tolist()])
 
@@ -513,7 +513,7 @@ class TransformationTaskNode(PollingNode):
         self._fault = ''
         self._task.give_up()
         try:
-            tcp = self._task.locate(self._master_of_drives.positions)
+            tcp = self._task.locate(self._master.positions)
         except UnreachableError as error:
             self._stop(str(error))
             return
@@ -592,7 +592,7 @@ class TransformationTaskNode(PollingNode):
         return {
             'slip_s': self._pacing.slip_s,
             'refused_telegrams': self._refused,
-            'at_losses': self._master_of_drives.losses,
+            'at_losses': self._master.losses,
             'lateness_ms': self._lateness.summary_ms(),
             'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],
             'mdt_to_last_at_ms': self._round_trip.summary_ms(),
