@@ -153,7 +153,13 @@ faults:
 """
 
 
-@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+@pytest.mark.parametrize(
+    'options',
+    [
+        pytest.param(['--real-time-factor', '0'], id='separate processes, all outstanding cycles in use'),
+        pytest.param(['--single-process'], id='one process in real time, hardly any'),
+    ],
+)
 def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -161,7 +167,7 @@ def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
     program.write_text(DISTURBED)
     robot = parameters.load()
     simulated = simulation.run(programs.load(program, robot.motion), robot)
-    done = delta3('run', program, '--bag', tmp_path / 'bag', '--real-time-factor', '0', *options)
+    done = delta3('run', program, '--bag', tmp_path / 'bag', *options)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == f'error: {simulated.meta["stopped"]}'
     assert '8171' in done.stderr

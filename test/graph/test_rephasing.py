@@ -138,6 +138,18 @@ def test_after_a_partner_was_lost_nothing_is_enabled_by_itself(cell: Cell, graph
         cell.operator.enable(True)
 
 
+def test_a_new_master_of_a_robot_that_was_disabled_leaves_it_so(cell: Cell, graph: Any) -> None:
+    cell.operator.enable(False)
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    cell.take_away(cell.task)
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP4', 'CP4')
+    begun = task.progress()['cycles']
+    graph.spin_until(lambda: task.progress()['cycles'] > begun + 200, 'cycles')
+    assert begun > 20
+    assert not task.progress()['in_torque']
+
+
 def test_a_second_master_waits_and_the_robot_goes_on(cell: Cell, graph: Any) -> None:
     cell.move()
     second = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
