@@ -100,6 +100,24 @@ def load(path: str | Path) -> Trace:
     return Trace.load(path)
 
 
+def missing(path: Path) -> dict[str, int]:
+    """Return how many messages the recorder of a bag has found missing, by relative name of the topic.
+
+    Raises
+    ------
+    TraceError
+        There is no such bag, or none of a robot.
+
+    """
+    from rosbags.rosbag2 import Reader, ReaderError
+
+    try:
+        with Reader(path) as reader:
+            return dict(_metadata(reader.storage.metadata.custom).get('lost', {}))
+    except (OSError, ReaderError, TraceError) as error:
+        raise TraceError(f'cannot read recording {path}: {error}') from error
+
+
 def read_bag(path: str | Path) -> Trace:
     """Read the folder of a bag of one robot, whatever its namespace.
 

@@ -115,6 +115,8 @@ def _run(options: argparse.Namespace) -> int:
     else:
         print(f'{result["program"]}: done, ready after {result["ready_s"]:.2f} s')
         print_figures(result)
+        if missing := result.get('bag_missing'):
+            print(f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them')
     return 0
 
 

@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive import simulation
+from delta3_pacdrive import recording, simulation
 from delta3_pacdrive.bus.silence import BOUND_S
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import planning
@@ -114,9 +114,12 @@ class Bringup:
             try:
                 self._start_processes(logs)
                 self._watch(show)
-                return self._result()
+                result = self._result()
             finally:
                 self._stop()
+        if self._options.bag:
+            result['bag_missing'] = sum(recording.missing(self._options.bag).values())
+        return result
 
     def _start_processes(self, logs: Path) -> None:
         options, program = self._options, self._options.program

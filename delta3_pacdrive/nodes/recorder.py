@@ -2,6 +2,7 @@
 
 import json
 import struct
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -38,6 +39,7 @@ from delta3_pacdrive.nodes.qos import FAULTS, LATCHED, LATCHED_FROM_MANY, PLAN, 
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
 DRAIN_S = 0.02
+QUIET_S = 0.2  # without a message: all that was published has arrived
 CUSTOM_DATA_KEY = 'delta3_pacdrive'
 PHASE = 'sercos/phase'
 _STAMP = struct.Struct('<iI')
@@ -135,6 +137,7 @@ class RecorderNode(PollingNode):
             self._subscribe(topic, message_type, qos, self._note_start if topic == PHASE else None)
         self._state = self.create_publisher(String, 'recorder/state', LATCHED)
         self._ready = False
+        self._newest_ns = 0  # when the newest cyclic message was published
         self.create_timer(DRAIN_S, self._drain)
 
     def _subscribe(
@@ -154,6 +157,7 @@ class RecorderNode(PollingNode):
                 write(connection, info['received_timestamp'], data)
                 if count is not None:
                     count(data)
+                self._newest_ns = max(self._newest_ns, info['source_timestamp'])
 
         self._drains.append(drain)
 
@@ -166,6 +170,16 @@ class RecorderNode(PollingNode):
         for drain in self._drains:
             drain()
         self._announce()
+
+    def _catch_up(self) -> None:
+        """Take what had been published when this was called, of a robot that goes on or has ended."""
+        now_ns, heard = time.time_ns(), time.monotonic()
+        while self._newest_ns < now_ns and time.monotonic() - heard < QUIET_S:
+            before = self._newest_ns
+            time.sleep(DRAIN_S)
+            self._drain()
+            if self._newest_ns > before:
+                heard = time.monotonic()
 
     def _announce(self) -> None:
         """Say once that every cyclic topic has been heard: what is published from now on is recorded."""
@@ -180,7 +194,7 @@ class RecorderNode(PollingNode):
 
     def destroy_node(self) -> None:
         """Close the bag; what is written is complete and readable."""
-        self._drain()
+        self._catch_up()
         counts = self.completeness()
         lost = {topic: gone for topic, (_, gone) in counts.items() if gone}
         self._writer.set_custom_data(CUSTOM_DATA_KEY, json.dumps(self._meta | {'lost': lost}))
