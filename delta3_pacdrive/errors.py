@@ -37,6 +37,10 @@ class FigureError(Delta3Error, OSError):
     """Figures that cannot be written."""
 
 
+class ReportError(Delta3Error, OSError):
+    """A report cannot be written, or what it is about cannot be read."""
+
+
 class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
 

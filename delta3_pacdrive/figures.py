@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import FigureError, TraceError
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure, save
 from delta3_pacdrive.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -33,14 +34,9 @@ SLOPE_S = 2.0e-3  # half window of the straight line whose slope is the actual a
 FLAT = 0.4  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
 VIEW_DEG = (24.0, -62.0)  # from where it is seen: elevation, azimuth
 
-DPI = 150
-WIDTH_IN = 8.0
 TITLE_LENGTH = 80
-AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')  # Okabe and Ito: told apart with colour-blind eyes
-NORM_COLOUR = '#7A3E9D'
 ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': (0, (4, 2)), 'color': '#111111'}
-GRID_COLOUR = '#DDDDDD'
 
 
 def draw(trace: Trace, folder: str | Path) -> list[Path]:
@@ -68,35 +64,6 @@ def draw(trace: Trace, folder: str | Path) -> list[Path]:
 
     """
     return save({name: partial(make, trace) for name, make in FIGURES.items()}, folder)
-
-
-def save(
-    makers: Mapping[str, Callable[[], Figure]],
-    folder: str | Path,
-    metadata: Mapping[str, str] | None = None,
-) -> list[Path]:
-    """Make figures, write each under its name into ``folder``, made if it is not there; return the paths.
-
-    ``metadata`` goes into the text fields of every file.
-
-    Raises
-    ------
-    FigureError
-        A file cannot be written.
-
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    folder = Path(folder)
-    paths = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, make in makers.items():
-            paths.append(folder / name)
-            FigureCanvasAgg(make()).print_png(paths[-1], metadata=metadata)
-    except OSError as error:
-        raise FigureError(f'cannot write figures to {folder}: {error.strerror or error}') from error
-    return paths
 
 
 def program_part(trace: Trace) -> Trace:
@@ -339,9 +306,7 @@ def _three_axes(axes: Axes3D) -> tuple[Any, Any, Any]:
 
 
 def _figure(trace: Trace, what: str, height_in: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout='constrained', facecolor='white')
+    figure = empty_figure(height_in)
     program = trace.meta.get('program')
     title = f'{what}: {program}' if program else what
     figure.suptitle(textwrap.shorten(title, TITLE_LENGTH, placeholder=' ...'), fontsize=12, parse_math=False)
@@ -362,10 +327,7 @@ def _dress(trace: Trace, panels: Sequence[Axes], labels: Sequence[str]) -> None:
     """Give panels that stand above one another their labels, grid and common time axis."""
     for axes, label in zip(panels, labels, strict=True):
         axes.set_ylabel(label)
-        axes.grid(color=GRID_COLOUR, linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[['top', 'right']].set_visible(False)
-        axes.tick_params(labelsize=9)
+        dress(axes)
         axes.margins(x=0.0)
         axes.ticklabel_format(axis='both', useOffset=False)
     known = trace.meta.get('start_cycle') is not None

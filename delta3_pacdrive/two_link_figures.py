@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.figures import AXIS_COLOURS, DPI, GRID_COLOUR, save
+from delta3_pacdrive.figure_style import AXIS_COLOURS, dress, empty_figure, save
 from delta3_pacdrive.two_link_arm import (
     Branch,
     TwoLinkArm,
@@ -210,9 +210,7 @@ def _joints(theta: Floats, arm: TwoLinkArm) -> Floats:
 
 
 def _figure(title: str, width_in: float, height_in: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout='constrained', facecolor='white')
+    figure = empty_figure(height_in, width_in)
     figure.suptitle(title, fontsize=12)
     return figure
 
@@ -220,10 +218,7 @@ def _figure(title: str, width_in: float, height_in: float) -> Figure:
 def _dress(axes: Axes, x_label: str, y_label: str) -> None:
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
-    axes.grid(color=GRID_COLOUR, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[['top', 'right']].set_visible(False)
-    axes.tick_params(labelsize=9)
+    dress(axes)
 
 
 def _circle(axes: Axes, radius_m: float, label: str, style: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,35 +102,6 @@ def _number(text: str) -> float:
     return value
 
 
-class _Progress:
-    """A line on standard error that tells what goes on; silent where nobody looks."""
-
-    def __init__(self, quiet: bool) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        console = Console(stderr=True)
-        self._bar = Progress(
-            TextColumn('{task.description}'),
-            BarColumn(bar_width=24),
-            TimeElapsedColumn(),
-            console=console,
-            disable=quiet or not console.is_terminal,
-        )
-        self._task = self._bar.add_task('starting', total=None)
-
-    def show(self, stage: str, done: int, total: int) -> None:
-        """Draw the line anew; without a total it only moves."""
-        self._bar.update(self._task, description=stage, completed=done, total=total or None)
-
-    def __enter__(self) -> _Progress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-
 def _estimate(options: argparse.Namespace, command: str) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
@@ -142,7 +114,7 @@ def _estimate(options: argparse.Namespace, command: str) -> int:
         simulation.rehearse(core.load(options.parameters))
     if options.design:
         return _design(options, command)
-    progress = _Progress(quiet=options.json)
+    progress = Progress(quiet=options.json)
     session = None
     try:
         with progress:
@@ -189,11 +161,12 @@ def _design(options: argparse.Namespace, command: str) -> int:
 
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.errors import EstimationError
-    from delta3_pacdrive.estimation import excitation, report
+    from delta3_pacdrive.estimation import excitation
+    from delta3_pacdrive.provenance import versions
 
     robot = core.load(options.parameters)
     try:
-        with _Progress(quiet=options.json) as progress:
+        with Progress(quiet=options.json) as progress:
             found = excitation.design(
                 'geometry' if options.group == 'geometry' else 'masses',
                 robot,
@@ -211,7 +184,7 @@ def _design(options: argparse.Namespace, command: str) -> int:
         f'command: {command}',
         f'seed: {options.seed}',
         f'parameters: {robot.checksum}',
-        f'versions: {report.versions()}',
+        f'versions: {versions()}',
     ]
     text = ''.join(f'# {line}\n' for line in lines)
     text += yaml.safe_dump(found.document, sort_keys=False, default_flow_style=None)

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from delta3_pacdrive.estimation.identifiability import Verdict
 from delta3_pacdrive.estimation.thesis_setup import ATTEMPT_STEPS, FACTORS, STEPS, SYMBOLS
-from delta3_pacdrive.figures import AXIS_COLOURS, DPI, GRID_COLOUR
+from delta3_pacdrive.figure_style import AXIS_COLOURS, COLOURS, MUTED, dress, report_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from delta3_pacdrive.estimation.problem import Problem
-    from delta3_pacdrive.estimation.report import Provenance
     from delta3_pacdrive.estimation.solver import Fit
     from delta3_pacdrive.estimation.thesis_setup import Study
+    from delta3_pacdrive.provenance import Provenance
 
-WIDTH_IN = 8.0
-COLOURS = (*AXIS_COLOURS, '#CC79A7', '#7A3E9D', '#56B4E9')  # Okabe and Ito, and the norm's colour
-MUTED = '#888888'
 ERROR_MIN_PERCENT = 1e-6  # shown on a logarithmic axis
 POINTS_MAX = 3000  # of a line over time
 LAGS = 60
@@ -33,7 +29,7 @@ IDEAL_STEP_MIN = 1e-5  # of the slopes through an ideal encoder that are drawn
 def estimates(rows: list[dict[str, Any]], provenance: Provenance) -> Figure:
     """Start, estimate and 95 % interval of every quantity, against the truth or the start."""
     shown = list(reversed(rows))
-    figure = _figure('Estimates', 1.6 + 0.34 * len(rows), provenance)
+    figure = report_figure('Estimates', 1.6 + 0.34 * len(rows), provenance)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.25))
     known = any(row['true'] is not None for row in rows)
     for place, row in enumerate(shown):
@@ -65,7 +61,7 @@ def estimates(rows: list[dict[str, Any]], provenance: Provenance) -> Figure:
     title = 'half width of the 95 % interval (bar)' + (', true error (diamond)' if known else '')
     right.set_title(title, fontsize=9, loc='left')
     for axes in (left, right):
-        _dress(axes)
+        dress(axes)
     return figure
 
 
@@ -73,7 +69,7 @@ def sensitivities(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
     """Sensitivities of the signals to every quantity, and singular values."""
     report = fit.identifiability
     findings = list(reversed(report.findings))
-    figure = _figure('What the signals tell', 1.9 + 0.34 * max(len(findings), 4), provenance)
+    figure = report_figure('What the signals tell', 1.9 + 0.34 * max(len(findings), 4), provenance)
     left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
     names = list(dict.fromkeys(block.name for block in problem.blocks))
     height = 0.8 / len(names)
@@ -101,14 +97,14 @@ def sensitivities(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
     right.set_xlabel('singular value' + (' (x: below, not seen)' if report.rank < len(values) else ''))
     right.set_title(f'condition {report.condition:.3g}', fontsize=9, loc='left')
     for axes in (left, right):
-        _dress(axes)
+        dress(axes)
     return figure
 
 
 def residuals(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
     """Residuals over time and their autocorrelation, one row per signal."""
     count = len(problem.blocks)
-    figure = _figure('Residuals', 1.4 + 2.0 * count, provenance)
+    figure = report_figure('Residuals', 1.4 + 2.0 * count, provenance)
     grid = figure.subplots(count, 2, squeeze=False, width_ratios=(2, 1))
     for (left, right), block, array, white in zip(
         grid, problem.blocks, fit.residuals, fit.whiteness, strict=True
@@ -129,8 +125,8 @@ def residuals(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
         right.axhspan(-bound, bound, color='#EEEEEE', zorder=0)
         right.set_ylim(-0.5, 1.05)
         right.set_title('autocorrelation', fontsize=9, loc='left')
-        _dress(left)
-        _dress(right)
+        dress(left)
+        dress(right)
     grid[-1, 0].set_xlabel('time (s)')
     grid[-1, 1].set_xlabel(f'lag (samples of {problem.blocks[-1].period_s * 1e3:.3g} ms)')
     grid[0, 0].legend(fontsize=8, frameon=False, ncols=3, loc='upper right')
@@ -139,7 +135,7 @@ def residuals(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
 
 def quotients(study: Study, provenance: Provenance) -> Figure:
     """Difference quotients of the closed loop's current over the step, through encoders and without."""
-    figure = _figure('Difference quotients of the current in the closed loop', 4.8, provenance)
+    figure = report_figure('Difference quotients of the current in the closed loop', 4.8, provenance)
     left, right = figure.subplots(1, 2, sharex=True)
     for symbol, colour in zip(SYMBOLS, COLOURS, strict=False):
         own = [q for q in study.quotients if q.symbol == symbol]
@@ -158,13 +154,13 @@ def quotients(study: Study, provenance: Provenance) -> Figure:
     right.set_ylim(-0.15, 1.05)
     right.legend(fontsize=8, frameon=False, loc='center left', bbox_to_anchor=(1.0, 0.5))
     for axes in (left, right):
-        _dress(axes)
+        dress(axes)
     return figure
 
 
 def attempts(study: Study, provenance: Provenance) -> Figure:
     """How far each attempt moved its values, and the cost over each quantity."""
-    figure = _figure('The estimation of chapter 9 again', 4.8, provenance)
+    figure = report_figure('The estimation of chapter 9 again', 4.8, provenance)
     left, right = figure.subplots(1, 2)
     off = max(a.off for a in study.attempts)
     width = 0.8 / len(ATTEMPT_STEPS)
@@ -193,29 +189,8 @@ def attempts(study: Study, provenance: Provenance) -> Figure:
     right.set_title('what the current of the bus cycles tells', fontsize=9, loc='left')
     right.legend(fontsize=8, frameon=False, loc='center left', bbox_to_anchor=(1.0, 0.5))
     for axes in (left, right):
-        _dress(axes)
+        dress(axes)
     return figure
-
-
-def _figure(title: str, height_in: float, provenance: Provenance) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout='constrained', facecolor='white')
-    figure.suptitle(title, fontsize=12)
-    lines = provenance.lines()
-    foot = (
-        f'{lines["command"]}   seed {lines["seed"]}   parameters {lines["parameters"]}   {lines["versions"]}'
-    )
-    figure.supxlabel(textwrap.fill(foot, 150, max_lines=3, placeholder=' ...'), fontsize=6, color=MUTED,
-                     x=0.01, ha='left', parse_math=False)  # fmt: skip
-    return figure
-
-
-def _dress(axes: Axes) -> None:
-    axes.grid(color=GRID_COLOUR, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[['top', 'right']].set_visible(False)
-    axes.tick_params(labelsize=9)
 
 
 def _across(axes: Axes) -> Any:

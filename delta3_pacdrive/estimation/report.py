@@ -2,81 +2,29 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
-import platform
-from dataclasses import asdict, dataclass
-from importlib import metadata
-from pathlib import Path
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.estimation.identifiability import Verdict
 from delta3_pacdrive.estimation.quantities import COMBINATIONS, TABLE, values_of
 from delta3_pacdrive.estimation.solver import COLOURED
 from delta3_pacdrive.estimation.thesis_setup import FACTORS, SYMBOLS, explanation
-from delta3_pacdrive.kernel import sources_digest
+from delta3_pacdrive.provenance import write_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
     from delta3_pacdrive.estimation.identifiability import Identifiability
     from delta3_pacdrive.estimation.problem import Problem
     from delta3_pacdrive.estimation.solver import Fit
     from delta3_pacdrive.estimation.thesis_setup import Study
     from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.provenance import Provenance
 
-PACKAGES = ('numpy', 'scipy', 'numba')
 ROWS_MAX = 20_000  # of a table of residuals; longer ones are thinned out
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """How an output came about.
-
-    Attributes
-    ----------
-    command
-        As it was typed.
-    seed
-        Of the noise; None where nothing was random.
-    parameters
-        Digest of the parameters, and the file they came from.
-    inputs
-        What was estimated from: program, or files with their digests.
-    versions
-        Of Python and the packages that compute.
-
-    """
-
-    command: str
-    seed: int | None
-    parameters: str
-    inputs: tuple[str, ...]
-    versions: str
-
-    def lines(self) -> dict[str, str]:
-        """Return all of it as texts by name."""
-        return {
-            'command': self.command,
-            'seed': 'none' if self.seed is None else str(self.seed),
-            'parameters': self.parameters,
-            'inputs': '; '.join(self.inputs),
-            'versions': self.versions,
-        }
-
-
-def versions() -> str:
-    """Versions of Python and of the packages that compute, as one line."""
-    try:
-        own = metadata.version('delta3_pacdrive')
-    except metadata.PackageNotFoundError:
-        own = 'not installed'
-    found = [f'delta3_pacdrive {own} (sources {sources_digest()})', f'Python {platform.python_version()}']
-    return ', '.join([*found, *(f'{name} {metadata.version(name)}' for name in PACKAGES)])
 
 
 def estimates_table(
@@ -183,34 +131,6 @@ def study_document(study: Study, cure: dict[str, Any]) -> dict[str, Any]:
         'profiles': study.profiles,
         'attempts': [asdict(a) for a in study.attempts],
     }
-
-
-def write_json(document: Any, path: Path) -> Path:
-    """Write a document so that a reader sees the old one or the new one, never half of it."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix('.partial')
-        partial.write_text(json.dumps(document, indent=1, allow_nan=False) + '\n', encoding='utf-8')
-        partial.replace(path)
-    except OSError as error:
-        raise EstimationError(f'cannot write {path}: {error.strerror or error}') from error
-    return path
-
-
-def write_table(
-    path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]], provenance: Provenance
-) -> Path:
-    """Write a CSV file: how it came about in lines that begin with '#', then a header with units, then the rows."""
-    try:
-        with path.open('w', encoding='utf-8', newline='') as file:
-            for name, text in provenance.lines().items():
-                file.write(f'# {name}: {text}\n')
-            writer = csv.writer(file, lineterminator='\n')
-            writer.writerow(header)
-            writer.writerows(rows)
-    except OSError as error:
-        raise EstimationError(f'cannot write {path}: {error.strerror or error}') from error
-    return path
 
 
 def write_fit_tables(

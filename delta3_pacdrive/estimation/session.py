@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive import figures as run_figures
+from delta3_pacdrive import figure_style
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.estimation import figures, report, thesis_setup
@@ -23,6 +22,7 @@ from delta3_pacdrive.estimation.quantities import GROUPS, start_values
 from delta3_pacdrive.estimation.replay_model import ReplayModel
 from delta3_pacdrive.estimation.solver import Iterate, fit
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.provenance import Provenance, digest, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -170,7 +170,7 @@ class Session:
         if self.iterate is None:
             (self.folder / ITERATE).unlink(missing_ok=True)
         origin = {'settings': asdict(self.settings), 'stamp': self._stamp(), 'command': self.command}
-        report.write_json(origin, self.folder / SETTINGS)
+        write_json(origin, self.folder / SETTINGS)
         if self.settings.group == THESIS:
             return self._run_thesis()
         traces = self._traces(measurement)
@@ -220,9 +220,9 @@ class Session:
         return self._finish(document, tables, makers)
 
     def _finish(self, document: dict[str, Any], tables: list[Path], makers: Any) -> dict[str, Any]:
-        pictures = run_figures.save(makers, self.folder, self.provenance().lines())
+        pictures = figure_style.save(makers, self.folder, self.provenance().lines())
         document['files'] = [str(path) for path in (self.folder / REPORT, *tables, *pictures)]
-        report.write_json(document, self.folder / REPORT)
+        write_json(document, self.folder / REPORT)
         return document
 
     def models(self, trace: Trace) -> list[Model]:
@@ -266,17 +266,12 @@ class Session:
             ReplayModel(trace, self.robot) if method == 'replay' else TorqueModel(trace, self.robot),
         ]
 
-    def provenance(self) -> report.Provenance:
+    def provenance(self) -> Provenance:
         """Return how the outputs come about."""
         settings = self.settings
-        source = settings.parameters or core.DEFAULT_FILE
-        return report.Provenance(
-            self.command,
-            settings.seed if settings.simulates else None,
-            f'{self.robot.checksum} ({source})',
-            tuple(f'{text} {digest}' for text, digest in zip(settings.inputs, self._digests(), strict=True)),
-            report.versions(),
-        )
+        inputs = [f'{text} {found}' for text, found in zip(settings.inputs, self._digests(), strict=True)]
+        seed = settings.seed if settings.simulates else None
+        return Provenance.of(self.command, self.robot, settings.parameters, inputs, seed)
 
     def _traces(self, measurement: Path | None) -> list[Trace]:
         settings = self.settings
@@ -297,29 +292,16 @@ class Session:
         """Write an accepted iterate, so that the estimation can go on from it."""
         self.iterate = iterate
         document = {'iteration': iterate.number, 'values': iterate.x.tolist(), 'cost': iterate.cost}
-        report.write_json(document, self.folder / ITERATE)
+        write_json(document, self.folder / ITERATE)
         self.on_progress(f'iteration {iterate.number}, cost {iterate.cost:.4g}', 0, 0)
 
     def _digests(self) -> list[str]:
         return [
-            _digest(Path(text) if is_trace(text) else programs.find(text)) for text in self.settings.inputs
+            digest(Path(text) if is_trace(text) else programs.find(text)) for text in self.settings.inputs
         ]
 
     def _stamp(self) -> str:
         return ' '.join([self.robot.checksum, *self._digests()])
-
-
-def _digest(path: Path) -> str:
-    """Return a short digest of a file, or of the files in a folder."""
-    digest = hashlib.sha256()
-    try:
-        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
-        for file in files:
-            with file.open('rb') as stream:
-                digest.update(hashlib.file_digest(stream, 'sha256').digest())
-    except OSError as error:
-        raise EstimationError(f'cannot read {path}: {error.strerror or error}') from error
-    return digest.hexdigest()[:16]
 
 
 def _read_json(path: Path, what: str) -> Any:
