@@ -104,12 +104,13 @@ def motion_terms(theta, thetadot, g, m):
     p, s, b = pose(theta, g)
     n1, n2, n3, determinant = inverse_columns(s)
     sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
-    q = (sb[0] / determinant, sb[1] / determinant, sb[2] / determinant)
+    per_volume = 1.0 / determinant
+    q = (sb[0] * per_volume, sb[1] * per_volume, sb[2] * per_volume)
     xdot = combine(q[0] * thetadot[0], n1, q[1] * thetadot[1], n2, q[2] * thetadot[2], n3)
     e1 = _acceleration_right_side(0, s[0], b[0], p, xdot, thetadot[0], g)
     e2 = _acceleration_right_side(1, s[1], b[1], p, xdot, thetadot[1], g)
     e3 = _acceleration_right_side(2, s[2], b[2], p, xdot, thetadot[2], g)
-    a = combine(e1 / determinant, n1, e2 / determinant, n2, e3 / determinant, n3)
+    a = combine(e1 * per_volume, n1, e2 * per_volume, n2, e3 * per_volume, n3)
     force = (m.plate * a[0], m.plate * a[1], m.plate * (a[2] + m.gravity))
     mass = (
         m.arm[0] + m.plate * q[0] * q[0] * dot(n1, n1),
@@ -183,11 +184,11 @@ def solve(mass, f):
     a, b, c, d, e, h = mass
     k11, k12, k13 = b * c - h * h, e * h - d * c, d * h - e * b
     k22, k23, k33 = a * c - e * e, d * e - a * h, a * b - d * d
-    determinant = a * k11 + d * k12 + e * k13
+    scale = 1.0 / (a * k11 + d * k12 + e * k13)
     return (
-        (k11 * f[0] + k12 * f[1] + k13 * f[2]) / determinant,
-        (k12 * f[0] + k22 * f[1] + k23 * f[2]) / determinant,
-        (k13 * f[0] + k23 * f[1] + k33 * f[2]) / determinant,
+        (k11 * f[0] + k12 * f[1] + k13 * f[2]) * scale,
+        (k12 * f[0] + k22 * f[1] + k23 * f[2]) * scale,
+        (k13 * f[0] + k23 * f[1] + k33 * f[2]) * scale,
     )
 
 

@@ -85,7 +85,7 @@ def arm_angle(p, i, g, elbow_in):
 
     E cos theta + F sin theta = K has the half-angle solutions tan(theta/2) = (F -+ w)/(E + K) = (K - E)/(F +- w),
     w^2 = E^2 + F^2 - K^2; of the two forms the one without cancellation is taken. The upper sign is the elbow-out
-    branch, in which the robot works.
+    branch, in which the robot works. The angle is in (-pi, pi].
     """
     l_a, l_b = g.l_a[i], g.l_b[i]
     e = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r[i]
@@ -98,12 +98,10 @@ def arm_angle(p, i, g, elbow_in):
     w = math.sqrt(radicand)
     if elbow_in:
         w = -w
-    half = math.atan2(k - e, f + w) if f * w >= 0.0 else math.atan2(f - w, e + k)
-    if half > 0.5 * math.pi:
-        half -= math.pi
-    elif half <= -0.5 * math.pi:
-        half += math.pi
-    return 2.0 * half
+    opposite, adjacent = (k - e, f + w) if f * w >= 0.0 else (f - w, e + k)
+    if adjacent == 0.0:
+        return math.pi if opposite != 0.0 else 0.0
+    return 2.0 * math.atan(opposite / adjacent)
 
 
 @kernel
@@ -134,11 +132,12 @@ def plate_from_elbows(c1, c2, c3, l_b, side):
     radius2 = l_b[0] * l_b[0]
     pp = dot(p, p) + (radius2 - l_b[1] * l_b[1])
     qq = dot(q, q) + (radius2 - l_b[2] * l_b[2])
-    o = combine(qq / (2.0 * w2), cross(w, p), pp / (2.0 * w2), cross(q, w), 0.0, w)
+    per_w2 = 1.0 / w2
+    o = combine(0.5 * qq * per_w2, cross(w, p), 0.5 * pp * per_w2, cross(q, w), 0.0, w)
     height2 = radius2 - dot(o, o)
     if not height2 >= 0.0:
         return (math.nan, math.nan, math.nan)
-    along = side * math.sqrt(height2 / w2)
+    along = side * math.sqrt(height2 * per_w2)
     if w[2] < 0.0:
         along = -along
     return combine(1.0, c1, 1.0, o, along, w)
@@ -237,14 +236,21 @@ def _inverse_all(points, out, geometry_record):
 
 @kernel
 def _inverse(points, out, geometry_record):
+    """Fill ``out``; return the first row that holds a nan, or -1."""
+    bad = -1
     for n in range(points.shape[0]):
         angles = arm_angles(_tuple3(points[n]), geometry_record[0])
         for i in range(3):
             out[n, i] = angles[i]
+        if bad < 0 and math.isnan(angles[0] + angles[1] + angles[2]):
+            bad = n
+    return bad
 
 
 @kernel
 def _forward(angles, side, out, geometry_record):
+    """Fill ``out``; return the first row that holds a nan, or -1."""
+    bad = -1
     g = geometry_record[0]
     for n in range(angles.shape[0]):
         theta = _tuple3(angles[n])
@@ -254,6 +260,9 @@ def _forward(angles, side, out, geometry_record):
         point = plate_from_elbows(c1, c2, c3, g.l_b, side)
         for axis in range(3):
             out[n, axis] = point[axis]
+        if bad < 0 and math.isnan(point[0]):
+            bad = n
+    return bad
 
 
 @kernel
@@ -302,9 +311,9 @@ def inverse(p: ArrayLike, kinematics: Kinematics) -> Floats:
     """
     points, shape = rows(p, 'p')
     theta = np.empty_like(points)
-    _inverse(points, theta, geometry(kinematics))
-    if np.isnan(theta).any():
-        n, i = np.argwhere(np.isnan(theta))[0]
+    n = _inverse(points, theta, geometry(kinematics))
+    if n >= 0:
+        i = np.flatnonzero(np.isnan(theta[n]))[0]
         x, y, z = points[n]
         place = f'position {n} ' if len(points) > 1 else ''
         raise UnreachableError(f'{place}({x:g}, {y:g}, {z:g}) m is out of reach of arm {i + 1}')
@@ -335,9 +344,8 @@ def forward(theta: ArrayLike, kinematics: Kinematics, *, above: bool = False) ->
     """
     angles, shape = rows(theta, 'theta')
     points = np.empty_like(angles)
-    _forward(angles, 1.0 if above else -1.0, points, geometry(kinematics))
-    if np.isnan(points).any():
-        n = np.argwhere(np.isnan(points))[0][0]
+    n = _forward(angles, 1.0 if above else -1.0, points, geometry(kinematics))
+    if n >= 0:
         degrees = ', '.join(f'{angle:.3f}' for angle in np.degrees(angles[n]))
         raise UnreachableError(f'the forearms do not meet at arm angles ({degrees}) deg')
     return points.reshape(*shape, 3)

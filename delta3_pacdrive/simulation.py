@@ -14,7 +14,7 @@ from delta3_pacdrive.bus.words import (
 from delta3_pacdrive.disturbed import run_disturbed
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.kernel import kernel, mark_compiled
+from delta3_pacdrive.kernel import all_compiled, kernel, mark_compiled
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion.checks import Limits
@@ -149,6 +149,21 @@ def _run_undisturbed(robot: Robot, task: Transformation, start_cycle: int) -> tu
     return columns
 
 
+def load_kernels(parameters: Parameters) -> None:
+    """Load what ``run`` needs, so that no later one waits for it; if nothing is compiled yet, compile every kernel."""
+    if all_compiled():
+        _stand(parameters)
+    else:
+        rehearse(parameters)
+
+
+def _stand(parameters: Parameters) -> None:
+    run(
+        Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),)),
+        parameters.replace(motion__enable_cycle=20, motion__start_cycle=120),
+    )
+
+
 def rehearse(parameters: Parameters) -> None:
     """Run every kernel once, so that none is compiled or loaded in the middle of a cycle."""
     quick = parameters.replace(motion__enable_cycle=-1)
@@ -161,10 +176,7 @@ def rehearse(parameters: Parameters) -> None:
     robot.cycle(task.command(0), task.control(0), answers, task.payload)
     task.receive(0, answers[0], answers[2])
     _rehearse_nodes(parameters)
-    run(
-        Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),)),
-        parameters.replace(motion__enable_cycle=20, motion__start_cycle=120),
-    )
+    _stand(parameters)
     task.hold()
     robot.drives[0].phase_currents()
     mark_compiled()

@@ -1,4 +1,4 @@
-"""``delta3 bench``: figures of the running graph, each beside what it is measured against. Never a test."""
+"""``delta3 bench``: figures of the robot, each beside what it is measured against. Never a test."""
 
 import argparse
 import json
@@ -22,9 +22,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
     parser = parser_for(
         'bench',
-        'Measure the graph (timing, processor time, memory), planning of motions, or the simulation (speed).',
+        'Measure the graph (timing, processor time, memory), planning, or the speed of simulation and kinematics.',
     )
-    parser.add_argument('what', choices=['graph', 'motion', 'simulate'])
+    parser.add_argument('what', choices=['graph', 'motion', 'simulate', 'kinematics'])
     parser.add_argument('--seconds', type=float, default=60.0, help='bus time of motion per case')
     parser.add_argument(
         '--case', choices=CASES, action='append', help='only this case of graph (may be repeated)'
@@ -34,7 +34,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not 1.0 <= options.seconds <= 3600.0:
         parser.error(f'--seconds is {options.seconds}, but must be between 1 and 3600')
-    action = {'graph': _graph, 'motion': bench_motion, 'simulate': _simulate}[options.what]
+    if options.what in ('simulate', 'kinematics'):
+        from delta3_pacdrive.cli import bench_simulation
+
+        action = getattr(bench_simulation, f'bench_{options.what}')
+    else:
+        action = {'graph': _graph, 'motion': bench_motion}[options.what]
     return guarded(lambda: action(options), options.json)
 
 
@@ -69,7 +74,7 @@ class _Meter:
         return {'cores': self.cores, 'us_per_cycle': spent, 'memory_mib': self.memory_mib}
 
 
-def _program_file(seconds: float, folder: str) -> Path:
+def program_file(seconds: float, folder: str) -> Path:
     """Write experiment 1, repeated for about this long."""
     import yaml
 
@@ -155,7 +160,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
         bringup = Bringup(
             Options(
-                program=_program_file(seconds, folder),
+                program=program_file(seconds, folder),
                 real_time_factor=0.0 if case == 'fast' else 1.0,
                 single_process=case in ('single', 'fast'),
             )
@@ -274,43 +279,6 @@ def _print_graph(results: dict[str, dict[str, Any]]) -> None:
             pairs.append((f'MDT to last AT {share}', *times))
         for name, ours, theirs in pairs:
             print(f'  {name:>22}  {ours:.2f} / {theirs:.2f} = {ours / theirs:.2f}')
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.motion import program as programs
-
-    robot = core.load()
-    simulation.rehearse(robot)
-    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
-        program = programs.load(_program_file(options.seconds, folder), robot.motion)
-    once = programs.load('experiment1', robot.motion)
-    started = time.perf_counter()
-    trace = simulation.run(program, robot)
-    wall = time.perf_counter() - started
-    bus = len(trace.time_s) * robot.bus.cycle_time_s
-    import numpy as np
-
-    normal = simulation.run(once, robot)
-    exact = simulation.run(once, robot.replace(bus__exchange_period_s=125e-6))
-    difference = np.linalg.norm(normal['tcp_actual'] - exact['tcp_actual'], axis=1)
-    result = {
-        'bus_time_s': bus,
-        'wall_time_s': wall,
-        'real_time_factor': bus / wall,
-        'tcp_difference_max_m': float(difference.max()),
-        'tcp_difference_rms_m': float(np.sqrt((difference**2).mean())),
-    }
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print(f'  simulation  {bus:.1f} s of bus time in {wall:.2f} s: {bus / wall:.1f} x real time')
-        print(
-            f'  exchange period 1 ms against 125 us, experiment 1: TCP differs by '
-            f'{difference.max() * 1e6:.2f} um max, {result["tcp_difference_rms_m"] * 1e6:.2f} um rms'
-        )
-    return 0
 
 
 if __name__ == '__main__':

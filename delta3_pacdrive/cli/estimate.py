@@ -107,11 +107,9 @@ def _estimate(options: argparse.Namespace, command: str) -> int:
     from delta3_pacdrive import simulation
     from delta3_pacdrive.errors import EstimationError
     from delta3_pacdrive.estimation.session import Session, Settings
-    from delta3_pacdrive.kernel import all_compiled
 
     announce_compilation()
-    if not all_compiled():
-        simulation.rehearse(core.load(options.parameters))
+    simulation.load_kernels(core.load(options.parameters))
     if options.design:
         return _design(options, command)
     progress = Progress(quiet=options.json)

@@ -37,7 +37,7 @@ def _simulate(options: argparse.Namespace) -> int:
     if options.exchange_period is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period)
     program = programs.load(options.program, robot.motion)
-    simulation.rehearse(robot)
+    simulation.load_kernels(robot)
     started = time.perf_counter()
     trace = simulation.run(program, robot)
     wall = time.perf_counter() - started

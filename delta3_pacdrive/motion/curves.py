@@ -7,14 +7,17 @@ length: each piece is the quintic that has the curve's place, unit tangent and c
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import comb
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.path import DEGREE, SEGMENT_COLUMNS, sample_path
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 COINCIDENT_M = 1e-6  # points closer than this are one
 ARC_POINT_RAD = 0.05  # angle between the points of a circle: the cubic is within R 2e-8 of it
@@ -131,11 +134,17 @@ def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike) -> Curve:
     points = centre + radius * (np.cos(angles) * e1 + np.sin(angles) * e2)
     points[0], points[-1] = a, b
     tangents = -np.sin(angles) * e1 + np.cos(angles) * e2
-    spline = CubicSpline(angles[:, 0] * radius, points, bc_type=((1, tangents[0]), (1, tangents[-1])))
+    spline = _cubic_spline(angles[:, 0] * radius, points, ((1, tangents[0]), (1, tangents[-1])))
     return Curve(_cubic_pieces(spline), sweep * radius)
 
 
-def _cubic_pieces(spline: CubicSpline) -> Floats:
+def _cubic_spline(at: Floats, points: Floats, ends: Any) -> 'CubicSpline':
+    from scipy.interpolate import CubicSpline  # takes half a second, which programs of lines do without
+
+    return CubicSpline(at, points, bc_type=ends)
+
+
+def _cubic_pieces(spline: 'CubicSpline') -> Floats:
     segments = np.zeros((len(spline.x) - 1, SEGMENT_COLUMNS))
     segments[:, 0] = spline.x[:-1]
     for axis in range(3):
@@ -163,7 +172,7 @@ def spline(points: ArrayLike) -> Curve:
     if len(p) == 2:
         return line(p[0], p[1])
     u = np.concatenate([[0.0], np.cumsum(chords)])
-    cubic = CubicSpline(u, p, bc_type='natural')
+    cubic = _cubic_spline(u, p, 'natural')
     derivatives = [cubic, cubic.derivative(1), cubic.derivative(2)]
     return by_arc_length(lambda t: tuple(d(t) for d in derivatives), u, 'spline')
 

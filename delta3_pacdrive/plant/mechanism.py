@@ -89,8 +89,8 @@ def drive_torque(current, theta, thetadot, c, m):
 
 
 @kernel
-def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
-    """Arm accelerations [rad/s^2] of a state, and what the motors feel beyond the linear part (d, 4.31), with loads."""
+def accelerate(theta, thetadot, current, s, c, g, n, m):
+    """Arm accelerations [rad/s^2] of a state, with the mass matrix and the torques of motion, weight and loads."""
     mass, (b1, b2, b3) = motion_terms(theta, thetadot, g, n)
     bias = (
         b1 + c.gear_ratio * s.load_torque[0],
@@ -102,14 +102,18 @@ def acceleration_and_coupling(theta, thetadot, current, s, c, g, n, m):
         drive_torque(current[1], theta[1], thetadot[1], c, m) - bias[1],
         drive_torque(current[2], theta[2], thetadot[2], c, m) - bias[2],
     )
-    acceleration = acceleration_under_brakes(mass, force, thetadot, s, c)
+    return acceleration_under_brakes(mass, force, thetadot, s, c), mass, bias
+
+
+@kernel
+def coupling_torques(acceleration, mass, bias, c):
+    """What the motors feel beyond the linear part (d, 4.31), motor side."""
     product = multiply(mass, acceleration)
-    coupling = (
+    return (
         (product[0] + bias[0] - c.linear_inertia * acceleration[0]) / c.gear_ratio,
         (product[1] + bias[1] - c.linear_inertia * acceleration[1]) / c.gear_ratio,
         (product[2] + bias[2] - c.linear_inertia * acceleration[2]) / c.gear_ratio,
     )
-    return acceleration, coupling
 
 
 @kernel
@@ -149,7 +153,7 @@ def advance_plant(
             thetadot[1] + 0.5 * h * last[1],
             thetadot[2] + 0.5 * h * last[2],
         )
-        last, _ = acceleration_and_coupling(middle, speed, mean, s, c, g, n, m)
+        last, _, _ = accelerate(middle, speed, mean, s, c, g, n, m)
         after = (
             caught_speed(0, thetadot[0], thetadot[0] + h * last[0], s),
             caught_speed(1, thetadot[1], thetadot[1] + h * last[1], s),
@@ -161,7 +165,8 @@ def advance_plant(
             theta[2] + 0.5 * h * (thetadot[2] + after[2]),
         )
         thetadot = after
-    _, coupling = acceleration_and_coupling(theta, thetadot, before, s, c, g, n, m)
+    acceleration, mass, bias = accelerate(theta, thetadot, before, s, c, g, n, m)
+    coupling = coupling_torques(acceleration, mass, bias, c)
     for i in range(3):
         s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
         s.current[i], s.coupling[i] = before[i], coupling[i]
