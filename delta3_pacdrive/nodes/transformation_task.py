@@ -6,7 +6,6 @@ the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (
 ``emergency_stop``, ``reset``. Programs, holds and outputs: see ``motion_server``; service channel: ``service_desk``.
 """
 
-import json
 import math
 import time
 from collections.abc import Callable
@@ -14,51 +13,38 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
-from std_srvs.srv import SetBool, Trigger
+from std_msgs.msg import Header
 
 from delta3_pacdrive.bus.master import Master
-from delta3_pacdrive.bus.pacing import Histogram, Pacing
+from delta3_pacdrive.bus.pacing import Pacing
 from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity
-from delta3_pacdrive.bus.service import Access, Answer, Operation, parse_idn
 from delta3_pacdrive.bus.silence import ANSWER_SILENT_S, BUS_SILENT_S, Watch
+from delta3_pacdrive.bus.statistics import BusStatistics
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.bus.words import CONTROL_OFF, Phase, in_torque
-from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
-from delta3_pacdrive.errors import ParameterError, ProgramError, RunError, TelegramError, UnreachableError
+from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
+from delta3_pacdrive.errors import ParameterError, RunError, TelegramError, UnreachableError
 from delta3_pacdrive.injection import TASK
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults
 from delta3_pacdrive.nodes.motion_server import MotionServer
-from delta3_pacdrive.nodes.output import Output, TelegramOutput
 from delta3_pacdrive.nodes.participant import Roll
-from delta3_pacdrive.nodes.phase_up import PhaseUp, doubled
+from delta3_pacdrive.nodes.phase_up import PhaseUp
 from delta3_pacdrive.nodes.polling import PollingNode, Taken
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
+from delta3_pacdrive.nodes.progress_report import ProgressReport
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.nodes.safety_desk import SafetyDesk
 from delta3_pacdrive.nodes.service_desk import ServiceDesk
-from delta3_pacdrive.transformation import (
-    FOLLOWING_ERROR,
-    TCP_ACTUAL,
-    TCP_COMMAND,
-    TCP_ERROR,
-    THETA,
-    Transformation,
-)
+from delta3_pacdrive.nodes.task_outputs import TaskOutputs
+from delta3_pacdrive.transformation import FOLLOWING_ERROR, Transformation
 
 STARTUP_S = 0.02
 CALL_EVERY = 10  # looks at who is there, after which CP0 is announced once more
 PROGRESS_S, QUICK_PROGRESS_S = 0.2, 0.04  # with a clock, without one
-DIAGNOSTICS_S = 1.0
-JOINT_STATES_S = 0.01  # of bus time
 FACTOR_MIN = 0.01  # of real time: slower cycles would be taken for silence
 AHEAD = 2  # cycles by which others answer later ones than a drive that is lost
-RESET_CLASS_1 = parse_idn('S-0-0099')
-DIAGNOSTIC_NUMBER = parse_idn('S-0-0390')
 
 
 class TransformationTaskNode(PollingNode):
@@ -93,72 +79,39 @@ class TransformationTaskNode(PollingNode):
         self._pacing = Pacing(bus.cycle_time_s / factor if factor else 0.0, bus.outstanding_cycles_max)
         self._phase = Phase.CP0
         self._session = telegram.NO_SESSION
-        self._fault = ''
-        self._fault_cycle = 0
         self._ticker: Any = None
         self._calls = 0
 
-        self._cycle = 0  # next to start
-        self._answered = 0  # next to be complete
-        self._sent_ns = [0] * (4 * bus.outstanding_cycles_max)
-        self._joint_states_every = max(1, round(JOINT_STATES_S / bus.cycle_time_s))
+        self.next_cycle = 0  # to start
+        self.answered = 0  # the next to be complete
         self._inbox: list[dict[int, tuple[Any, int, int]]] = [{}, {}, {}]
         self._master = Master(parameters)
-        self._refused = 0
-        self._lost = 0
         self._expected = [0] * 3
-        self._lateness, self._outstanding, self._round_trip = Histogram(), [0] * 32, Histogram()
+        self._statistics = BusStatistics(bus.outstanding_cycles_max)
         self._last_answer_s = 0.0
         self._report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
         self._watch = Watch(self._report_s)
         self._wall_start_s = 0.0
         self._frames: dict[tuple[int, float], bytes] = {}
-        self._reset_wanted = False
-        self._resets, self._reset_errors = 0, list[str]()
 
-        self._create_outputs()
+        self._mdt = telegram.mdt_codec()
+        mdt = self.create_publisher(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+        self._publish_mdt = telegram.raw_publish(mdt)
+        self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
+        self._outputs = TaskOutputs(self, parameters)
         self._create_inputs(poll=factor > 0.0)
         self._roll = Roll(self, self._on_newcomer)
         self._phase_up = PhaseUp(self, self._roll, Identity.of(parameters))
-        self.create_service(SetBool, 'enable', self._on_enable)
-        self.create_service(Trigger, 'emergency_stop', self._on_emergency_stop)
-        self.create_service(Trigger, 'reset', self._on_reset)
-        self._desk = ServiceDesk(self, self._closed)
-        self._faults = Faults(self, TASK, lambda: self._cycle)
-        self._fault_desk = FaultDesk(
-            self,
-            bus.cycle_time_s,
-            self._closed,
-            lambda: self._cycle,
+        self._desk = ServiceDesk(self, self.closed)
+        self._faults = Faults(self, TASK, lambda: self.next_cycle)
+        fault_desk = FaultDesk(self, bus.cycle_time_s, self.closed, lambda: self.next_cycle)
+        self._motion = MotionServer(self, self._task, parameters, self._earliest, fault_desk)
+        self._safety = SafetyDesk(
+            self, self, self._task, self._master, self._motion, self._desk, self._report
         )
-        self._motion = MotionServer(self, self._task, parameters, self._earliest, self._fault_desk)
+        self._reports = ProgressReport(self, self._report_s, self.progress, self.statistics)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(self._report_s, self._report)
-        self._reports = 0
-
-    def _create_outputs(self) -> None:
-        def point(message_type: Any, topic: str) -> TelegramOutput:
-            codec = telegram.StampedTripleCodec(message_type, len(telegram.BASE_FRAME))
-            return TelegramOutput(self, message_type, topic, codec)
-
-        self._mdt = telegram.mdt_codec()
-        self._publish_mdt = telegram.raw_publish(
-            self.create_publisher(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
-        )
-        self._answers = [
-            (
-                TelegramOutput(self, JointState, 'following_error', telegram.following_error_codec()),
-                FOLLOWING_ERROR,
-            ),
-            (point(PointStamped, 'tcp/command'), TCP_COMMAND),
-            (point(PointStamped, 'tcp/actual'), TCP_ACTUAL),
-            (point(Vector3Stamped, 'tcp/error'), TCP_ERROR),
-        ]
-        self._joint_states = TelegramOutput(self, JointState, 'joint_states', telegram.joint_states_codec())
-        self._master_output = point(Vector3Stamped, 'motion/master')
-        self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
-        self._progress = Output(self, String, 'motion/progress', REPORT)
-        self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
 
     def _create_inputs(self, poll: bool) -> None:
         self._pollers: list[tuple[Callable[[], Taken | None], Callable[..., None]]] = []
@@ -179,22 +132,30 @@ class TransformationTaskNode(PollingNode):
     def _cyclic(self) -> bool:
         return self._phase == Phase.CP4
 
-    def _closed(self) -> str:
+    def closed(self) -> str:
         """Say why nothing that needs cyclic operation can be done, empty if it can."""
         return '' if self._cyclic else f'the bus is in {self._phase.name}'
 
+    def waiting(self) -> str:
+        """Say what the present phase waits for, empty if it waits for nothing."""
+        return self._phase_up.waiting
+
+    def stamp(self, cycle: int) -> tuple[int, int]:
+        """Bus time of a cycle."""
+        return self._cycles.stamp(cycle)
+
     def _enter(self, phase: Phase) -> None:
         self._phase = phase
-        stamp = self._cycles.stamp(self._cycle)
+        stamp = self._cycles.stamp(self.next_cycle)
         self._phase_publisher.publish(telegram.phase_message(phase, self._session, stamp))
-        if phase != Phase.CP0 or self._fault:
+        if phase != Phase.CP0 or self._safety.fault:
             self.get_logger().info(f'bus phase {phase.name}')
 
     def _start_up(self) -> None:
         """Advance the phases of the bus; a greeting MDT goes out until every partner has answered."""
         self._poll()
         self._call()
-        if self._phase != Phase.CP0 and (self._phase != Phase.CP2 or not self._fault):
+        if self._phase != Phase.CP0 and (self._phase != Phase.CP2 or not self._safety.fault):
             self._greet()
         if self._phase == Phase.CP3:
             if not self._wait_for_program or self._motion.starts != NEVER:
@@ -203,7 +164,7 @@ class TransformationTaskNode(PollingNode):
         try:
             phase = self._phase_up.next(self._phase, self._session)
         except RunError as error:
-            self._note(str(error))
+            self._safety.note(str(error))
             return
         if phase == self._phase:
             return
@@ -218,39 +179,36 @@ class TransformationTaskNode(PollingNode):
     def _call(self) -> None:
         """Announce the phase again and again: a participant does not obey while the last master may still be there."""
         if self._calls % CALL_EVERY == 0:
-            stamp = self._cycles.stamp(self._cycle)
+            stamp = self._cycles.stamp(self.next_cycle)
             self._phase_publisher.publish(telegram.phase_message(self._phase, self._session, stamp))
         self._calls += 1
 
     def _greet(self) -> None:
         frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0, self._session)
         self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
-        for output, _ in self._answers:
-            # who records knows by this that nothing of cyclic operation will pass it by
-            output.send((ACYCLIC_SEC, 0), [0.0] * 3)
-        self._master_output.send((ACYCLIC_SEC, 0), [0.0] * 3)
+        self._outputs.greet()
 
     def _prepare(self) -> None:
         resting = self._phase_up.resting
         try:
             tcp = self._task.locate([resting[index] for index in range(3)])
         except UnreachableError as error:
-            self._note(str(error))
+            self._safety.note(str(error))
             return
         self._enter(Phase.CP3)
-        if not self._fault:
+        if not self._safety.fault:
             self._motion.locate(tcp, self._cycles.stamp(self._first_cycle()))
 
     def _first_cycle(self) -> int:
         """First cycle of the cyclic operation to come: bus time never goes back."""
-        return max(self._cycle, self._roll.bus_cycle)
+        return max(self.next_cycle, self._roll.bus_cycle)
 
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
-        self._cycle = self._answered = self._first_cycle()
-        if self._cycle:
+        self.next_cycle = self.answered = self._first_cycle()
+        if self.next_cycle:
             self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
-        self._expected = [self._cycle] * 3
+        self._expected = [self.next_cycle] * 3
         for inbox in self._inbox:
             inbox.clear()
         self._master.begin()
@@ -267,20 +225,20 @@ class TransformationTaskNode(PollingNode):
 
     def _on_newcomer(self, name: str) -> None:
         """Take note of a participant that announces itself in cyclic operation."""
-        reason = f'{name} was started again, or has left the bus, in bus cycle {self._answered}'
+        reason = f'{name} was started again, or has left the bus, in bus cycle {self.answered}'
         if name == PLANT:
             self._go_down(reason)
         else:
-            self._stop(reason)
+            self._safety.stop(reason)
 
     def _go_down(self, reason: str) -> None:
         """Let the phase fall to CP0, from where the bus comes up again as soon as everybody is there."""
-        self._note(reason)
+        self._safety.note(reason)
         if not self._cyclic:
             return
         self._ticker.cancel()
         self._desk.close()
-        self._reset_wanted = False
+        self._safety.give_up_reset()
         self._task.give_up()
         self._wait_for_program = False
         self._session = telegram.NO_SESSION
@@ -294,7 +252,7 @@ class TransformationTaskNode(PollingNode):
     def _poll(self) -> None:
         for index, (take, receive) in enumerate(self._pollers):
             # before cyclic operation nobody knows how many answers there are; then it is one per cycle
-            while not self._cyclic or self._expected[index] < self._cycle:
+            while not self._cyclic or self._expected[index] < self.next_cycle:
                 taken = take()
                 if taken is None:
                     break
@@ -306,31 +264,28 @@ class TransformationTaskNode(PollingNode):
 
     def _start_cycles(self) -> None:
         while self._cyclic and self._pacing.may_start(
-            self._cycle, self._cycle - self._answered, now := time.monotonic()
+            self.next_cycle, self.next_cycle - self.answered, now := time.monotonic()
         ):
-            cycle = self._cycle
-            outstanding = cycle - self._answered
-            self._lateness.add(self._pacing.lateness_s(cycle, now))
-            self._outstanding[outstanding] += 1
+            cycle = self.next_cycle
+            outstanding = cycle - self.answered
             if cycle >= self._faults.next_cycle:
                 self._befall(cycle)
             commands = self._task.command(cycle)
             frame = self._frame(cycle)
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
-            self._sent_ns[cycle % len(self._sent_ns)] = time.time_ns()
+            self._statistics.sent(cycle, outstanding, self._pacing.lateness_s(cycle, now), time.time_ns())
             self._publish_mdt(data)
-            if self._master_output.wanted:
+            if self._outputs.master.wanted:
                 move, distance, speed = self._task.progress()
-                self._master_output.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
-            self._cycle = cycle + 1
+                self._outputs.master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
+            self.next_cycle = cycle + 1
             self._motion.commanded(cycle)
 
     def _befall(self, cycle: int) -> None:
         """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
         for fault, _ in self._faults.begin_and_end(cycle):
             if fault.kind == 'emergency_stop':
-                self._note(f'emergency stop in bus cycle {cycle}')
-                self._fault_cycle = cycle
+                self._safety.note(f'emergency stop in bus cycle {cycle}', cycle)
                 self._task.stop_at(cycle)
 
     def _frame(self, cycle: int) -> bytes:
@@ -355,7 +310,7 @@ class TransformationTaskNode(PollingNode):
                 cycle = self._cycles.count(sec, nanosec)
                 status, service = telegram.parse_at_frame(frame, self._session)
             except TelegramError as error:
-                self._refused += 1
+                self._statistics.refused += 1
                 self.get_logger().warning(f'{DRIVES[index]}: {error}', throttle_duration_sec=1.0)
                 return
             if cycle < 0:
@@ -363,10 +318,10 @@ class TransformationTaskNode(PollingNode):
                     self._phase_up.resting[index] = values[0]
             elif not self._cyclic:
                 return
-            elif cycle >= self._cycle:
+            elif cycle >= self.next_cycle:
                 self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
             elif cycle >= self._expected[index]:
-                self._lost += cycle - self._expected[index]
+                self._statistics.lost += cycle - self._expected[index]
                 self._expected[index] = cycle + 1
                 inbox[cycle] = (values, status, service)
                 self._complete(received_ns)
@@ -376,8 +331,10 @@ class TransformationTaskNode(PollingNode):
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
         first, second, third = self._expected
-        master, motion, desk = self._master, self._motion, self._desk
-        while (cycle := self._answered) < first and cycle < second and cycle < third and cycle < self._cycle:
+        master, motion, desk, safety = self._master, self._motion, self._desk, self._safety
+        while (
+            (cycle := self.answered) < first and cycle < second and cycle < third and cycle < self.next_cycle
+        ):
             for index, inbox in enumerate(self._inbox):
                 answer_ = inbox.pop(cycle, None)
                 if answer_ is None:
@@ -386,166 +343,55 @@ class TransformationTaskNode(PollingNode):
                     master.take(index, answer_[0], answer_[1])
                 if desk.busy:
                     desk.received(index, None if answer_ is None else answer_[2])
-            self._round_trip.add(
-                ((received_ns or time.time_ns()) - self._sent_ns[cycle % len(self._sent_ns)]) * 1e-9
-            )
+            self._statistics.answered(cycle, received_ns or time.time_ns())
             self._last_answer_s = time.monotonic()
             self._watch.heard(self._last_answer_s)
-            self._answered = cycle + 1
+            self.answered = cycle + 1
             answer = self._task.receive(cycle, master.positions, master.torques)
-            stamp = self._cycles.stamp(cycle)
-            for output, columns in self._answers:
-                if output.wanted:
-                    output.send(stamp, answer[columns].tolist())
-            if self._joint_states.wanted and cycle % self._joint_states_every == 0:
-                self._send_joint_states(stamp)
+            self._outputs.send(cycle, self._cycles.stamp(cycle), answer, master)
             reason = master.judge(cycle, motion.starts)
             if reason:
-                if not self._fault:
-                    self._explain()
-                self._stop(reason, cycle + master.reaction_cycles)
+                safety.stop_for_drives(reason, cycle + master.reaction_cycles)
             if cycle == motion.ends:
                 motion.answered(cycle)
                 self._report()
-            if master.absent and self._task.enable_cycle == NEVER and not self._in_torque():
-                self._go_down(self._fault)
+            if master.absent and self._task.enable_cycle == NEVER and not safety.in_torque():
+                self._go_down(safety.fault)
                 return
         if not self._pacing.period_s and self._cyclic:
             self._start_cycles()
-
-    def _in_torque(self) -> bool:
-        return any(in_torque(status) for status in self._master.status)
 
     def _lose(self, index: int, reason: str) -> None:
         """Go on without a drive, to a stop; then the phase falls."""
         self._master.lose(index)
         self._expected[index] = NEVER
         self._inbox[index].clear()
-        self._stop(reason)
+        self._safety.stop(reason)
         if len(self._master.absent) == len(DRIVES):
             self._go_down(reason)
         else:
             self._complete(0)
 
-    def _explain(self) -> None:
-        """Ask the drives that report a fault which one it is, and add it to the sentence."""
-
-        def add(index: int, answer: Answer) -> None:
-            fault = FAULT_OF_NUMBER.get(int(answer.value))
-            if fault and self._fault.startswith(f'{DRIVES[index]} reports a fault'):
-                self._fault += f': {fault_text(fault)}'
-                self.get_logger().error(self._fault)
-                self._report()
-
-        for index in self._master.faulty():
-            self._desk.ask(index, Access(DIAGNOSTIC_NUMBER, Operation.READ), add)
-
-    def _send_joint_states(self, stamp: tuple[int, int]) -> None:
-        theta = self._task.answer[THETA].tolist()
-        ratio = self._robot.dynamics.gear_ratio
-        master = self._master
-        speeds = [speed / ratio for speed in master.speeds]
-        self._joint_states.send(stamp, [*theta, *speeds, *master.torques.tolist()])
-
-    # requests ---------------------------------------------------------------------------------------------------------
-
     def _earliest(self) -> int:
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
         follow = self._task.enable_cycle + self._enabling_cycles if self._task.enable_cycle < NEVER else 0
         return (
-            max(self._cycle + self._robot.bus.outstanding_cycles_max + 1, follow) if self._cycle else follow
+            max(self.next_cycle + self._robot.bus.outstanding_cycles_max + 1, follow)
+            if self.next_cycle
+            else follow
         )
-
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if request.data and self._fault:
-            response.message = f'not after a fault: {self._fault}'
-            return response
-        self._task.enable_cycle = self._cycle if request.data else NEVER
-        response.success = True
-        response.message = f'effective in bus cycle {self._cycle + 1}'
-        return response
-
-    def _on_emergency_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop on the path, then take the torque off: stop category 1."""
-        self._stop(f'emergency stop in bus cycle {self._cycle}')
-        response.success, response.message = True, self._fault
-        return response
-
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear the faults of all drives (S-0-0099); the robot is ready again where it stands, and not enabled."""
-        if not self._fault or not self._cyclic or self._resets or self._reset_wanted:
-            waiting = f' ({self._phase_up.waiting})' if self._phase_up.waiting else ''
-            response.message = (
-                f'cannot be cleared now: {self._fault}{waiting}' if self._fault else 'there is no fault'
-            )
-            return response
-        self._reset_wanted = True
-        self._try_reset()
-        response.success = True
-        response.message = (
-            'S-0-0099 goes out as soon as the drives are disabled'
-            if self._reset_wanted
-            else f'S-0-0099 goes out from bus cycle {self._cycle} on'
-        )
-        return response
-
-    def _try_reset(self) -> None:
-        """Send S-0-0099 to all drives; a drive that is reset while it is to be enabled would be so at once."""
-        if self._reset_wanted and self._cyclic and self._task.enable_cycle == NEVER and not self._in_torque():
-            self._reset_wanted = False
-            self._resets = len(DRIVES)
-            self._reset_errors = []
-            for index in range(len(DRIVES)):
-                self._desk.ask(index, Access(RESET_CLASS_1, Operation.COMMAND), self._on_reset_answer)
-
-    def _on_reset_answer(self, index: int, answer: Answer) -> None:
-        self._resets -= 1
-        if answer.error:
-            self._reset_errors.append(f'{DRIVES[index]}: {answer.sentence}')
-        if self._resets:
-            return
-        if self._reset_errors:
-            self._motion.refuse('reset', ProgramError('; '.join(self._reset_errors)))
-            return
-        if self._in_torque():
-            self._motion.refuse('reset', ProgramError('a drive is in torque still'))
-            return
-        self._fault = ''
-        self._task.give_up()
-        try:
-            tcp = self._task.locate(self._master.positions)
-        except UnreachableError as error:
-            self._stop(str(error))
-            return
-        self.get_logger().info(f'faults cleared in bus cycle {self._answered}')
-        self._motion.reset(tcp, self._cycles.stamp(self._answered))
 
     # reports ----------------------------------------------------------------------------------------------------------
 
-    def _note(self, reason: str) -> None:
-        """Keep the first cause of a fault and say it."""
-        if not self._fault:
-            self._fault = reason
-            self._fault_cycle = self._answered
-            self.get_logger().error(reason)
-            self._motion.fail()
-            self._report()
-
-    def _stop(self, reason: str, cycle: int = 0) -> None:
-        """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
-        if not self._fault or cycle == 0:
-            self._task.stop_at(cycle)
-        self._note(reason)
-
     def _check_silence(self) -> None:
         silence = self._watch.silence_s(time.monotonic())
-        if not self._cyclic or self._cycle == self._answered:
+        if not self._cyclic or self.next_cycle == self.answered:
             self._watch.heard(time.monotonic())
             return
-        silent = [index for index in range(len(DRIVES)) if self._expected[index] <= self._answered]
+        silent = [index for index in range(len(DRIVES)) if self._expected[index] <= self.answered]
         names = ', '.join(DRIVES[index] for index in silent)
-        reason = f'no AT of {names} for {silence:.1f} s in bus cycle {self._answered} (8506)'
-        ahead = max(-1 if end == NEVER else end for end in self._expected) - self._answered
+        reason = f'no AT of {names} for {silence:.1f} s in bus cycle {self.answered} (8506)'
+        ahead = max(-1 if end == NEVER else end for end in self._expected) - self.answered
         if silence > ANSWER_SILENT_S and ahead > AHEAD:
             for index in silent:
                 self._lose(index, reason)
@@ -557,21 +403,21 @@ class TransformationTaskNode(PollingNode):
         move, distance, speed = self._task.progress()
         cycle_time = self._robot.bus.cycle_time_s
         end = self._task.end_cycle
-        remaining = max(end - self._answered, 0) if end < NEVER else 0
+        remaining = max(end - self.answered, 0) if end < NEVER else 0
         return {
             'phase': self._phase.name,
             'waiting': self._phase_up.waiting,
-            'fault': self._fault,
-            'fault_cycle': self._fault_cycle,
+            'fault': self._safety.fault,
+            'fault_cycle': self._safety.fault_cycle,
             'state': str(self._motion.state),
             'finished': self._motion.finished,
-            'in_torque': self._in_torque(),
-            'cycles': self._answered,
-            'bus_time_s': self._answered * cycle_time,
+            'in_torque': self._safety.in_torque(),
+            'cycles': self.answered,
+            'bus_time_s': self.answered * cycle_time,
             'wall_time_s': self._last_answer_s - self._wall_start_s,
             'move': move,
             'moves': self._task.moves,
-            'end_s': (self._motion.ends if self._motion.ends < NEVER else self._answered) * cycle_time,
+            'end_s': (self._motion.ends if self._motion.ends < NEVER else self.answered) * cycle_time,
             'remaining_s': remaining * cycle_time,
             'master_m': distance,
             'master_speed_m_s': speed,
@@ -580,53 +426,22 @@ class TransformationTaskNode(PollingNode):
             'payload_kg': self._task.payload,
             'following_error_rad': max(abs(value) for value in self._task.answer[FOLLOWING_ERROR].tolist()),
             'overruns': self._pacing.overruns,
-            'lost_telegrams': self._lost,
+            'lost_telegrams': self._statistics.lost,
         }
-
-    def strangers(self) -> str:
-        """Say which topic of the bus has two writers; empty if none has."""
-        return doubled(self)
 
     def statistics(self) -> dict[str, Any]:
         """Return what the bus and the program did so far."""
         return {
             'slip_s': self._pacing.slip_s,
-            'refused_telegrams': self._refused,
             'at_losses': self._master.losses,
-            'lateness_ms': self._lateness.summary_ms(),
-            'outstanding': self._outstanding[: self._robot.bus.outstanding_cycles_max + 1],
-            'mdt_to_last_at_ms': self._round_trip.summary_ms(),
+            **self._statistics.summary(),
             'figures': asdict(self._task.figures()),
         }
 
     def _report(self) -> None:
         self._check_silence()
-        self._try_reset()
-        if self._progress.wanted:
-            facts = self.progress()
-            if self._motion.finished or self._fault:
-                facts |= self.statistics()
-            self._progress.publish(String(data=json.dumps(facts)))
-        self._reports += 1
-        if self._reports % round(DIAGNOSTICS_S / self._report_s) == 0 and self._diagnostics.wanted:
-            self._publish_diagnostics()
-
-    def _publish_diagnostics(self) -> None:
-        level = DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK
-        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name())
-        twice = self.strangers()
-        if twice:
-            self.get_logger().warning(twice, throttle_duration_sec=10.0)
-            status.level = max(status.level, DiagnosticStatus.WARN)
-        status.message = self._fault or self._phase_up.waiting or twice or self._phase.name
-        facts = self.progress() | self.statistics() | {'strangers': twice}
-        status.values = [
-            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
-            for key, value in facts.items()
-        ]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        self._safety.reset_when_disabled()
+        self._reports.publish()
 
 
 def main() -> int:

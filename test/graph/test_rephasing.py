@@ -16,6 +16,7 @@ from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.phase_up import doubled
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
@@ -157,7 +158,7 @@ def test_a_second_master_waits_and_the_robot_goes_on(cell: Cell, graph: Any) -> 
     assert second.progress()['phase'] == 'CP0'
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end of the motion')
     assert cell.task.progress()['fault'] == ''
-    graph.spin_until(lambda: 'writers' in cell.task.strangers(), 'the warning')
+    graph.spin_until(lambda: 'writers' in doubled(cell.task), 'the warning')
 
 
 def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell: Cell, graph: Any) -> None:
