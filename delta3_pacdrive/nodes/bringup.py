@@ -108,9 +108,9 @@ class Bringup:
             A process died, the bus did not start, a drive tripped, or the run was interrupted.
 
         """
-        simulation.rehearse(self._robot)
         discovery.keep_to_this_machine()
         with _only_one(self._options.namespace), _log_folder(self._options.logs) as logs:
+            simulation.rehearse(self._robot)
             try:
                 self._start_processes(logs)
                 self._watch(show)
