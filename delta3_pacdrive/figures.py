@@ -19,7 +19,7 @@ from delta3_pacdrive.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty
 from delta3_pacdrive.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -39,7 +39,7 @@ ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': (0, (4, 2)), 'color': '#111111'}
 
 
-def draw(trace: Trace, folder: str | Path) -> list[Path]:
+def draw(trace: Trace, folder: str | Path, metadata: Mapping[str, str] | None = None) -> list[Path]:
     """Write the figures of a run as PNG files.
 
     Parameters
@@ -49,6 +49,8 @@ def draw(trace: Trace, folder: str | Path) -> list[Path]:
         ``start_cycle`` and ``end_cycle``.
     folder
         Where to write; made if it is not there. Files of the same names are overwritten.
+    metadata
+        Goes into the text fields of every file.
 
     Returns
     -------
@@ -63,7 +65,7 @@ def draw(trace: Trace, folder: str | Path) -> list[Path]:
         A file cannot be written.
 
     """
-    return save({name: partial(make, trace) for name, make in FIGURES.items()}, folder)
+    return save({name: partial(make, trace) for name, make in FIGURES.items()}, folder, metadata)
 
 
 def program_part(trace: Trace) -> Trace:

@@ -34,7 +34,7 @@ class Provenance:
     seed
         Of everything random; None where nothing was random.
     parameters
-        Checksum of the parameters, and the file they came from.
+        Checksum of the parameters, and the file they came from; ``none`` where nothing depends on them.
     inputs
         Programs and recordings, each with the digest of its bytes.
     versions
@@ -51,13 +51,13 @@ class Provenance:
     @staticmethod
     def of(
         command: str,
-        robot: Parameters,
+        robot: Parameters | None = None,
         source: str | Path | None = None,
         inputs: Sequence[str] = (),
         seed: int | None = None,
     ) -> Provenance:
         """Note where an output comes from; ``source`` is the parameter file, if it is not the packaged one."""
-        parameters = f'{robot.checksum} ({source or DEFAULT_FILE})'
+        parameters = 'none' if robot is None else f'{robot.checksum} ({source or DEFAULT_FILE})'
         return Provenance(command, seed, parameters, tuple(inputs), versions())
 
     def lines(self) -> dict[str, str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive import trace_csv
 from delta3_pacdrive.bus.time import NANOSECONDS, Clock
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
@@ -78,7 +79,7 @@ TOPICS = {
 
 
 def load(path: str | Path) -> Trace:
-    """Read a trace file (``.npz``) or the folder of a bag.
+    """Read a trace file (``.npz``, ``.csv``) or the folder of a bag.
 
     Raises
     ------
@@ -95,9 +96,19 @@ def load(path: str | Path) -> Trace:
         return read_bag(path)
     if not there:
         raise TraceError(f'there is no recording {path}')
+    if path.suffix.lower() == '.csv':
+        return trace_csv.read(path)
     if path.suffix != '.npz':
-        raise TraceError(f'{path} is no recording: expected a trace file (.npz) or the folder of a bag')
+        raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
     return Trace.load(path)
+
+
+def save(trace: Trace, path: str | Path) -> None:
+    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError."""
+    if Path(path).suffix.lower() == '.csv':
+        trace_csv.write(trace, path)
+    else:
+        trace.save(path)
 
 
 def missing(path: Path) -> dict[str, int]:

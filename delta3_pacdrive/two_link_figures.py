@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from delta3_pacdrive.figure_style import AXIS_COLOURS, dress, empty_figure, save
+from delta3_pacdrive.provenance import write_table
 from delta3_pacdrive.two_link_arm import (
     Branch,
     TwoLinkArm,
@@ -21,13 +23,12 @@ from delta3_pacdrive.two_link_arm import (
 )
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
     from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.provenance import Provenance
 
 SPEED_M_S = 1.0  # of the tool, along its line
 CLEARANCES = (0.2, 0.05, 0.005)  # least distances of the lines from the singular circles, of the ring's width
@@ -45,8 +46,10 @@ BEST: dict[str, Any] = {'color': TOOL, 'linewidth': 1.4, 'linestyle': (0, (1, 1.
 LEGEND: dict[str, Any] = {'loc': 'outside lower center', 'frameon': False, 'fontsize': 9}
 
 
-def draw(arm: TwoLinkArm, p: ArrayLike, folder: str | Path) -> list[Path]:
+def draw(arm: TwoLinkArm, p: ArrayLike, folder: str | Path, provenance: Provenance) -> list[Path]:
     """Write all figures as PNG files into ``folder``, made if it is not there; ``p`` [m] is the point of the first.
+
+    ``arm_manipulability.csv`` holds the curves over theta_2.
 
     Raises
     ------
@@ -62,7 +65,17 @@ def draw(arm: TwoLinkArm, p: ArrayLike, folder: str | Path) -> list[Path]:
         'arm_manipulability.png': partial(manipulability_over_theta_2, arm),
         'arm_joint_speeds.png': partial(joint_speeds_along_lines, arm),
     }
-    return save(makers, folder)
+    paths = save(makers, folder, provenance.lines())
+    table = Path(folder) / 'arm_manipulability.csv'
+    header = ['theta_2 [rad]', '|det J| [m2]', 'condition of J [1]']
+    return [*paths, write_table(table, header, _over_theta_2(arm).tolist(), provenance)]
+
+
+def _over_theta_2(arm: TwoLinkArm) -> Floats:
+    """Angle [rad], manipulability [m^2] and condition number of J in columns."""
+    theta_2 = np.linspace(-math.pi, math.pi, SAMPLES)
+    theta = np.stack([np.zeros(SAMPLES), theta_2], axis=-1)
+    return np.stack([theta_2, manipulability(theta, arm), np.linalg.cond(jacobian(theta, arm))], axis=-1)
 
 
 def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
@@ -128,10 +141,8 @@ def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
     """Draw manipulability [m^2] and condition number of J over theta_2 [deg] (3.3)."""
     figure = _figure('Manipulability and condition of the Jacobian', 8.0, 5.6)
     panels = figure.subplots(2, 1, sharex=True)
-    theta_2 = np.linspace(-math.pi, math.pi, SAMPLES)
-    theta = np.stack([np.zeros(SAMPLES), theta_2], axis=-1)
-    condition = np.linalg.cond(jacobian(theta, arm))
-    panels[0].plot(np.degrees(theta_2), manipulability(theta, arm), color=LOWER, linewidth=1.8)
+    theta_2, product, condition = _over_theta_2(arm).T
+    panels[0].plot(np.degrees(theta_2), product, color=LOWER, linewidth=1.8)
     panels[1].semilogy(np.degrees(theta_2), condition, color=LOWER, linewidth=1.8)
     panels[0].set_ylim(0.0, 1.22 * arm.lower_arm_length_m * arm.upper_arm_length_m)
     panels[1].set_ylim(1.0, CONDITION_MAX)

@@ -1,5 +1,6 @@
 """Figures and traces of a run (thesis 11.1.1)."""
 
+import json
 import struct
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import figures, parameters, recording, simulation
+from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.trace import Trace
@@ -48,6 +50,25 @@ def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None
     for name, values in trace.signals.items():
         np.testing.assert_array_equal(loaded[name], values)
     assert loaded.meta == trace.meta
+
+
+@pytest.mark.parametrize('suffix', ['npz', 'csv'])
+def test_what_is_plotted_stands_beside_the_pictures_and_says_where_it_comes_from(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / f'run.{suffix}'
+    assert main(['simulate', '--trace', str(file), '--json']) == 0
+    origin = json.loads(capsys.readouterr().out)['provenance']
+    assert origin['command'] == f'delta3 simulate --trace {file} --json'
+    assert main(['plot', str(file), '--output', str(tmp_path / 'figures'), '--json']) == 0
+    files = json.loads(capsys.readouterr().out)['files']
+    data, run = recording.load(files[-1]), recording.load(file)
+    assert data.meta['provenance'] == origin
+    assert data.meta['plotted']['parameters'] == run.meta['checksum'] == parameters.load().checksum
+    assert all(Path(picture).read_bytes().count(b'delta3 plot') == 1 for picture in files[:-1])
+    assert data.signals.keys() == run.signals.keys()
+    for name, values in run.signals.items():
+        np.testing.assert_array_equal(data[name], values)
 
 
 @pytest.mark.parametrize('name', ['nowhere', 'nowhere.npz', 'text.npz', 'empty_folder'])

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive import two_link_arm, two_link_figures
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import FigureError, ParameterError, SingularityError, UnreachableError
+from delta3_pacdrive.provenance import Provenance
 from delta3_pacdrive.two_link_arm import Branch, TwoLinkArm
 
 ARM = TwoLinkArm(0.4, 0.3)
@@ -248,7 +249,7 @@ def test_the_module_needs_neither_ros_nor_matplotlib_nor_compilation():
     [(ARM, (-0.2, 0.4)), (TwoLinkArm(0.5, 0.5), (0.0, 0.0)), (TwoLinkArm(0.1, 0.9), (0.0, 1.0))],
 )
 def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path):
-    paths = two_link_figures.draw(arm, point, tmp_path)
+    *paths, table = two_link_figures.draw(arm, point, tmp_path, Provenance.of('test'))
     assert [path.name for path in paths] == FIGURES
     for path in paths:
         data = path.read_bytes()
@@ -256,6 +257,10 @@ def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path):
         width, height = struct.unpack('>II', data[16:24])
         assert width >= 800
         assert height >= 400
+    theta_2, product, condition = np.loadtxt(table, delimiter=',', skiprows=6).T
+    largest = arm.lower_arm_length_m * arm.upper_arm_length_m
+    np.testing.assert_allclose(product, largest * np.abs(np.sin(theta_2)), atol=1e-15)
+    assert condition.min() >= 1.0
 
 
 def test_the_lines_of_the_figure_keep_their_clearance_from_both_singular_circles():
@@ -275,7 +280,7 @@ def test_the_lines_of_the_figure_keep_their_clearance_from_both_singular_circles
 def test_figures_that_cannot_be_written_get_one_sentence(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(FigureError, match=r'^cannot write figures to .*file: File exists$'):
-        two_link_figures.draw(ARM, (0.5, 0.2), tmp_path / 'file')
+        two_link_figures.draw(ARM, (0.5, 0.2), tmp_path / 'file', Provenance.of('test'))
 
 
 def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys):
@@ -302,7 +307,7 @@ def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
     result = json.loads(capsys.readouterr().out)
     assert result['ok'] is True
     assert result['reach_m'] == pytest.approx([0.1, 0.7])
-    assert result['files'] == [str(tmp_path / 'new' / name) for name in FIGURES]
+    assert result['files'] == [str(tmp_path / 'new' / name) for name in [*FIGURES, 'arm_manipulability.csv']]
     for branch in Branch:
         solution = result['solutions'][branch.name.lower()]
         theta = two_link_arm.inverse((-0.2, 0.4), ARM, branch)

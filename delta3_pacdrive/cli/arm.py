@@ -7,7 +7,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.output import command_text, guarded, parser_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--figures', metavar='FOLDER', help='draw the figures as PNG files into this folder')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     options = parser.parse_args(arguments)
-    return guarded(lambda: _arm(options), options.json)
+    return guarded(lambda: _arm(options, command_text('arm', arguments)), options.json)
 
 
 def _number(text: str) -> float:
@@ -56,7 +56,7 @@ def _number(text: str) -> float:
     return value
 
 
-def _arm(options: argparse.Namespace) -> int:
+def _arm(options: argparse.Namespace, command: str) -> int:
     from delta3_pacdrive.two_link_arm import Branch, TwoLinkArm
 
     arm = TwoLinkArm(*options.lengths)
@@ -71,8 +71,10 @@ def _arm(options: argparse.Namespace) -> int:
     }
     if options.figures is not None:
         from delta3_pacdrive import two_link_figures
+        from delta3_pacdrive.provenance import Provenance
 
-        result['files'] = [str(path) for path in two_link_figures.draw(arm, options.point, options.figures)]
+        files = two_link_figures.draw(arm, options.point, options.figures, Provenance.of(command))
+        result['files'] = [str(path) for path in files]
     print(json.dumps(result) if options.json else _text(result))
     return 0
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import announce_compilation, command_text, guarded, parser_for
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -22,13 +22,11 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    arguments = list(sys.argv[2:] if arguments is None else arguments)
     options = _parse(arguments)
-    command = shlex.join(['delta3', 'estimate', *arguments])
-    return guarded(lambda: _estimate(options, command), options.json)
+    return guarded(lambda: _estimate(options, command_text('estimate', arguments)), options.json)
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = parser_for(
         'estimate',
         'Least squares on traces, or on a program that is simulated as measurement: values with 95 % intervals, and '

@@ -1,14 +1,13 @@
 """``delta3 faults``: what happens when something breaks: the whole catalogue, or one fault on a robot that is up."""
 
 import argparse
-import csv
 import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import announce_compilation, command_text, guarded, parser_for
 from delta3_pacdrive.errors import RunError
 
 ACTIONS = {
@@ -42,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
     options = _parse(arguments)
     action = {'run': _run, 'list': _list, 'inject': _inject}[options.action]
+    options.command = command_text('faults', arguments)
     return guarded(lambda: action(options), options.json)
 
 
@@ -97,7 +97,7 @@ def _run(options: argparse.Namespace) -> int:
     ]
     bad = [row for row in rows if not row['ok']]
     if options.csv:
-        _write(options.csv, rows)
+        _write(options.csv, rows, options.command)
     if options.json:
         print(json.dumps({'ok': not bad, 'cases': rows}))
     else:
@@ -107,14 +107,12 @@ def _run(options: argparse.Namespace) -> int:
     return int(bool(bad))
 
 
-def _write(path: Path, rows: list[dict[str, Any]]) -> None:
-    try:
-        with path.open('w', newline='', encoding='utf-8') as file:
-            writer = csv.DictWriter(file, rows[0].keys())
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise RunError(f'cannot write {path}: {error.strerror}') from error
+def _write(path: Path, rows: list[dict[str, Any]], command: str) -> None:
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.provenance import Provenance, write_table
+
+    origin = Provenance.of(command, core.load())
+    write_table(path, list(rows[0]), (list(row.values()) for row in rows), origin)
 
 
 if __name__ == '__main__':

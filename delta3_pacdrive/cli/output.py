@@ -3,8 +3,9 @@
 import argparse
 import json
 import os
+import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from delta3_pacdrive.errors import Delta3Error
@@ -34,6 +35,11 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
             raise
         text = 'ROS 2 is not installed here: pip install "delta3_pacdrive[ros]", or source a ROS 2 Jazzy'
         return fail(Delta3Error(text), as_json)
+
+
+def command_text(command: str, arguments: Sequence[str] | None) -> str:
+    """Return a command as it was typed; without arguments, with those of this process."""
+    return shlex.join(['delta3', command, *(sys.argv[2:] if arguments is None else arguments)])
 
 
 def parser_for(command: str, description: str) -> argparse.ArgumentParser:

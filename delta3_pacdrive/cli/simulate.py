@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from delta3_pacdrive.cli.output import (
     add_robot_options,
     announce_compilation,
+    command_text,
     guarded,
     parser_for,
     print_figures,
@@ -21,16 +22,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         'simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.'
     )
     add_robot_options(parser)
-    parser.add_argument('--trace', metavar='FILE', help='write every signal to this .npz file')
+    parser.add_argument('--trace', metavar='FILE', help='write every signal to this .npz or .csv file')
     options = parser.parse_args(arguments)
-    return guarded(lambda: _simulate(options), options.json)
+    return guarded(lambda: _simulate(options, command_text('simulate', arguments)), options.json)
 
 
-def _simulate(options: argparse.Namespace) -> int:
+def _simulate(options: argparse.Namespace, command: str) -> int:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
+    from delta3_pacdrive import recording, simulation
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.provenance import Provenance, digest
 
     announce_compilation()
     robot = core.load(options.parameters)
@@ -41,8 +43,11 @@ def _simulate(options: argparse.Namespace) -> int:
     started = time.perf_counter()
     trace = simulation.run(program, robot)
     wall = time.perf_counter() - started
+    inputs = [f'{options.program} {digest(programs.find(options.program))}']
+    origin = Provenance.of(command, robot, options.parameters, inputs).lines()
     if options.trace:
-        trace.save(options.trace)
+        trace.meta['provenance'] = origin
+        recording.save(trace, options.trace)
     cycles = len(trace.time_s)
     result = {
         'ok': True,
@@ -54,6 +59,7 @@ def _simulate(options: argparse.Namespace) -> int:
         'overruns': 0,
         'lost_telegrams': 0,
         **trace.meta['figures'],
+        'provenance': origin,
     }
     stopped = trace.meta['stopped']
     if stopped:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive import kinematics, recording, simulation, trace_csv
+from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.bus.increments import on_grid
 from delta3_pacdrive.drive.mc4 import mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.errors import EstimationError, RunError
@@ -55,19 +54,6 @@ class Noise:
 
 
 NOISE = Noise()
-
-
-def load(path: str | Path) -> Trace:
-    """Read a trace (``.npz``, ``.csv``) or the folder of a bag; raises TraceError."""
-    return trace_csv.read(path) if Path(path).suffix.lower() == '.csv' else recording.load(path)
-
-
-def save(trace: Trace, path: str | Path) -> None:
-    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError."""
-    if Path(path).suffix.lower() == '.csv':
-        trace_csv.write(trace, path)
-    else:
-        trace.save(path)
 
 
 def sample_time_s(trace: Trace) -> float:

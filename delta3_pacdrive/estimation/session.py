@@ -15,7 +15,7 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.estimation import figures, report, thesis_setup
 from delta3_pacdrive.estimation.geometry_model import GeometryModel
-from delta3_pacdrive.estimation.measurement import load, sample_time_s, save, simulate, with_noise
+from delta3_pacdrive.estimation.measurement import sample_time_s, simulate, with_noise
 from delta3_pacdrive.estimation.motor_models import TorqueModel, WindingModel
 from delta3_pacdrive.estimation.problem import Problem
 from delta3_pacdrive.estimation.quantities import GROUPS, start_values
@@ -23,6 +23,7 @@ from delta3_pacdrive.estimation.replay_model import ReplayModel
 from delta3_pacdrive.estimation.solver import Iterate, fit
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.provenance import Provenance, digest, write_json
+from delta3_pacdrive.recording import load, save
 
 if TYPE_CHECKING:
     from collections.abc import Callable
