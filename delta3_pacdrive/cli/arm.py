@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import command_text, guarded, parser_for
+from delta3_pacdrive.cli.output import guarded, parser_for, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--figures', metavar='FOLDER', help='draw the figures as PNG files into this folder')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     options = parser.parse_args(arguments)
-    return guarded(lambda: _arm(options, command_text('arm', arguments)), options.json)
+    return guarded(lambda: _arm(options), options.json)
 
 
 def _number(text: str) -> float:
@@ -56,7 +55,7 @@ def _number(text: str) -> float:
     return value
 
 
-def _arm(options: argparse.Namespace, command: str) -> int:
+def _arm(options: argparse.Namespace) -> int:
     from delta3_pacdrive.two_link_arm import Branch, TwoLinkArm
 
     arm = TwoLinkArm(*options.lengths)
@@ -73,9 +72,14 @@ def _arm(options: argparse.Namespace, command: str) -> int:
         from delta3_pacdrive import two_link_figures
         from delta3_pacdrive.provenance import Provenance
 
-        files = two_link_figures.draw(arm, options.point, options.figures, Provenance.of(command))
+        files = two_link_figures.draw(
+            arm, options.point, options.figures, Provenance.of(options.command_line)
+        )
         result['files'] = [str(path) for path in files]
-    print(json.dumps(result) if options.json else _text(result))
+    if options.json:
+        print_json(result, options)
+    else:
+        print(_text(result))
     return 0
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.bench_motion import bench_motion
-from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.output import guarded, parser_for, print_json
 
 CASES = ('machine', 'bare', 'separate', 'single', 'fast')
 
@@ -103,7 +103,7 @@ def _graph(options: argparse.Namespace) -> int:
             print(f'measuring {case}: {options.seconds:g} s of motion ...', file=sys.stderr, flush=True)
         results[case] = in_child(partial(_measure, case, options.seconds))
     if options.json:
-        print(json.dumps(results))
+        print_json(results, options)
     else:
         _print_graph(results)
     return 0

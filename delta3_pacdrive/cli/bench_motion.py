@@ -1,11 +1,12 @@
 """``delta3 bench motion``: what planning costs, how exact paths and speeds are, and how close to time-optimal."""
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable
 from typing import Any
+
+from delta3_pacdrive.cli.output import print_json
 
 ROUNDS = 40
 PLANS_PER_S = 20.0
@@ -27,7 +28,7 @@ def bench_motion(options: argparse.Namespace) -> int:
     if not options.no_graph:
         result['plans_arriving'] = _plans_arriving(options.seconds)
     if options.json:
-        print(json.dumps(result))
+        print_json(result, options, robot)
     else:
         _print(result)
     return 0

@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.bench import program_file
+from delta3_pacdrive.cli.output import print_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,7 +57,7 @@ def bench_simulate(options: argparse.Namespace) -> int:
         **_exchange_difference(robot),
         'mechanism': _beside_mujoco(robot),
     }
-    print(json.dumps(result)) if options.json else _print_simulate(result)
+    print_json(result, options, robot) if options.json else _print_simulate(result)
     return 0
 
 
@@ -67,7 +68,8 @@ def bench_kinematics(options: argparse.Namespace) -> int:
     from delta3_pacdrive import kinematics
     from delta3_pacdrive import parameters as core
 
-    k = core.load().kinematics
+    robot = core.load()
+    k = robot.kinematics
     generator = np.random.default_rng(1)
     low, high = (-0.25, -0.25, -0.95), (0.25, 0.25, -0.75)
     points = generator.uniform(low, high, (POSES, 3))
@@ -85,7 +87,7 @@ def bench_kinematics(options: argparse.Namespace) -> int:
         result['poses_per_s'][name] = {'median': float(np.median(rates)), 'best': max(rates)}
     back = kinematics.forward(theta, k)
     result['round_trip_max_m'] = float(np.abs(back - points).max())
-    print(json.dumps(result)) if options.json else _print_kinematics(result)
+    print_json(result, options, robot) if options.json else _print_kinematics(result)
     return 0
 
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import announce_compilation, command_text, guarded, parser_for
+from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
     options = _parse(arguments)
-    return guarded(lambda: _estimate(options, command_text('estimate', arguments)), options.json)
+    return guarded(lambda: _estimate(options), options.json)
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -100,7 +100,7 @@ def _number(text: str) -> float:
     return value
 
 
-def _estimate(options: argparse.Namespace, command: str) -> int:
+def _estimate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.errors import EstimationError
@@ -109,13 +109,13 @@ def _estimate(options: argparse.Namespace, command: str) -> int:
     announce_compilation()
     simulation.load_kernels(core.load(options.parameters))
     if options.design:
-        return _design(options, command)
+        return _design(options)
     progress = Progress(quiet=options.json)
     session = None
     try:
         with progress:
             if options.resume:
-                session = Session.resumed(Path(options.resume), command, progress.show)
+                session = Session.resumed(Path(options.resume), options.command_line, progress.show)
             else:
                 program = 'experiment1' if options.group == 'thesis' else 'excitation'
                 settings = Settings(
@@ -130,7 +130,7 @@ def _estimate(options: argparse.Namespace, command: str) -> int:
                     _symbols(options.free),
                     _symbols(options.known),
                 )
-                session = Session(settings, Path(options.output), command, progress.show)
+                session = Session(settings, Path(options.output), options.command_line, progress.show)
             document = session.run(Path(options.measurement) if options.measurement else None)
     except KeyboardInterrupt:
         where = 'before the first iteration'
@@ -152,7 +152,7 @@ def _symbols(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(',') if part.strip())
 
 
-def _design(options: argparse.Namespace, command: str) -> int:
+def _design(options: argparse.Namespace) -> int:
     import yaml
 
     from delta3_pacdrive import parameters as core
@@ -177,7 +177,7 @@ def _design(options: argparse.Namespace, command: str) -> int:
     lines = [
         f'condition of the scaled jacobian {found.condition:.4g}, '
         f'{found.first_condition:.4g} after the random search; {found.evaluations} curves',
-        f'command: {command}',
+        f'command: {options.command_line}',
         f'seed: {options.seed}',
         f'parameters: {robot.checksum}',
         f'versions: {versions()}',

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import announce_compilation, command_text, guarded, parser_for
+from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for, print_json
 from delta3_pacdrive.errors import RunError
 
 ACTIONS = {
@@ -41,7 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
     options = _parse(arguments)
     action = {'run': _run, 'list': _list, 'inject': _inject}[options.action]
-    options.command = command_text('faults', arguments)
     return guarded(lambda: action(options), options.json)
 
 
@@ -79,6 +78,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from delta3_pacdrive import parameters as core
     from delta3_pacdrive.nodes.catalogue import Outcome, cases, run_catalogue
 
     announce_compilation()
@@ -97,9 +97,9 @@ def _run(options: argparse.Namespace) -> int:
     ]
     bad = [row for row in rows if not row['ok']]
     if options.csv:
-        _write(options.csv, rows, options.command)
+        _write(options.csv, rows, options.command_line)
     if options.json:
-        print(json.dumps({'ok': not bad, 'cases': rows}))
+        print_json({'ok': not bad, 'cases': rows}, options, core.load())
     else:
         print(f'{len(rows)} cases, {len(rows) - len(bad)} as expected')
     if bad and not options.json:

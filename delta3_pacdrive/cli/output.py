@@ -37,14 +37,19 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
         return fail(Delta3Error(text), as_json)
 
 
-def command_text(command: str, arguments: Sequence[str] | None) -> str:
-    """Return a command as it was typed; without arguments, with those of this process."""
-    return shlex.join(['delta3', command, *(sys.argv[2:] if arguments is None else arguments)])
+class _Parser(argparse.ArgumentParser):
+    """Notes the command as it was typed, for what it writes."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        args = list(sys.argv[1:] if args is None else args)
+        options = super().parse_args(args, namespace)
+        options.command_line = f'{self.prog} {shlex.join(args)}'.strip()
+        return options
 
 
 def parser_for(command: str, description: str) -> argparse.ArgumentParser:
     """Return a parser with the look that all commands share."""
-    return argparse.ArgumentParser(
+    return _Parser(
         prog=f'delta3 {command}',
         description=description,
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
@@ -73,6 +78,21 @@ def add_parameter_options(parser: argparse.ArgumentParser) -> None:
         help='exchange period between drives and plant [s]; 125e-6 is the exact reference',
     )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
+
+
+def print_json(
+    result: dict[str, Any],
+    options: argparse.Namespace,
+    robot: Any = None,
+    inputs: Sequence[str] = (),
+    seed: int | None = None,
+) -> None:
+    """Print a result with where it comes from."""
+    from delta3_pacdrive.provenance import Provenance
+
+    source = getattr(options, 'parameters', None)
+    origin = Provenance.of(options.command_line, robot, source, inputs, seed)
+    print(json.dumps(result | {'provenance': origin.lines()}))
 
 
 def announce_compilation() -> None:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from delta3_pacdrive.cli.output import command_text, guarded, parser_for
+from delta3_pacdrive.cli.output import guarded, parser_for
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,23 +20,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--json', action='store_true', help='print the names of the files as JSON')
     options = parser.parse_args(arguments)
-    return guarded(lambda: _plot(options, command_text('plot', arguments)), options.json)
+    return guarded(lambda: _plot(options), options.json)
 
 
-def _plot(options: argparse.Namespace, command: str) -> int:
+def _plot(options: argparse.Namespace) -> int:
     from delta3_pacdrive import figures, recording
     from delta3_pacdrive.provenance import Provenance, digest
 
     trace, folder = recording.load(options.recording), Path(options.output)
     # what was recorded knows its parameters itself
-    origin = Provenance.of(command, inputs=[f'{options.recording} {digest(Path(options.recording))}']).lines()
+    inputs = [f'{options.recording} {digest(Path(options.recording))}']
+    origin = Provenance.of(options.command_line, inputs=inputs).lines()
     origin['parameters'] = str(trace.meta.get('checksum', 'unknown'))
     paths = figures.draw(trace, folder, origin)
     trace.meta['plotted'] = origin
     paths.append(folder / 'signals.csv')
     recording.save(trace, paths[-1])
     files = [str(path) for path in paths]
-    print(json.dumps({'ok': True, 'files': files}) if options.json else '\n'.join(files))
+    if options.json:
+        print(json.dumps({'ok': True, 'files': files, 'provenance': origin}))
+    else:
+        print('\n'.join(files))
     return 0
 
 

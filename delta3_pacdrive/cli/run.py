@@ -1,7 +1,6 @@
 """``delta3 run``: bring a robot up, run a program with a progress display, print a summary, stop everything."""
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from delta3_pacdrive.cli.output import (
     guarded,
     parser_for,
     print_figures,
+    print_json,
 )
 
 
@@ -102,16 +102,18 @@ def _run(options: argparse.Namespace) -> int:
     # ROS and numba are imported after the options are known to be good
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.nodes.bringup import Bringup
+    from delta3_pacdrive.provenance import digest
 
     announce_compilation()
-    bringup = Bringup(options_of(options, programs.find(options.program).absolute()))
+    program = programs.find(options.program).absolute()
+    bringup = Bringup(options_of(options, program))
     display = Display(quiet=options.json)
     try:
         result = bringup.run(display.show)
     finally:
         display.close()
     if options.json:
-        print(json.dumps(result))
+        print_json(result, options, bringup.robot, [f'{options.program} {digest(program)}'])
     else:
         print(f'{result["program"]}: done, ready after {result["ready_s"]:.2f} s')
         print_figures(result)

@@ -1,7 +1,6 @@
 """``delta3 simulate``: the same control and plant code in one loop, without ROS."""
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -9,10 +8,10 @@ from collections.abc import Sequence
 from delta3_pacdrive.cli.output import (
     add_robot_options,
     announce_compilation,
-    command_text,
     guarded,
     parser_for,
     print_figures,
+    print_json,
 )
 
 
@@ -24,10 +23,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_robot_options(parser)
     parser.add_argument('--trace', metavar='FILE', help='write every signal to this .npz or .csv file')
     options = parser.parse_args(arguments)
-    return guarded(lambda: _simulate(options, command_text('simulate', arguments)), options.json)
+    return guarded(lambda: _simulate(options), options.json)
 
 
-def _simulate(options: argparse.Namespace, command: str) -> int:
+def _simulate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import recording, simulation
     from delta3_pacdrive.errors import RunError
@@ -44,9 +43,9 @@ def _simulate(options: argparse.Namespace, command: str) -> int:
     trace = simulation.run(program, robot)
     wall = time.perf_counter() - started
     inputs = [f'{options.program} {digest(programs.find(options.program))}']
-    origin = Provenance.of(command, robot, options.parameters, inputs).lines()
     if options.trace:
-        trace.meta['provenance'] = origin
+        origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
+        trace.meta['provenance'] = origin.lines()
         recording.save(trace, options.trace)
     cycles = len(trace.time_s)
     result = {
@@ -59,13 +58,12 @@ def _simulate(options: argparse.Namespace, command: str) -> int:
         'overruns': 0,
         'lost_telegrams': 0,
         **trace.meta['figures'],
-        'provenance': origin,
     }
     stopped = trace.meta['stopped']
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
     if options.json:
-        print(json.dumps(result))
+        print_json(result, options, robot, inputs)
     else:
         print(f'{program.name}: done')
         print_figures(result)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for, print_json
 from delta3_pacdrive.errors import RunError
 
 PACES = {'fast': 0.0, 'real-time': 1.0}
@@ -35,13 +35,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from delta3_pacdrive import parameters as core
+
     if options.pace:
         rows = {options.pace: _soak(options, options.pace)}
     else:
         rows = {pace: _in_a_process(options, pace) for pace in PACES}
     ok = all(row['ok'] for row in rows.values())
     if options.json:
-        print(json.dumps({'ok': ok, 'seed': options.seed, 'minutes': options.minutes, **rows}))
+        result = {'ok': ok, 'seed': options.seed, 'minutes': options.minutes, **rows}
+        print_json(result, options, core.load(), seed=options.seed)
     else:
         for pace, row in rows.items():
             _print(pace, row)

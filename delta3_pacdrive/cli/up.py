@@ -1,12 +1,17 @@
 """``delta3 up``: bring a robot up and keep it up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from typing import Any
 
-from delta3_pacdrive.cli.output import add_parameter_options, announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import (
+    add_parameter_options,
+    announce_compilation,
+    guarded,
+    parser_for,
+    print_json,
+)
 from delta3_pacdrive.cli.run import Display, add_graph_options, check_graph_options, options_of
 
 
@@ -62,7 +67,7 @@ def _run(options: argparse.Namespace) -> int:
     finally:
         display.close()
     if options.json:
-        print(json.dumps(result))
+        print_json(result, options, bringup.robot)
     else:
         print(
             f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '

@@ -89,7 +89,7 @@ class Bringup:
 
     def __init__(self, options: Options) -> None:
         self._options = options
-        self._robot, self._program, self._planned = _check(options)
+        self.robot, self._program, self._planned = _check(options)
         self._children: list[Child] = []
         self._restarts: dict[str, Callable[[], Child]] = {}  # how a process is started again, by name
         self._restarted: list[float] = []  # when [s]
@@ -110,7 +110,7 @@ class Bringup:
         """
         discovery.keep_to_this_machine()
         with _only_one(self._options.namespace), _log_folder(self._options.logs) as logs:
-            simulation.rehearse(self._robot)
+            simulation.rehearse(self.robot)
             try:
                 self._start_processes(logs)
                 self._watch(show)
@@ -160,7 +160,7 @@ class Bringup:
     def _prepare_restarts(self, logs: Path, schedule: Schedule) -> None:
         """Note how a process that dies is started again: by itself, with the same parameters."""
         options = self._options
-        common = ['--ros-args', '--params-file', str(core.write(self._robot, logs / 'robot.yaml'))]
+        common = ['--ros-args', '--params-file', str(core.write(self.robot, logs / 'robot.yaml'))]
         common += ['-r', f'__ns:=/{options.namespace.strip("/")}']
         names = {
             'plant': ('plant', []),
@@ -185,7 +185,7 @@ class Bringup:
             )
 
     def _factory(self, node: type[Node], values: dict[str, Any], name: str = '') -> Callable[[], Node]:
-        flat = core.flatten(self._robot) | values
+        flat = core.flatten(self.robot) | values
         overrides = [
             Parameter(key, value=list(value) if isinstance(value, tuple) else value)
             for key, value in flat.items()
