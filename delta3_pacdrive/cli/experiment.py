@@ -85,6 +85,7 @@ def _run(options: argparse.Namespace, command: str, progress: Progress) -> dict[
     from delta3_pacdrive.kernel import all_compiled
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.provenance import digest
+    from delta3_pacdrive.trace import Trace
 
     robots = {'model': core.load(options.parameters), 'robot': core.load(options.robot)}
     notes = []
@@ -110,9 +111,12 @@ def _run(options: argparse.Namespace, command: str, progress: Progress) -> dict[
     simulated = {who: simulation.run(program, parameters) for who, parameters in robots.items()}
     traces = simulated
     if options.graph:
-        traces, more = experiment_graph.record(path, files, folder, options.real_time_factor, progress.show)
+        recorded, more = experiment_graph.record(path, files, folder, options.real_time_factor, progress.show)
         notes += more
-        notes += [f'{who}: {experiment_graph.same_as(traces[who], simulated[who])}' for who in robots]
+        notes += [f'{who}: {experiment_graph.same_as(recorded[who], simulated[who])}' for who in robots]
+        # a recorder ends without knowing when the program ended
+        ends = {who: {'end_cycle': trace.meta['end_cycle']} for who, trace in simulated.items()}
+        traces = {who: Trace(t.time_s, t.signals, t.meta | ends[who]) for who, t in recorded.items()}
     comparison = Comparison.of(*(Run.of(traces[who], parameters) for who, parameters in robots.items()))
     attribution = None
     if not options.no_attribution:

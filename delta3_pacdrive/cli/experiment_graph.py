@@ -110,7 +110,7 @@ def same_as(graph: Trace, simulated: Trace) -> str:
 
 def _run(arguments: list[str], who: str) -> dict[str, Any]:
     """Run ``delta3 run`` to its end and return its result; raises RunError."""
-    command = [sys.executable, '-m', 'delta3_pacdrive.cli.main', 'run', *arguments]
+    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'run', *arguments]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         out, err = child.communicate()
