@@ -109,7 +109,7 @@ def _run(options: argparse.Namespace, command: str, progress: Progress) -> dict[
     files = dict(zip(robots, report.write_parameters(model, robot, folder), strict=True))
     progress.show('simulation', 0, 0)
     simulated = {who: simulation.run(program, parameters) for who, parameters in robots.items()}
-    traces = simulated
+    comparison = Comparison.of(*(Run.of(simulated[who], robots[who]) for who in robots))
     if options.graph:
         recorded, more = experiment_graph.record(path, files, folder, options.real_time_factor, progress.show)
         notes += more
@@ -117,7 +117,7 @@ def _run(options: argparse.Namespace, command: str, progress: Progress) -> dict[
         # a recorder ends without knowing when the program ended
         ends = {who: {'end_cycle': trace.meta['end_cycle']} for who, trace in simulated.items()}
         traces = {who: Trace(t.time_s, t.signals, t.meta | ends[who]) for who, t in recorded.items()}
-    comparison = Comparison.of(*(Run.of(traces[who], parameters) for who, parameters in robots.items()))
+        comparison = Comparison.of(*(Run.of(traces[who], robots[who]) for who in robots))
     attribution = None
     if not options.no_attribution:
         attribution = attribute(
