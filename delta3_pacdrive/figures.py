@@ -121,8 +121,8 @@ def tcp_path_3d(trace: Trace) -> Figure:
     low, high = points.min(axis=0), points.max(axis=0)
     longest = max(float((high - low).max()), 1.0)
     spans = np.maximum(1.1 * (high - low), FLAT * longest)
-    _fit_box(axes, spans)
-    for name, axis, middle, span in zip('xyz', _three_axes(axes), (low + high) / 2.0, spans, strict=True):
+    fit_box(axes, spans)
+    for name, axis, middle, span in zip('xyz', three_axes(axes), (low + high) / 2.0, spans, strict=True):
         getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
         axis.set_major_locator(MaxNLocator(max(3, round(6 * span / longest))))
         axis.set_label_text(f'{name} (mm)')
@@ -146,7 +146,7 @@ def arm_velocities(trace: Trace) -> Figure:
     """Arm speeds [deg/s], commanded and actual, with the 0.15 s around the fastest change (Fig. 11.3, 11.4)."""
     run = program_part(trace)
     actual = _arm_deg(run, run['motor_speed'])
-    command = _central_difference(_arm_deg(run, run['motor_command']), _positive(run, 'cycle_time_s'))
+    command = central_difference(_arm_deg(run, run['motor_command']), _positive(run, 'cycle_time_s'))
     figure = _figure(trace, 'Arm speeds', 6.0)
     grid = figure.subplots(3, 2, sharex='col', width_ratios=(2, 1), squeeze=False)
     labels = [rf'$\dot\theta_{i}$ (deg/s)' for i in (1, 2, 3)]
@@ -154,7 +154,7 @@ def arm_velocities(trace: Trace) -> Figure:
     _dress(trace, overview, labels)
     _dress(trace, zoom, ['', '', ''])
     figure.align_ylabels()
-    begin = _busiest(run.time_s, command)
+    begin = busiest(run.time_s, command)
     shown = (run.time_s >= begin) & (run.time_s <= begin + ZOOM_S)
     _plot_pairs(overview, run.time_s, actual, command)
     _plot_pairs(zoom, run.time_s[shown], actual[shown], command[shown])
@@ -173,8 +173,8 @@ def arm_accelerations(trace: Trace) -> Figure:
     """Arm accelerations [deg/s^2]: slope of the actual speed, second difference of the command (Fig. 11.5)."""
     run = program_part(trace)
     period = _positive(run, 'cycle_time_s')
-    actual = _slope(_arm_deg(run, run['motor_speed']), period)
-    command = _second_difference(_arm_deg(run, run['motor_command']), period)
+    actual = slope(_arm_deg(run, run['motor_speed']), period)
+    command = second_difference(_arm_deg(run, run['motor_command']), period)
     figure, panels = _panels(
         trace, 'Arm accelerations', [rf'$\ddot\theta_{i}$ (deg/s$^2$)' for i in (1, 2, 3)], True
     )
@@ -252,19 +252,21 @@ def _arm_deg(trace: Trace, motor_values: Floats) -> Floats:
     return np.degrees(motor_values / _positive(trace, 'gear_ratio'))
 
 
-def _central_difference(values: Floats, period_s: float) -> Floats:
+def central_difference(values: Floats, period_s: float) -> Floats:
+    """Change over two cycles; nan at both ends."""
     out = np.full_like(values, np.nan)
     out[1:-1] = (values[2:] - values[:-2]) / (2.0 * period_s)
     return out
 
 
-def _second_difference(values: Floats, period_s: float) -> Floats:
+def second_difference(values: Floats, period_s: float) -> Floats:
+    """Second difference of three cycles; nan at both ends."""
     out = np.full_like(values, np.nan)
     out[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / period_s**2
     return out
 
 
-def _slope(values: Floats, period_s: float) -> Floats:
+def slope(values: Floats, period_s: float) -> Floats:
     """Slope of the least-squares line through the cycles within ``SLOPE_S``; nan where the window is not full."""
     half = max(1, round(SLOPE_S / period_s))
     offsets = np.arange(-half, half + 1)
@@ -276,7 +278,7 @@ def _slope(values: Floats, period_s: float) -> Floats:
     return out
 
 
-def _busiest(time_s: Floats, speeds: Floats) -> float:
+def busiest(time_s: Floats, speeds: Floats) -> float:
     """Return where the window of ``ZOOM_S`` begins in whose middle the speeds change fastest."""
     change = np.abs(np.gradient(speeds, axis=0)).max(axis=1) if len(speeds) > 1 else np.zeros(len(speeds))
     middle = time_s[np.argmax(np.nan_to_num(change))]
@@ -284,7 +286,7 @@ def _busiest(time_s: Floats, speeds: Floats) -> float:
     return round(float(max(begin, time_s[0])), 2)
 
 
-def _fit_box(axes: Axes3D, spans: Floats) -> None:
+def fit_box(axes: Axes3D, spans: Floats) -> None:
     """Draw a box of these extents as large as the figure permits, labels at the same distance in every shape."""
     elevation, azimuth = np.radians(VIEW_DEG)
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -297,13 +299,14 @@ def _fit_box(axes: Axes3D, spans: Floats) -> None:
     # matplotlib counts the distances of labels, beyond 8 and 21, in parts of the sides that they are moved along
     moved = ((0, -1, -1), (1, 0, -1), (1, 1, 0))
     distances = ((7.0, 21.0), (9.0, 27.0), (14.0, 32.0))
-    for axis, along, (tick, label) in zip(_three_axes(axes), moved, distances, strict=True):
+    for axis, along, (tick, label) in zip(three_axes(axes), moved, distances, strict=True):
         part = float(np.hypot(across @ (along * sides), up @ (along * sides)))
         axis.set_tick_params(labelsize=8, pad=tick / part - 8.0)
         axis.labelpad = label / part - 21.0
 
 
-def _three_axes(axes: Axes3D) -> tuple[Any, Any, Any]:
+def three_axes(axes: Axes3D) -> tuple[Any, Any, Any]:
+    """Return the axes of x, y and z."""
     return axes.xaxis, axes.yaxis, axes.zaxis
 
 

@@ -17,6 +17,7 @@ COMMANDS = {
     'plot': 'draw the figures of a bag or a trace',
     'arm': 'kinematics of the two-link arm of chapter 3',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
+    'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'bench': 'measure (graph, motion, simulate)',
 }
 

@@ -1,0 +1,140 @@
+"""One program by the nodes of a model and of a robot, one after the other, each recorded into a bag."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive import recording
+from delta3_pacdrive.errors import RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+
+    from delta3_pacdrive.trace import Trace
+
+STOP_TIMEOUT_S = 15.0  # for a bring-up that was interrupted: its processes end within seconds
+
+
+def bag_of(who: str, folder: Path) -> Path:
+    """Return where the bag of a robot goes."""
+    return folder / f'bag_{who}'
+
+
+def refuse_existing(robots: Iterable[str], folder: Path) -> None:
+    """Raise RunError if a bag would have to be overwritten."""
+    for who in robots:
+        if (bag := bag_of(who, folder)).exists():
+            raise RunError(f'cannot record into {bag}: it exists already')
+
+
+def record(
+    program: Path,
+    robots: Mapping[str, Path],
+    folder: Path,
+    real_time_factor: float,
+    on_progress: Callable[[str, int, int], None],
+) -> tuple[dict[str, Trace], list[str]]:
+    """Run a program on each robot as a graph of nodes; return the traces and what is to be noted.
+
+    A bring-up wants a process of its own, so each is a ``delta3 run``. If one fails, no bag is left behind.
+
+    Parameters
+    ----------
+    program
+        File.
+    robots
+        Parameter file of each, by name.
+    folder
+        Where the bags are made, ``bag_`` and the name.
+    real_time_factor
+        Of the bus; 0: as fast as possible.
+    on_progress
+        Called with a stage, what is done and all of it.
+
+    Raises
+    ------
+    RunError
+        A bag exists already, or a run failed; says whose and why.
+    TraceError
+        A bag cannot be read.
+
+    """
+    refuse_existing(robots, folder)
+    traces, notes = {}, []
+    try:
+        for done, (who, parameters) in enumerate(robots.items()):
+            on_progress(f'nodes of the {who}', done, len(robots))
+            bag = bag_of(who, folder)
+            result = _run([
+                str(program), '--parameters', str(parameters), '--bag', str(bag),
+                '--real-time-factor', str(real_time_factor), '--json',
+            ], who)  # fmt: skip
+            if missing := result.get('bag_missing'):
+                notes.append(
+                    f'the bag of the {who} lacks {missing} messages: the machine was too busy to record them'
+                )
+            traces[who] = recording.load(bag)
+    except BaseException:
+        for who in robots:
+            shutil.rmtree(bag_of(who, folder), ignore_errors=True)
+        raise
+    return traces, notes
+
+
+def same_as(graph: Trace, simulated: Trace) -> str:
+    """Tell in words whether a graph's signals are those of the simulation, to the last bit."""
+    shared, of_graph, of_simulated = np.intersect1d(
+        np.rint(graph.time_s / graph.meta['cycle_time_s']),
+        np.rint(simulated.time_s / graph.meta['cycle_time_s']),
+        return_indices=True,
+    )
+    differing = [
+        name
+        for name, values in graph.signals.items()
+        if values[of_graph].tobytes() != simulated[name][of_simulated].tobytes()
+    ]
+    if differing:
+        return f'nodes and simulation differ in {", ".join(differing)}'
+    return (
+        f'nodes and simulation agree to the last bit in {len(graph.signals)} signals of {len(shared)} cycles'
+    )
+
+
+def _run(arguments: list[str], who: str) -> dict[str, Any]:
+    """Run ``delta3 run`` to its end and return its result; raises RunError."""
+    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'run', *arguments]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        out, err = child.communicate()
+    except BaseException:
+        _end(child)
+        raise
+    lines = out.strip().splitlines()
+    try:
+        result: dict[str, Any] = json.loads(lines[-1])
+        if result['ok'] and child.returncode == 0:
+            return result
+        reason = result['error']
+    except (IndexError, KeyError, TypeError, ValueError):
+        last = err.strip().splitlines()[-1:] or [f'exit status {child.returncode}']
+        reason = last[0].removeprefix('error: ')
+    raise RunError(f'nodes of the {who}: {reason}')
+
+
+def _end(child: subprocess.Popen[str]) -> None:
+    """Interrupt a bring-up, which then stops its robot, and wait for it."""
+    if child.poll() is None:
+        child.send_signal(signal.SIGINT)
+    try:
+        child.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
