@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,13 +20,11 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    arguments = list(sys.argv[2:] if arguments is None else arguments)
     options = _parse(arguments)
-    command = shlex.join(['delta3', 'experiment', *arguments])
-    return guarded(lambda: _experiment(options, command), options.json)
+    return guarded(lambda: _experiment(options), options.json)
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = parser_for(
         'experiment',
         'Run the program of an experiment on a model, the plain robot of the thesis, and on a robot with what the '
@@ -63,11 +60,11 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def _experiment(options: argparse.Namespace, command: str) -> int:
+def _experiment(options: argparse.Namespace) -> int:
     progress = Progress(quiet=options.json)
     try:
         with progress:
-            document = _run(options, command, progress)
+            document = _run(options, progress)
     except KeyboardInterrupt:
         print('interrupted: no report was written', file=sys.stderr)
         return INTERRUPTED
@@ -75,14 +72,13 @@ def _experiment(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def _run(options: argparse.Namespace, command: str, progress: Progress) -> dict[str, Any]:
+def _run(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.cli import experiment_graph
     from delta3_pacdrive.experiments import report
     from delta3_pacdrive.experiments.attribution import attribute
     from delta3_pacdrive.experiments.comparison import Comparison, Run
-    from delta3_pacdrive.kernel import all_compiled
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.provenance import digest
     from delta3_pacdrive.trace import Trace
@@ -99,12 +95,13 @@ def _run(options: argparse.Namespace, command: str, progress: Progress) -> dict[
     program = programs.load(path, model.motion)
     folder = Path(options.output or f'experiment_{options.number}').absolute()
     names = (options.parameters or core.DEFAULT_FILE, options.robot)
-    provenance = report.provenance_of(command, model, robot, names, [f'{path.stem} {digest(path)}'])
+    provenance = report.provenance_of(
+        options.command_line, model, robot, names, [f'{path.stem} {digest(path)}']
+    )
     if options.graph:
         experiment_graph.refuse_existing(robots, folder)
     announce_compilation()
-    if not all_compiled():
-        simulation.rehearse(model)
+    simulation.load_kernels(model)
     report.clear(options.number, folder)
     files = dict(zip(robots, report.write_parameters(model, robot, folder), strict=True))
     progress.show('simulation', 0, 0)
