@@ -1,7 +1,8 @@
 """Compilation of the hot scalar loops, cached on disk under a key of their own sources.
 
 Numba's disk cache notices a change of the file that holds a function, but not of the functions it calls. The cache
-folder is therefore named after a digest of every core file: a changed formula or constant never meets an old binary.
+folder is therefore named after a digest of every file that a kernel may depend on: a changed formula or constant never
+meets an old binary.
 Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
 """
 
@@ -18,16 +19,18 @@ from typing import Any, TypeVar
 import numba
 
 _PACKAGE = Path(__file__).parent
-_ROS_AND_TOOLS = {'nodes', 'cli'}
+WITHOUT_KERNELS = frozenset(
+    {'nodes', 'cli', 'estimation', 'experiments', 'jacobian_study', 'tuning'}
+)  # folders
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
 
-def sources_digest() -> str:
-    """Return a short digest of all core source files: compiled code holds their constants as well."""
+def sources_digest(without: frozenset[str] = frozenset()) -> str:
+    """Return a short digest of all source files, but those in folders of the given names."""
     digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob('*.py')):
-        if not _ROS_AND_TOOLS.intersection(path.relative_to(_PACKAGE).parts):
+        if not without.intersection(path.relative_to(_PACKAGE).parts):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -43,7 +46,7 @@ def cache_directory() -> Path:
         os.path.join(tempfile.gettempdir(), f'delta3_pacdrive_{os.getuid()}'),
     ]
     for root in roots:
-        folder = Path(root) / sources_digest()
+        folder = Path(root) / sources_digest(WITHOUT_KERNELS)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:

@@ -12,6 +12,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from delta3_pacdrive.kernel import WITHOUT_KERNELS
+
 PACKAGE = 'delta3_pacdrive'
 SOURCE = Path(__file__).parents[1]
 MARKER = f'share/ament_index/resource_index/packages/{PACKAGE}'
@@ -24,7 +26,7 @@ CORE_MODULES = [
 ]
 CONFIGURATION = [path.relative_to(SOURCE) for path in sorted((SOURCE / 'config').rglob('*.*'))]
 ROSDEP_KEYS = {'PyYAML': 'python3-yaml'}  # the other keys are python3- and the distribution's name
-OPTIONAL = {'toppra'}  # of the extra "test": the benchmark compares with it where it is installed
+OPTIONAL = {'toppra', 'mujoco'}  # of the extra "test": benchmarks compare with them where they are installed
 WITHOUT_ROSDEP_KEY = {'rosbags', 'ruckig'}  # named in a comment of package.xml
 DISTRIBUTIONS = {'yaml': 'PyYAML', 'mpl_toolkits': 'matplotlib'}  # the others bear the name that is imported
 
@@ -159,3 +161,12 @@ def test_a_core_module_is_free_of_ros(name, distribution, tmp_path):
 def test_the_command_line_starts_without_heavy_modules(distribution, tmp_path):
     loaded = modules_after_import(f'{PACKAGE}.cli.main', tmp_path)
     assert not loaded & {'numpy', 'numba', 'rclpy', 'matplotlib'}
+
+
+@pytest.mark.parametrize('path', MODULES, ids=str)
+def test_no_kernel_depends_on_what_the_cache_of_kernels_does_not_look_at(path):
+    """An edit of a study or of a command must not cost a compilation; one of a formula must."""
+    text = (SOURCE / path).read_text(encoding='utf-8')
+    studies = [f'{PACKAGE}.{folder}' for folder in WITHOUT_KERNELS]
+    inside = bool(WITHOUT_KERNELS.intersection(path.parts))
+    assert '@kernel' not in text if inside else '@kernel' not in text or not any(s in text for s in studies)
