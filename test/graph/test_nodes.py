@@ -53,7 +53,7 @@ def test_task_without_partners_names_them_and_stays_in_cp0(graph: Any) -> None:
         ),
         ({'dynamics__gear_in': 40.0}, 'axis2 has gear_ratio 40.0, but the master has 32.0'),
         (
-            {'bus__cycle_time_s': 2e-3, 'bus__exchange_period_s': 2e-3},
+            {'bus__cycle_time_s': 2e-3},
             'axis2 has cycle_time_s 0.002, but the master',
         ),
         ({'motor__rotor_inertia_kg_m2': 1e-4}, 'axis2 has parameter_checksum'),
