@@ -16,6 +16,7 @@ COMMANDS = {
     'record': 'record a running robot into a rosbag2 folder',
     'plot': 'draw the figures of a bag or a trace',
     'arm': 'kinematics of the two-link arm of chapter 3',
+    'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'bench': 'measure (graph, motion, simulate)',

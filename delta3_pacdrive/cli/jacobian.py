@@ -1,0 +1,145 @@
+"""``delta3 jacobian``: joint motion through the Jacobian against the recorded one (11.2), and why the two differ."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+SYMBOLS = ('l_A', 'l_B', 'R_A', 'R_B')
+EXPERIMENTS = ['1', '2', '3']
+INTERRUPTED = 130
+PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    arguments = list(sys.argv[2:] if arguments is None else arguments)
+    options = _parse(arguments)
+    command = shlex.join(['delta3', 'jacobian', *arguments])
+    return guarded(lambda: _jacobian(options, command), options.json)
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = parser_for(
+        'jacobian',
+        'Joint velocities and accelerations from those of the TCP through the Jacobian, with exact lengths and with '
+        'lengths in error, against the recorded ones: deviations in percent, figures 11.25 to 11.45, sensitivities to '
+        'each length, growth with the condition of the Jacobian.',
+    )
+    parser.add_argument(
+        'inputs',
+        nargs='*',
+        metavar='INPUT',
+        default=EXPERIMENTS,
+        help='1, 2 or 3 (experiments of the thesis), programs, traces (.npz, .csv), folders of bags',
+    )
+    parser.add_argument(
+        '--parameters', metavar='FILE', help='parameter file instead of the packaged one: the exact lengths'
+    )
+    parser.add_argument(
+        '--error',
+        type=_error,
+        action='append',
+        metavar='NAME=M',
+        help=f'error [m] of a length, {", ".join(SYMBOLS)}; may be repeated; R_A=0.035 if none is given',
+    )
+    parser.add_argument(
+        '--pose',
+        choices=['recorded', 'forward', 'inverse'],
+        default='recorded',
+        help='of the Jacobian: angles and position recorded (11.2), position from the angles, angles from the position',
+    )
+    parser.add_argument(
+        '--signals',
+        choices=['command', 'actual', 'true'],
+        default='command',
+        help='set points; what the drives measure; angles and an external or simulated measurement of the TCP',
+    )
+    parser.add_argument('--output', metavar='DIR', default='jacobian', help='for report, tables, figures')
+    parser.add_argument('--json', action='store_true', help='print the report as JSON')
+    return parser.parse_args(arguments)
+
+
+def _error(text: str) -> tuple[str, float]:
+    symbol, equals, value = text.partition('=')
+    try:
+        error = float(value)
+    except ValueError:
+        error = math.nan
+    if symbol not in SYMBOLS or not equals or not math.isfinite(error):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no error of a length, expected one like {SYMBOLS[0]}=0.001 (m) of {", ".join(SYMBOLS)}'
+        )
+    return symbol, error
+
+
+def _jacobian(options: argparse.Namespace, command: str) -> int:
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.jacobian_study import study
+    from delta3_pacdrive.jacobian_study.mapping import Pose
+    from delta3_pacdrive.jacobian_study.motion import Signals
+    from delta3_pacdrive.kernel import all_compiled
+
+    announce_compilation()
+    if not all_compiled():
+        simulation.rehearse(core.load(options.parameters))
+    settings = study.Settings(
+        tuple(options.inputs),
+        options.parameters,
+        dict(options.error) if options.error else study.ERRORS_M,
+        Pose(options.pose),
+        Signals(options.signals),
+    )
+    try:
+        with Progress(quiet=options.json) as progress:
+            document = study.run(settings, Path(options.output), command, progress.show)
+    except KeyboardInterrupt:
+        print(f'interrupted: {options.output} holds no report of this study', file=sys.stderr)
+        return INTERRUPTED
+    if options.json:
+        print(json.dumps(document))
+    else:
+        _print(document)
+    return 0
+
+
+def _print(document: dict[str, Any]) -> None:
+    from delta3_pacdrive.jacobian_study.report import error_text, number
+
+    columns = ('exact lengths', error_text(document['errors_m']), 'all 1 mm off, at worst')
+    widths = [max(len(column), 17) for column in columns]
+    titles = '  '.join(column.rjust(width) for column, width in zip(columns, widths, strict=True))
+    print(f'{"":>14}  {titles}')
+    print(f'{"":>14}  {"  ".join("peak / momentary*".rjust(width) for width in widths)}')
+    for row in document['trajectories']:
+        low, high = row['condition']['min'], row['condition']['max']
+        print(f'{row["name"]}: {row["samples"]} samples, cond(J) {low:.2f} to {high:.2f}')
+        for quantity in ('velocity', 'acceleration'):
+            cells = [{key: row[which][quantity][key]['max'] for key in PERCENTAGES} for which in COMPARED]
+            cells.append(row['every_length_1_mm_off'][quantity])
+            texts = [' / '.join(number(cell[key]).rjust(7) for key in PERCENTAGES) for cell in cells]
+            line = '  '.join(text.rjust(width) for text, width in zip(texts, widths, strict=True))
+            print(f'{quantity:>14}  {line}')
+    share = f'{100.0 * document["threshold"]:g} %'
+    print(
+        f'largest deviations in percent of the peak, and of the momentary value (* where above {share} of the peak)'
+    )
+    for sentence in document['findings']:
+        print(f'- {sentence}')
+    print('\n'.join(document['files']))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
