@@ -14,7 +14,12 @@ from delta3_pacdrive.errors import ParameterError, shown
 
 DEFAULT_FILE = 'delta3.yaml'
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
-EXCHANGE_PERIODS_S = (125.0e-6, 250.0e-6, 500.0e-6, 1.0e-3)  # with older coupling torques the drives oscillate
+EXCHANGE_PERIODS_S = (
+    125.0e-6,
+    250.0e-6,
+    500.0e-6,
+    1.0e-3,
+)  # with older coupling torques the drives oscillate
 ELASTIC_EXCHANGE_S = (
     250.0e-6  # behind an elastic gear a rotor escapes an observer that takes it for the whole arm
 )

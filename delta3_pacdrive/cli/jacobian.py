@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,13 +23,11 @@ PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    arguments = list(sys.argv[2:] if arguments is None else arguments)
     options = _parse(arguments)
-    command = shlex.join(['delta3', 'jacobian', *arguments])
-    return guarded(lambda: _jacobian(options, command), options.json)
+    return guarded(lambda: _jacobian(options), options.json)
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = parser_for(
         'jacobian',
         'Joint velocities and accelerations from those of the TCP through the Jacobian, with exact lengths and with '
@@ -84,17 +81,15 @@ def _error(text: str) -> tuple[str, float]:
     return symbol, error
 
 
-def _jacobian(options: argparse.Namespace, command: str) -> int:
+def _jacobian(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.jacobian_study import study
     from delta3_pacdrive.jacobian_study.mapping import Pose
     from delta3_pacdrive.jacobian_study.motion import Signals
-    from delta3_pacdrive.kernel import all_compiled
 
     announce_compilation()
-    if not all_compiled():
-        simulation.rehearse(core.load(options.parameters))
+    simulation.load_kernels(core.load(options.parameters))
     settings = study.Settings(
         tuple(options.inputs),
         options.parameters,
@@ -104,7 +99,7 @@ def _jacobian(options: argparse.Namespace, command: str) -> int:
     )
     try:
         with Progress(quiet=options.json) as progress:
-            document = study.run(settings, Path(options.output), command, progress.show)
+            document = study.run(settings, Path(options.output), options.command_line, progress.show)
     except KeyboardInterrupt:
         print(f'interrupted: {options.output} holds no report of this study', file=sys.stderr)
         return INTERRUPTED

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive import kinematics, recording, simulation, trace_csv
+from delta3_pacdrive import kinematics, recording, simulation
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.figures import program_part
 from delta3_pacdrive.motion import planning
@@ -137,7 +137,7 @@ def load(text: str, robot: Parameters, signals: Signals) -> Motion:
     """
     if is_recording(text):
         path = Path(text)
-        trace = trace_csv.read(path) if path.suffix.lower() == '.csv' else recording.load(path)
+        trace = recording.load(path)
         return of_trace(trace, robot, signals, path.stem)
     name = _program_name(text)
     program, thesis = programs.load(name, robot.motion), EXPERIMENTS.get(Path(name).stem)
