@@ -17,6 +17,7 @@ COMMANDS = {
     'plot': 'draw the figures of a bag or a trace',
     'arm': 'kinematics of the two-link arm of chapter 3',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
+    'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
     'bench': 'measure (graph, motion, simulate)',
 }
 
