@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 WAYS = (COLOURS[0], COLOURS[1])  # before, after
 DECIBELS = (-60.0, 60.0)  # of what is shown of an open loop
+SHOWN = 1.5  # of the longest settling time, of a step response
 CLOSED_DECIBELS = (-40.0, 12.0)
 TITLES = {
     'current': 'Current loop, shaft held',
@@ -62,7 +63,7 @@ def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> 
     figure = report_figure('Step responses', 4.6, provenance)
     panels = figure.subplots(1, 3)
     for number, axes in enumerate(panels):
-        highest = 1.2
+        lowest, highest, shown = 0.0, 1.2, 0.0
         for variant, name, colour in zip(variants, names, WAYS, strict=False):
             loop = variant.loops[number]
             if loop.step is None:
@@ -75,12 +76,15 @@ def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> 
             if loop.stable:
                 axes.plot(1e3 * loop.step.time_s, loop.step.linear, color='#111111', linewidth=0.9,
                           linestyle=(0, (4, 2)), label='linear' if name == names[-1] else None)  # fmt: skip
+            lowest = min(lowest, max(float(loop.step.drive.min()), -2.0))
             highest = max(highest, min(1.1 * float(loop.step.drive.max()), 4.0))
+            settling = loop.step.figures.settling_time_s
+            shown = max(shown, float(loop.step.time_s[-1]) if settling is None else SHOWN * settling)
         axes.axhline(1.0, color=MUTED, linewidth=0.8)
-        axes.set_ylim(min(-0.05, 1.2 - highest), highest)
+        axes.set_ylim(1.1 * lowest - 0.05, highest)
         axes.set_xlabel('time (ms)')
         axes.set_title(TITLES[variants[0].loops[number].name], fontsize=9, loc='left')
-        axes.margins(x=0.0)
+        axes.set_xlim(0.0, 1e3 * shown if shown > 0.0 else None)
         dress(axes)
     panels[0].set_ylabel('actual value, share of the step (1)')
     handles, labels = panels[0].get_legend_handles_labels()
@@ -124,10 +128,11 @@ def bode(results: list[LoopResult], names: list[str], provenance: Provenance) ->
             if result.measured_closed is not None:
                 _points(top, bottom, result.measured_closed, values, frequencies, colour, None)
             if result.bandwidth_hz is not None:
-                top.plot(result.bandwidth_hz, -3.0, 's', color=colour, markersize=6, markerfacecolor='white')
-                top.annotate(f'{result.bandwidth_hz:.3g} Hz', (result.bandwidth_hz, -3.0), fontsize=8, color=colour,
-                             xytext=(-6, -6 - 12 * names.index(name)), textcoords='offset points',
-                             ha='right', va='top')  # fmt: skip
+                label = f'bandwidth {_hertz(result.bandwidth_hz)}'
+                style = {'color': colour, 'markersize': 6, 'markerfacecolor': 'white', 'linestyle': 'none'}
+                top.plot(result.bandwidth_hz, -3.0, 's', label=label, **style)
+        if top.get_legend_handles_labels()[0]:
+            top.legend(fontsize=7, frameon=False, loc='lower left')
         top.set_ylim(*CLOSED_DECIBELS)
         top.axhline(-3.0, color=MUTED, linewidth=0.8)
         bottom.set_ylim(-360.0, 75.0)
@@ -162,7 +167,7 @@ def recording(one: Recorded, loop: LoopResult | None, provenance: Provenance) ->
             middle.plot(frequencies[mask], phase[mask], '.', color=colour)
     bench = None if loop is None else (loop.measured_closed if one.name == 'current' else loop.measured_open)
     if bench is not None and loop is not None:
-        inside = bench.frequencies_hz <= frequencies[-1]
+        inside = (bench.frequencies_hz >= frequencies[0]) & (bench.frequencies_hz <= frequencies[-1])
         reference = _phase_near(bench.values, one.linear, bench.frequencies_hz, frequencies)
         top.plot(bench.frequencies_hz[inside], decibels(bench.values)[inside], 'o', color=COLOURS[0], markersize=4,
                  markerfacecolor='none', label='drive on the bench')  # fmt: skip
@@ -193,8 +198,7 @@ def effects(variants: list[Variant], names: list[str], provenance: Provenance) -
     for variant, name, colour in zip(variants, names, WAYS, strict=False):
         effect = variant.effect
         if not len(effect.time_s):
-            panels[0].text(0.01, 0.9 - 0.14 * names.index(name), f'{name}: {effect.fault}', color=colour, fontsize=8,
-                           transform=panels[0].transAxes, va='top')  # fmt: skip
+            panels[0].set_title(f'{name}: {effect.fault}', color=colour, fontsize=9, loc='left')
             continue
         for i in range(3):
             panels[i].plot(effect.time_s, 1e3 * np.degrees(effect.following_error_rad[:, i]), color=colour,
@@ -245,7 +249,9 @@ def sweep(points: list[SweepPoint], swept: str, provenance: Provenance) -> Figur
     middle.set_ylabel('phase margin (deg)')
     middle.axhline(0.0, color=MUTED, linewidth=0.8)
     bottom.set_ylabel('overshoot of a step (%)')
-    bottom.set_xlabel(f'{swept} (SI); red: a loop is unstable; yellow: in the workspace one is, or a drive trips')
+    bottom.set_xlabel(f'{swept} (SI)')
+    told = 'red: a loop is unstable; yellow: one is somewhere in the workspace, or the program trips a drive'
+    top.set_title(told, fontsize=9, loc='left')
     for axes in (top, middle):
         axes.legend(fontsize=8, frameon=False, loc='center left', bbox_to_anchor=(1.0, 0.5))
     for axes in (top, middle, bottom):
@@ -290,6 +296,10 @@ def _phase_near(
     return np.asarray(phase + 360.0 * np.round((reference - phase) / 360.0))
 
 
+def _hertz(frequency_hz: float) -> str:
+    return f'{frequency_hz:.0f} Hz' if frequency_hz >= 100.0 else f'{frequency_hz:.3g} Hz'
+
+
 def _mark_margins(top: Axes, bottom: Axes, result: LoopResult, colour: str) -> None:
     """Mark phase margin and gain margin of an open loop."""
     m = result.margins
@@ -299,11 +309,11 @@ def _mark_margins(top: Axes, bottom: Axes, result: LoopResult, colour: str) -> N
         at = np.log(m.crossover_hz)
         phase = float(np.interp(at, np.log(result.frequencies_hz), degrees(result.open_loop)))
         turn = 360.0 * round((phase - high) / 360.0)
-        label = f'phase margin {m.phase_margin_deg:.0f} deg at {m.crossover_hz:.3g} Hz'
+        label = f'phase margin {m.phase_margin_deg:.0f} deg at {_hertz(m.crossover_hz)}'
         bottom.plot([m.crossover_hz] * 2, [low + turn, high + turn], '-', label=label, **line)
         top.plot(m.crossover_hz, 0.0, 'D', color=colour, markersize=6, markerfacecolor='white')
     if m.gain_margin_db is not None and m.gain_margin_hz is not None:
-        label = f'gain margin {m.gain_margin_db:.1f} dB at {m.gain_margin_hz:.3g} Hz'
+        label = f'gain margin {m.gain_margin_db:.1f} dB at {_hertz(m.gain_margin_hz)}'
         top.plot([m.gain_margin_hz] * 2, [-m.gain_margin_db, 0.0], '-', **line)
         bottom.plot(
             m.gain_margin_hz, -180.0, 'D', color=colour, markersize=6, markerfacecolor='white', label=label

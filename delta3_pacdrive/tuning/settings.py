@@ -38,7 +38,9 @@ def _names() -> dict[str, str]:
     names: dict[str, str] = {}
     for field in dataclasses.fields(Drive):
         symbol = field.metadata['description'].split(',')[0].split(' ')[0]
-        for name in (field.name, f'drive.{field.name}', symbol):
+        # a description begins with the symbol, if there is one
+        symbols = (symbol,) if symbol[0].isupper() else ()
+        for name in (field.name, f'drive.{field.name}', *symbols):
             names.setdefault(name, field.name)
     for row in TABLE.values():
         group, _, name = row.sources[0].partition('.') if len(row.sources) == 1 else ('', '', '')

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive import figure_style
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.errors import RunError, TuningError
+from delta3_pacdrive.errors import ReportError, RunError, TuningError
 from delta3_pacdrive.estimation.measurement import load as load_trace
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.provenance import Provenance, digest, write_json
@@ -176,6 +176,7 @@ class Study:
 
     def run(self) -> dict[str, Any]:
         """Compute everything, write it into the folder and return the report; raises Delta3Error."""
+        self._make_folder()
         found = self._recorded()
         before = self.variant(self.robot, 'before' if self._changes else '')
         after = self.variant(self._changed, 'after') if self._changes else None
@@ -238,6 +239,13 @@ class Study:
     def program_name(self) -> str:
         """Of the program that shows the effect."""
         return self._program.name
+
+    def _make_folder(self) -> None:
+        """Make the folder before anything is computed for it."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ReportError(f'cannot write to {self.folder}: {error.strerror or error}') from error
 
     def _recorded(self) -> list[Recorded]:
         if self.settings.recording is None:
