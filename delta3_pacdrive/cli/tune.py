@@ -144,11 +144,15 @@ def _tune(options: argparse.Namespace, command: str) -> int:
 
 
 def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> dict[str, Any]:
+    from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.estimation import measurement
     from delta3_pacdrive.tuning.bench import Place
     from delta3_pacdrive.tuning.recording import SPEED_SHARE, Excitation, record
     from delta3_pacdrive.tuning.study import robot_of
 
+    folder = Path(options.excite).parent
+    if not folder.is_dir():
+        raise TraceError(f'cannot write trace {options.excite}: there is no folder {folder}')
     robot = robot_of(settings)
     excitation = Excitation(
         Place.PLANT if options.place == 'current' else Place.POSITION,

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 LOWEST_HZ = 0.5  # of the linear curves
 POINTS = 600
+RATE_SHARE = 0.4  # of the rate of a set point, up to which it is excited: beyond, its images disturb
 NYQUIST_SHARE = 0.98  # of half the sampling rate, up to which they are drawn
 PERIODS = 4  # of a multisine; the first one is left to settle
 
@@ -93,7 +94,7 @@ LOOPS = (
 CASCADE = 'cascade'
 # the same of a drive that sees its plant once per exchange period, as in the graph and in simulations
 EXCHANGED = 'exchanged'
-CASCADE_PERIOD_S, CASCADE_LOWEST_HZ, CASCADE_HIGHEST_HZ, CASCADE_RMS_A = 0.5, 4.0, 1500.0, 0.2
+CASCADE_PERIOD_S, CASCADE_LOWEST_HZ, CASCADE_HIGHEST_HZ, CASCADE_RMS_A = 0.5, 4.0, 1500.0, 0.4
 
 
 @dataclass(frozen=True)
@@ -288,8 +289,9 @@ def _on_bench(loop: Loop, linear: LoopResult, parameters: Parameters, operation:
 def _measured(loop: Loop, parameters: Parameters, operation: Operation) -> tuple[Measured, Measured]:
     load = HELD if loop.place == Place.CURRENT else operation.load
     period = parameters.drive.current_period_s
-    excitation = multisine(loop.period_s, period, loop.highest_hz, loop.rms * operation.amplitude)
     rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
+    highest = min(loop.highest_hz, RATE_SHARE / (rate * period))
+    excitation = multisine(loop.period_s, period, highest, loop.rms * operation.amplitude)
     bench = Bench(parameters, load, loop.place, operation.speed_rad_s)
     run = bench.run(excitation.periods(PERIODS, rate))
     if run.fault:
@@ -311,7 +313,8 @@ def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: Op
     period = parameters.drive.current_period_s
     steps = round(parameters.drive.velocity_period_s / period)
     rms = CASCADE_RMS_A * operation.amplitude
-    excitation = multisine(CASCADE_PERIOD_S, period, CASCADE_HIGHEST_HZ, rms, CASCADE_LOWEST_HZ)
+    highest = min(CASCADE_HIGHEST_HZ, RATE_SHARE / (steps * period))
+    excitation = multisine(CASCADE_PERIOD_S, period, highest, rms, CASCADE_LOWEST_HZ)
     try:
         bench = Bench(parameters, operation.load, Place.PLANT, operation.speed_rad_s)
         run = bench.run(excitation.periods(PERIODS, steps))

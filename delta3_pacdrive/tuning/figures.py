@@ -70,16 +70,18 @@ def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> 
                 axes.text(0.5, 0.35 - 0.08 * names.index(name), f'{name}: the drive trips', color=colour,
                           transform=axes.transAxes, ha='center', fontsize=9)  # fmt: skip
                 continue
-            axes.plot(
-                1e3 * loop.step.time_s, loop.step.drive, color=colour, linewidth=1.8, label=f'drive, {name}'
-            )
+            label = f'drive, {name}' + ('' if loop.stable else ': unstable')
+            front = 3 if loop.stable else 2
+            time_ms = 1e3 * loop.step.time_s
+            axes.plot(time_ms, loop.step.drive, color=colour, linewidth=1.8, zorder=front, label=label)
             if loop.stable:
-                axes.plot(1e3 * loop.step.time_s, loop.step.linear, color='#111111', linewidth=0.9,
+                axes.plot(time_ms, loop.step.linear, color='#111111', linewidth=0.9, zorder=4,
                           linestyle=(0, (4, 2)), label='linear' if name == names[-1] else None)  # fmt: skip
             lowest = min(lowest, max(float(loop.step.drive.min()), -2.0))
             highest = max(highest, min(1.1 * float(loop.step.drive.max()), 4.0))
             settling = loop.step.figures.settling_time_s
-            shown = max(shown, float(loop.step.time_s[-1]) if settling is None else SHOWN * settling)
+            if loop.stable:
+                shown = max(shown, float(loop.step.time_s[-1]) if settling is None else SHOWN * settling)
         axes.axhline(1.0, color=MUTED, linewidth=0.8)
         axes.set_ylim(1.1 * lowest - 0.05, highest)
         axes.set_xlabel('time (ms)')
@@ -87,7 +89,8 @@ def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> 
         axes.set_xlim(0.0, 1e3 * shown if shown > 0.0 else None)
         dress(axes)
     panels[0].set_ylabel('actual value, share of the step (1)')
-    handles, labels = panels[0].get_legend_handles_labels()
+    # a loop that is not stable is told in the label: the last panel has them all
+    handles, labels = panels[-1].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, frameon=False, loc='outside upper right', ncols=len(labels))
     return figure
 
@@ -119,7 +122,7 @@ def bode(results: list[LoopResult], names: list[str], provenance: Provenance) ->
     top.set_title('open loop L, margins marked', fontsize=9, loc='left')
     if closed:
         (top, bottom) = grid[:, 1]
-        for result, name, colour in zip(results, names, WAYS, strict=False):
+        for result, colour in zip(results, WAYS, strict=False):
             values = result.closed_loop
             if values is None or not result.stable:
                 continue

@@ -21,6 +21,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motor import motor
 from delta3_pacdrive.robot import AXES, Robot
 from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.tuning.analysis import RATE_SHARE
 from delta3_pacdrive.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, add_set_point
 from delta3_pacdrive.tuning.excitation import multisine
 
@@ -80,7 +81,8 @@ def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgre
     drive = parameters.drive
     exact = parameters.replace(bus__exchange_period_s=max(125e-6, drive.velocity_period_s))
     rms = RMS[excitation.place] * excitation.amplitude
-    highest = HIGHEST_HZ[excitation.place]
+    hold = drive.velocity_period_s if excitation.place == Place.PLANT else drive.position_period_s
+    highest = min(HIGHEST_HZ[excitation.place], RATE_SHARE / hold)
     sine = multisine(PERIOD_S, drive.current_period_s, highest, rms, LOWEST_HZ)
     seconds = SETTLING_S + (PERIODS + 1) * sine.period_s
     theta = kinematics.inverse(np.asarray(excitation.point_m), exact.kinematics)
@@ -90,7 +92,6 @@ def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgre
     robot = _TurningRobot(exact.replace(motion__home_m=tuple(float(x) for x in ends[1])), excitation)
     robot.come_into_torque()
     robot.run(np.zeros(round(SETTLING_S / drive.current_period_s)))
-    hold = drive.velocity_period_s if excitation.place == Place.PLANT else drive.position_period_s
     added = sine.periods(PERIODS + 1, round(hold / drive.current_period_s))
     robot.run(added[: sine.samples])
     signals = robot.run(added[sine.samples :], on_progress)
