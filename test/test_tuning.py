@@ -263,6 +263,9 @@ def test_elastic_gears_show_their_resonance_in_a_recording(operation):
     peak = one.frequencies_hz[np.argmax(np.where(one.frequencies_hz > 100.0, np.abs(one.values), 0.0))]
     # 180 to 200 Hz, as the stiffness was chosen; lines are spaced by a seventh
     assert 160.0 < peak < 240.0
+    # and cost the margin that the rigid loop has: 17 dB
+    high = one.frequencies_hz > peak
+    assert margins(one.frequencies_hz[high], one.values[high]).gain_margin_db < 6.0
 
 
 def test_every_name_of_a_gain_means_the_same(robot):

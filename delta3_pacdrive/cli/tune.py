@@ -191,6 +191,9 @@ def _print(document: dict[str, Any]) -> None:
             f'{band[0]:.3g} to {band[1]:.4g} Hz trustworthy, '
             f'within {near["decibels"]:.2f} dB and {near["degrees"]:.1f} deg of the linear one'
         )  # fmt: skip
+        if one['margins'] is not None:
+            margins = [one['margins'][key] for key in ('phase_margin_deg', 'gain_margin_db')]
+            told += f'; margins {_cell(margins[0], "{:.1f} deg")} and {_cell(margins[1], "{:.1f} dB")}'
         print(f'recorded, axis {one["axis"]}, {one["title"]}: {told}')
     if document['sweep']:
         _print_sweep(document['sweep'])

@@ -10,6 +10,7 @@ import numpy as np
 from delta3_pacdrive.provenance import write_table
 from delta3_pacdrive.tuning import settings
 from delta3_pacdrive.tuning.analysis import deviation
+from delta3_pacdrive.tuning.response import margins
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,7 +104,18 @@ def recorded_figures(one: Recorded) -> dict[str, Any]:
         'averages': one.measured.averages,
         'trusted_hz': one.measured.band_hz(),
         'agreement': _as_document(deviation(one.measured, one.linear)),
+        'margins': _recorded_margins(one),
     }
+
+
+def _recorded_margins(one: Recorded) -> dict[str, float | None] | None:
+    """Margins of an open loop within the band that is trusted; None for a closed one."""
+    band = one.measured.band_hz()
+    if one.name not in ('cascade', 'position') or band is None:
+        return None
+    frequencies = one.measured.frequencies_hz
+    inside = (frequencies >= band[0]) & (frequencies <= band[1])
+    return asdict(margins(frequencies[inside], one.measured.values[inside])) if inside.sum() > 1 else None
 
 
 def instability(variant: Variant) -> list[str]:
