@@ -33,6 +33,10 @@ class EstimationError(Delta3Error, ValueError):
     """Signals that hold nothing to estimate from, or an estimation that cannot go on."""
 
 
+class TuningError(Delta3Error, ValueError):
+    """A tuning that is asked for what its input, its load or its settings do not allow."""
+
+
 class FigureError(Delta3Error, OSError):
     """Figures that cannot be written."""
 

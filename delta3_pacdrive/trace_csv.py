@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 # what a drive's oscilloscope and an external measurement add to the signals of a run
 MEASURED = {
     'phase_voltage': ('V', 'voltage of a phase [rms], applied from this instant to the next'),
+    'position_reference': ('rad', 'interpolated set point of the position loop'),
+    'speed_reference': ('rad/s', 'set point of the velocity loop'),
+    'current_reference': ('A', 'set point of the current loop, before its filter'),
+    'position_added': ('rad', 'excitation in the position set point'),
+    'current_added': ('A', 'excitation in the current set point'),
     'tcp_measured': ('m', 'TCP by an external measurement, for example a laser tracker, in the frame base'),
 }
 QUANTITIES = SIGNALS | TRUE_SIGNALS | MEASURED

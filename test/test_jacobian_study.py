@@ -104,7 +104,7 @@ def test_with_exact_lengths_only_the_differencing_per_bus_cycle_is_left(robot, e
 def test_what_the_differencing_leaves_grows_with_the_square_of_the_cycle_time(robot):
     left = []
     for cycle in (1e-3, 2e-3, 4e-3):
-        slow = robot.replace(bus__cycle_time_s=cycle, bus__exchange_period_s=cycle)
+        slow = robot.replace(bus__cycle_time_s=cycle)
         own = motion.load('2', slow, Signals.COMMAND)
         difference = joint_motion(own, slow.kinematics).velocity - own.thetadot
         left.append(np.sqrt(np.mean(difference**2)))

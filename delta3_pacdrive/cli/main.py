@@ -19,7 +19,8 @@ COMMANDS = {
     'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
-    'bench': 'measure (graph, motion, simulate)',
+    'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
+    'bench': 'measure (graph, motion, simulate, kinematics)',
 }
 
 

@@ -1,0 +1,83 @@
+"""What gains do to a program: following error, TCP error and currents of a simulated run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive import simulation
+from delta3_pacdrive.errors import RunError
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A program with one set of gains; the figures are None where a drive tripped.
+
+    Attributes
+    ----------
+    following_error_max_rad, following_error_rms_rad
+        Of all arms, dead time removed (7.3).
+    tcp_error_max_m, tcp_error_rms_m
+        Length of the TCP error, set-point delay removed.
+    current_peak_a, current_rms_a
+        Of the axis with the largest.
+    fault
+        Sentence about the drive that tripped; empty if none did.
+    time_s, following_error_rad, tcp_error_m
+        From the start of the program; shapes (cycles,), (cycles, 3), (cycles,).
+
+    """
+
+    following_error_max_rad: float | None
+    following_error_rms_rad: float | None
+    tcp_error_max_m: float | None
+    tcp_error_rms_m: float | None
+    current_peak_a: float | None
+    current_rms_a: float | None
+    fault: str
+    time_s: Floats
+    following_error_rad: Floats
+    tcp_error_m: Floats
+
+    def figures(self) -> dict[str, float | str | None]:
+        """All but the signals, by name."""
+        return {name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)}
+
+
+def run(program: Program, parameters: Parameters) -> Effect:
+    """Simulate a program; a drive that trips is a finding, not an error.
+
+    Raises
+    ------
+    ProgramError
+        The program is refused.
+
+    """
+    nothing = np.empty(0)
+    try:
+        trace = simulation.run(program, parameters)
+    except RunError as error:
+        return Effect(None, None, None, None, None, None, str(error), nothing, np.empty((0, 3)), nothing)
+    first = int(trace.meta['start_cycle'])
+    following = trace['following_error'][first:]
+    tcp = np.linalg.norm(trace['tcp_error'][first:], axis=1)
+    figures = trace.meta['figures']
+    return Effect(
+        float(np.abs(following).max()),
+        float(np.sqrt(np.mean(following**2))),
+        float(figures['tcp_error_max_m']),
+        float(figures['tcp_error_rms_m']),
+        float(max(figures['current_peak_a'])),
+        float(max(figures['current_rms_a'])),
+        str(trace.meta['stopped']),
+        trace.time_s[first:] - trace.time_s[first],
+        following,
+        tcp,
+    )

@@ -1,0 +1,86 @@
+"""Signals that excite a loop: a step, and a sum of sines that repeats.
+
+The sines of a multisine lie on lines of its own period, so that whole periods are transformed without leakage; their
+phases are Schroeder's, which keeps the peak low, and their lines are spaced about evenly on a logarithmic axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.errors import TuningError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.kinematics import Floats
+
+LINES_PER_DECADE = 16
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A sum of sines of equal size that repeats.
+
+    Attributes
+    ----------
+    samples
+        Of one period.
+    sample_s
+        Distance of samples.
+    lines
+        Numbers of the harmonics, ascending.
+    rms
+        Of the signal.
+
+    """
+
+    samples: int
+    sample_s: float
+    lines: NDArray[np.int64]
+    rms: float
+
+    @property
+    def period_s(self) -> float:
+        """After which it repeats."""
+        return self.samples * self.sample_s
+
+    @property
+    def frequencies_hz(self) -> Floats:
+        """Of its lines."""
+        return self.lines / self.period_s
+
+    def periods(self, count: int, held: int = 1) -> Floats:
+        """Return some periods, one value per sample; each value is held for ``held`` samples."""
+        number = np.arange(len(self.lines))
+        phases = -np.pi * number * (number + 1) / len(self.lines)  # Schroeder, equal amplitudes
+        instants = np.arange(self.samples)
+        one = np.zeros(self.samples)
+        for line, phase in zip(self.lines, phases, strict=True):
+            one += np.cos(2.0 * np.pi * line * instants / self.samples + phase)
+        one *= self.rms / np.sqrt(np.mean(one**2))
+        return np.tile(np.repeat(one[::held], held)[: self.samples], count)
+
+
+def multisine(
+    period_s: float, sample_s: float, highest_hz: float, rms: float, lowest_hz: float = 0.0
+) -> Multisine:
+    """Return a multisine between two frequencies, or from that of its period on; raises TuningError if none fits."""
+    samples = round(period_s / sample_s)
+    first, last = max(1, round(lowest_hz * period_s)), round(highest_hz * period_s)
+    if not first <= last < samples / 2:
+        raise TuningError(
+            f'an excitation up to {highest_hz:g} Hz does not fit a period of {period_s:g} s '
+            f'sampled every {sample_s:g} s'
+        )
+    count = max(2, round(LINES_PER_DECADE * np.log10(last / first)) + 1)
+    lines = np.unique(np.rint(np.geomspace(first, last, count)).astype(np.int64))
+    return Multisine(samples, sample_s, lines, rms)
+
+
+def step(samples: int, before: int, height: float) -> Floats:
+    """Return a step after ``before`` samples without one."""
+    return np.concatenate([np.zeros(before), np.full(samples, height)])

@@ -1,0 +1,151 @@
+"""Figures of merit: margins of an open loop, bandwidth of a closed one, and what a step response looks like."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.kinematics import Floats
+
+    Complex = NDArray[np.complex128]
+
+SETTLED = 0.02  # of the final value: the usual band
+RISE = (0.1, 0.9)
+HALF_POWER = math.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far an open loop L is from instability; None where it has no such crossing.
+
+    Attributes
+    ----------
+    gain_margin_db, gain_margin_hz
+        Factor that the gain may still grow by; the phase is -180 degrees there.
+    gain_reduction_db
+        Negative factor at which |L| > 1 crosses -180 degrees: a stable loop bears no gain below, one that is
+        unstable has too much gain by it.
+    phase_margin_deg, crossover_hz
+        Phase over -180 degrees where |L| = 1, the smallest of all crossings, and where that is.
+    delay_margin_s
+        Additional dead time that the loop bears.
+    sensitivity_peak, sensitivity_peak_hz
+        M_s = max |1/(1 + L)|; 1/M_s is the distance of L from -1. 1.2 to 2.0 is usual.
+
+    """
+
+    gain_margin_db: float | None
+    gain_margin_hz: float | None
+    gain_reduction_db: float | None
+    phase_margin_deg: float | None
+    crossover_hz: float | None
+    delay_margin_s: float | None
+    sensitivity_peak: float
+    sensitivity_peak_hz: float
+
+
+@dataclass(frozen=True)
+class StepFigures:
+    """A response to a step of height 1.
+
+    Attributes
+    ----------
+    rise_time_s
+        From 10 to 90 % of the step; None if it does not get there.
+    overshoot
+        Share of the step by which the response exceeds it.
+    settling_time_s
+        After which it stays within 2 % of the step; None if it does not.
+    final
+        Mean of the last tenth.
+
+    """
+
+    rise_time_s: float | None
+    overshoot: float
+    settling_time_s: float | None
+    final: float
+
+
+def margins(frequencies_hz: Floats, loop: Complex) -> Margins:
+    """Return the margins of an open loop on an ascending grid of frequencies; crossings are interpolated."""
+    size, phase = np.abs(loop), np.unwrap(np.angle(loop))
+    log_f, log_size = np.log(frequencies_hz), np.log(np.maximum(size, 1e-300))
+    gains = []
+    for turn in range(math.floor(phase.min() / math.tau) - 1, math.ceil(phase.max() / math.tau) + 1):
+        for at in _crossings(log_f, phase - (2 * turn + 1) * math.pi):
+            gains.append((-float(np.interp(at, log_f, log_size)), math.exp(at)))
+    phases = []
+    for at in _crossings(log_f, log_size):
+        over = float(np.interp(at, log_f, phase)) + math.pi
+        over = (over + math.pi) % math.tau - math.pi
+        phases.append((over, math.exp(at)))
+    decibel = 20.0 / math.log(10.0)
+    gain = min((g for g in gains if g[0] > 0.0), default=None)
+    less = max((g[0] for g in gains if g[0] <= 0.0), default=None)
+    least = min(phases, default=None)
+    delays = [(over % math.tau) / (math.tau * f) for over, f in phases]
+    sensitivity = 1.0 / np.maximum(np.abs(1.0 + loop), 1e-12)
+    peak = int(np.argmax(sensitivity))
+    return Margins(
+        gain[0] * decibel if gain else None,
+        gain[1] if gain else None,
+        None if less is None else less * decibel,
+        math.degrees(least[0]) if least else None,
+        least[1] if least else None,
+        min(delays, default=None),
+        float(sensitivity[peak]),
+        float(frequencies_hz[peak]),
+    )
+
+
+def bandwidth(frequencies_hz: Floats, closed: Complex) -> float | None:
+    """Frequency [Hz] from which a closed loop stays 3 dB under its value at the first frequency; None: it does not."""
+    relative = np.abs(closed) / abs(closed[0])
+    over = np.flatnonzero(relative >= HALF_POWER)
+    last = int(over[-1])
+    if last == len(relative) - 1:
+        return None
+    low, high = relative[last], relative[last + 1]
+    share = (low - HALF_POWER) / (low - high)
+    ratio = frequencies_hz[last + 1] / frequencies_hz[last]
+    return float(frequencies_hz[last] * ratio**share)
+
+
+def step_figures(time_s: Floats, response: Floats) -> StepFigures:
+    """Return the figures of a response to a unit step at time 0; the arrays begin there."""
+    reached = [np.flatnonzero(response >= level) for level in RISE]
+    rise = None
+    if all(len(found) for found in reached):
+        start, end = (
+            _moment(time_s, response, int(found[0]), level)
+            for found, level in zip(reached, RISE, strict=True)
+        )
+        rise = end - start
+    outside = np.flatnonzero(np.abs(response - 1.0) > SETTLED)
+    settling: float | None = 0.0
+    if len(outside):
+        last = int(outside[-1])
+        settling = float(time_s[last + 1]) if last + 1 < len(time_s) else None
+    tail = response[-max(1, len(response) // 10) :]
+    return StepFigures(rise, max(0.0, float(response.max()) - 1.0), settling, float(tail.mean()))
+
+
+def _crossings(x: Floats, y: Floats) -> list[float]:
+    """Places where y changes its sign, by straight lines."""
+    places = np.flatnonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
+    return [float(x[k] - y[k] * (x[k + 1] - x[k]) / (y[k + 1] - y[k])) for k in places]
+
+
+def _moment(time_s: Floats, response: Floats, first: int, level: float) -> float:
+    """Time at which a response reaches a level, between two samples."""
+    if first == 0:
+        return float(time_s[0])
+    low, high = response[first - 1], response[first]
+    return float(time_s[first - 1] + (level - low) / (high - low) * (time_s[first] - time_s[first - 1]))
