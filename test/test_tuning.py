@@ -300,7 +300,7 @@ def test_recording_that_allows_nothing_says_what_is_missing(robot, operation, ex
 
 
 def test_command_compares_gains_and_tells_what_is_unstable(tmp_path, capsys, excited):
-    measurement.save(excited, tmp_path / 'trace.npz')
+    excited.save(tmp_path / 'trace.npz')
     arguments = ['--set', 'K_Pvel=4', '--sweep', 'K_Ppos=40:80:2', '--recording', str(tmp_path / 'trace.npz')]
     assert tune.main([*arguments, '--output', str(tmp_path / 'out'), '--json']) == 0
     report = json.loads(capsys.readouterr().out)

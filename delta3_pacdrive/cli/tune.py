@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,13 +20,11 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    arguments = list(sys.argv[2:] if arguments is None else arguments)
     options = _parse(arguments)
-    command = shlex.join(['delta3', 'tune', *arguments])
-    return guarded(lambda: _tune(options, command), options.json)
+    return guarded(lambda: _tune(options), options.json)
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = parser_for(
         'tune',
         'Step and frequency responses of the current, velocity and position loop with their margins: of the real drive '
@@ -104,9 +101,8 @@ def _number(text: str) -> float:
     return value
 
 
-def _tune(options: argparse.Namespace, command: str) -> int:
+def _tune(options: argparse.Namespace) -> int:
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.kernel import all_compiled
     from delta3_pacdrive.tuning.study import Settings, Study, robot_of
 
     settings = Settings(
@@ -123,14 +119,13 @@ def _tune(options: argparse.Namespace, command: str) -> int:
         options.exchange_period,
     )
     announce_compilation()
-    if not all_compiled():
-        simulation.rehearse(robot_of(settings))
+    simulation.load_kernels(robot_of(settings))
     try:
         with Progress(quiet=options.json) as progress:
             if options.excite:
                 result = _excite(options, settings, progress)
             else:
-                result = Study(settings, Path(options.output), command, progress.show).run()
+                result = Study(settings, Path(options.output), options.command_line, progress.show).run()
     except KeyboardInterrupt:
         print('interrupted: no report was written', file=sys.stderr)
         return INTERRUPTED
@@ -144,6 +139,7 @@ def _tune(options: argparse.Namespace, command: str) -> int:
 
 
 def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> dict[str, Any]:
+    from delta3_pacdrive import recording
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.estimation import measurement
     from delta3_pacdrive.tuning.bench import Place
@@ -164,7 +160,7 @@ def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> d
     trace = record(robot, excitation, lambda done, total: progress.show('excitation', done, total))
     trace = measurement.with_noise(trace, robot, options.noise, options.seed)
     progress.show('writing', 0, 0)
-    measurement.save(trace, options.excite)
+    recording.save(trace, options.excite)
     return {
         'ok': True,
         'file': options.excite,

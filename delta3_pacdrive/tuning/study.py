@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive import figure_style
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import ReportError, RunError, TuningError
-from delta3_pacdrive.estimation.measurement import load as load_trace
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.provenance import Provenance, digest, write_json
+from delta3_pacdrive.recording import load as load_trace
 from delta3_pacdrive.tuning import effect, figures, recorded, report, settings
 from delta3_pacdrive.tuning.analysis import (
     EXCHANGED,
