@@ -13,6 +13,7 @@ from delta3_pacdrive import yaml_file
 from delta3_pacdrive.errors import ParameterError, shown
 
 DEFAULT_FILE = 'delta3.yaml'
+PLANTS = ('plain', 'rich')
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 EXCHANGE_PERIODS_S = (
     125.0e-6,
@@ -455,7 +456,17 @@ def config_directory() -> Path:
     return installed if installed.is_dir() else Path(__file__).parent.parent / 'config'
 
 
+def is_rich(plant: Any, where: str) -> bool:
+    """Whether ``plant``, which may stand in a file for ``rich.enabled``, is the built robot; raises ParameterError."""
+    if plant not in PLANTS:
+        raise ParameterError(f'{where}: plant is {shown(plant)}, but must be {" or ".join(PLANTS)}')
+    return bool(plant == PLANTS[1])
+
+
 def _from_tree(tree: dict[str, Any], where: str) -> Parameters:
+    if 'plant' in tree and isinstance(tree.get('rich'), dict):
+        tree = tree | {'rich': tree['rich'] | {'enabled': is_rich(tree['plant'], where)}}
+        del tree['plant']
     for group in tree:
         if group not in _GROUPS:
             raise ParameterError(f'{where}: unknown parameter group {group}')

@@ -12,6 +12,7 @@ from delta3_pacdrive.bus.words import (
     in_torque,
 )
 from delta3_pacdrive.disturbed import run_disturbed
+from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.kernel import all_compiled, kernel, mark_compiled
@@ -208,7 +209,8 @@ def _refuse_without_torque(robot: Robot, status: list[int], cycle: int) -> None:
     for axis, word, drive in zip(AXES, status, robot.drives, strict=True):
         if not in_torque(word):
             raise RunError(
-                f'{axis} is not enabled in bus cycle {cycle}: {drive.drive_state.name}, {drive.fault.name}'
+                f'{axis} is not enabled in bus cycle {cycle}: '
+                + (fault_text(drive.fault) if drive.fault else drive.drive_state.name.lower())
             )
 
 

@@ -282,6 +282,17 @@ def test_the_rich_robot_is_the_default_one_with_its_effects_on(robot):
     assert parameters.load('delta3') == parameters.load('delta3.yaml') == robot
 
 
+def test_a_file_may_name_its_plant(tmp_path, robot):
+    text = (parameters.config_directory() / 'delta3.yaml').read_text(encoding='utf-8')
+    file = tmp_path / 'own.yaml'
+    for plant, enabled in (('rich', True), ('plain', False)):
+        named = text.replace('  ros__parameters:\n', f'  ros__parameters:\n    plant: {plant}\n')
+        file.write_text(named.replace('exchange_period_s: 1.0e-3', 'exchange_period_s: 125.0e-6'))
+        assert parameters.load(file) == robot.replace(rich__enabled=enabled, bus__exchange_period_s=125e-6)
+    file.write_text(text.replace('  ros__parameters:\n', '  ros__parameters:\n    plant: poor\n'))
+    assert "plant is 'poor', but must be plain or rich" in refusal(parameters.load, file)
+
+
 def test_without_enabled_no_effect_is_on(robot):
     off = parameters.flatten(robot.replace(rich__enabled=False))
     on = {name for name in SWITCHES if off[name]}

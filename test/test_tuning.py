@@ -166,7 +166,7 @@ def test_velocity_gain_that_only_the_exchange_does_not_bear_trips_only_the_simul
     assert linear_cascade(tuned, exact_shaft(tuned, lightest, SPEED_RAD_S), Entry.CURRENT).is_stable()
     assert not linear_cascade(tuned, exchanged_shaft(tuned, lightest, SPEED_RAD_S), Entry.CURRENT).is_stable()
     program = programs.load('experiment1', robot.motion)
-    assert 'OVERLOAD' in effect.run(program, tuned).fault
+    assert '8902' in effect.run(program, tuned).fault
     assert not effect.run(program, tuned.replace(bus__exchange_period_s=125e-6)).fault
 
 
@@ -306,7 +306,7 @@ def test_command_compares_gains_and_tells_what_is_unstable(tmp_path, capsys, exc
     report = json.loads(capsys.readouterr().out)
     after = report['variants']['after']
     assert 'velocity: unstable' in after['instability'][0]
-    assert 'OVERLOAD' in after['effect']['fault']
+    assert '8902' in after['effect']['fault']
     assert report['variants']['before']['loops']['velocity']['stable']
     assert [one['name'] for one in report['recorded']] == ['cascade', 'current']
     names = {path.rsplit('/', 1)[1] for path in report['files']}

@@ -49,6 +49,9 @@ def declare_robot(node: Node, writable: frozenset[str] = frozenset()) -> core.Pa
     Call it after the node's own parameters are declared.
     """
     defaults = core.flatten(core.load())
+    name = node.get_fully_qualified_name()
+    if plant := declare(node, 'plant', '', descriptor('plain or rich, instead of rich.enabled', 0, 0, str)):
+        defaults['rich.enabled'] = core.is_rich(plant, name)
     entries = []
     for group, cls in core.groups().items():
         for f in dataclasses.fields(cls):

@@ -92,6 +92,8 @@ def test_every_parameter_has_text_and_type_and_is_fixed_at_start(kind: type[Node
         ({'motor__peak_current_a': -1.0}, 'motor.peak_current_a'),
         ({'bus__cycle_time_s': 1.5e-3}, 'must be 0.001, 0.002 or 0.004'),
         ({'axis': 4}, 'axis'),
+        ({'plant': 'poor'}, "plant is 'poor', but must be plain or rich"),
+        ({'plant': 'rich'}, 'rich.gear needs a bus.exchange_period_s'),
     ],
 )
 def test_a_wrong_parameter_is_refused_by_name(overrides: dict, expected: str, graph: Any) -> None:
