@@ -98,7 +98,7 @@ def test_on_the_cruise_the_tcp_keeps_its_speed(robot):
 
 @pytest.mark.parametrize('cycle_time_s', [1e-3, 2e-3, 4e-3])
 def test_the_end_cycle_is_the_first_in_which_the_tcp_stands_at_the_end(cycle_time_s, robot):
-    changed = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=cycle_time_s)
+    changed = robot.replace(bus__cycle_time_s=cycle_time_s)
     task, plan, _ = ready_task(changed)
     end = task.start(7)
     assert (end - 8) * cycle_time_s < plan.duration_s <= (end - 7) * cycle_time_s

@@ -98,7 +98,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return guarded(lambda: _run(options), options.json)
 
 
+def refuse_second(options: argparse.Namespace) -> None:
+    """Raise RunError if the namespace has a robot, before anything that takes long is loaded."""
+    from delta3_pacdrive.nodes.lock import only_one
+
+    with only_one(namespace_of(options)):
+        pass
+
+
+def namespace_of(options: argparse.Namespace) -> str:
+    """Return the namespace that is asked for, with one slash in front."""
+    return '/' + str(options.namespace).strip('/')
+
+
 def _run(options: argparse.Namespace) -> int:
+    refuse_second(options)
     # ROS and numba are imported after the options are known to be good
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.nodes.bringup import Bringup
@@ -129,7 +143,7 @@ def options_of(options: argparse.Namespace, program: Path | None) -> Any:
     return Options(
         program=program,
         parameters=Path(options.parameters) if options.parameters else None,
-        namespace='/' + options.namespace.strip('/'),
+        namespace=namespace_of(options),
         real_time_factor=options.real_time_factor,
         bag=Path(options.bag).absolute() if options.bag else None,
         single_process=options.single_process,

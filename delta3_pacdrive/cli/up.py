@@ -12,7 +12,7 @@ from delta3_pacdrive.cli.output import (
     parser_for,
     print_json,
 )
-from delta3_pacdrive.cli.run import Display, add_graph_options, check_graph_options, options_of
+from delta3_pacdrive.cli.run import Display, add_graph_options, check_graph_options, options_of, refuse_second
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -57,6 +57,7 @@ class _Announcement:
 
 
 def _run(options: argparse.Namespace) -> int:
+    refuse_second(options)
     from delta3_pacdrive.nodes.bringup import Bringup
 
     announce_compilation()

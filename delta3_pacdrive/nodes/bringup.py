@@ -1,13 +1,12 @@
 """Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
 
-import fcntl
 import json
 import os
 import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,7 +29,8 @@ from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes import discovery, runtime
-from delta3_pacdrive.nodes.child import Child, Schedule, end_all, respawn, spawn
+from delta3_pacdrive.nodes.child import Child, Schedule, end_all, relent, respawn, spawn
+from delta3_pacdrive.nodes.lock import only_one
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
@@ -42,6 +42,10 @@ READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
+STRAIN_S, STRAIN_SHARE = (
+    2.0,
+    0.25,
+)  # cycles held back, of those in that time, of a robot too much for the machine
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 
 
@@ -91,10 +95,12 @@ class Bringup:
         self._options = options
         self.robot, self._program, self._planned = _check(options)
         self._children: list[Child] = []
-        self._restarts: dict[str, Callable[[], Child]] = {}  # how a process is started again, by name
+        self._restarts: dict[str, Callable[[Schedule], Child]] = {}  # how a process is started again, by name
         self._restarted: list[float] = []  # when [s]
         self.notes: list[str] = []
         self._interrupted = False
+        self._in_real_time = False
+        self._strain_seen = (0.0, 0.0)  # when [s], and processor time [s] of the processes until then
         self._monitor: _Monitor
         self._process: runtime.Process
         self.ready_s = 0.0
@@ -109,7 +115,7 @@ class Bringup:
 
         """
         discovery.keep_to_this_machine()
-        with _only_one(self._options.namespace), _log_folder(self._options.logs) as logs:
+        with only_one(self._options.namespace), _log_folder(self._options.logs) as logs:
             simulation.rehearse(self.robot)
             try:
                 self._start_processes(logs)
@@ -137,6 +143,7 @@ class Bringup:
         # Without a clock the robot takes all the processor time there is; that must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
         schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
+        self._in_real_time = paced
         planner = self._factory(UnitRobotNode, {'program': str(program or '')})
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program.name if self._program else 'moves'}
@@ -147,7 +154,7 @@ class Bringup:
             for name, factory in nodes.items():
                 self._spawn(name, [factory], logs, schedule)
             if program is None:
-                self._prepare_restarts(logs, schedule)
+                self._prepare_restarts(logs)
         # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         read_end, self._go = os.pipe()
         self._spawn('unit_robot', [planner], logs, wait_for=read_end)
@@ -157,7 +164,7 @@ class Bringup:
         self._monitor = _Monitor(options.namespace)
         self._process.add(self._monitor)
 
-    def _prepare_restarts(self, logs: Path, schedule: Schedule) -> None:
+    def _prepare_restarts(self, logs: Path) -> None:
         """Note how a process that dies is started again: by itself, with the same parameters."""
         options = self._options
         common = ['--ros-args', '--params-file', str(core.write(self.robot, logs / 'robot.yaml'))]
@@ -181,7 +188,6 @@ class Bringup:
                 f'delta3_pacdrive.nodes.{module}',
                 [*common, *own],
                 logs / f'{name}.log',
-                Schedule.ORDINARY if name == 'unit_robot' else schedule,
             )
 
     def _factory(self, node: type[Node], values: dict[str, Any], name: str = '') -> Callable[[], Node]:
@@ -249,12 +255,29 @@ class Bringup:
         for child in self._children:
             if child.poll() is not None:
                 self._replace(child)
+        in_operation = monitor.progress.get('phase') == 'CP4'
+        if self._in_real_time and in_operation and time.monotonic() - self._strain_seen[0] > STRAIN_S:
+            self._look_for_strain()
         if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
             self._await_standstill()
             raise RunError(monitor.progress['fault'])
         if self._program is not None and monitor.planner.startswith('refused: '):
             raise RunError(monitor.planner.removeprefix('refused: '))
         return monitor.progress
+
+    def _look_for_strain(self) -> None:
+        """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
+        now, spent = time.monotonic(), _processor_time_s(self._children)
+        (then, before), self._strain_seen = self._strain_seen, (now, spent)
+        cores = (spent - before) / (now - then)
+        if then and cores > STRAIN_SHARE * len(os.sched_getaffinity(0)):
+            self._in_real_time = False
+            for child in self._children:
+                relent(child)
+            self.notes.append(
+                f'the machine is too slow: the robot takes {cores:.2f} of its cores; from bus cycle '
+                f'{self._monitor.progress.get("cycles", 0)} on it is scheduled like any other process'
+            )
 
     def _replace(self, child: Child) -> None:
         """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
@@ -266,7 +289,9 @@ class Bringup:
                 self._await_standstill()
             raise RunError(sentence)
         self._restarted.append(now)
-        self._children[self._children.index(child)] = self._restarts[child.name]()
+        robot_itself = child.name != 'unit_robot'
+        schedule = Schedule.REAL_TIME if self._in_real_time and robot_itself else Schedule.ORDINARY
+        self._children[self._children.index(child)] = self._restarts[child.name](schedule)
         self.notes.append(f'{sentence}; started again')
 
     def _await_standstill(self) -> None:
@@ -304,7 +329,7 @@ class Bringup:
         return {
             'ok': True,
             'program': self._planned.name if self._planned else '',
-            'notices': list(self._planned.notices) if self._planned else [],
+            'notices': [*(self._planned.notices if self._planned else ()), *self.notes],
             'program_s': self._planned.plan.duration_s if self._planned else 0.0,
             'repeat': self._planned.repeat if self._planned else 1,
             'ready_s': round(self.ready_s, 3),
@@ -330,6 +355,16 @@ class Bringup:
     def processes(self) -> list[Child]:
         """Child processes, for whoever measures them."""
         return list(self._children)
+
+
+def _processor_time_s(children: list[Child]) -> float:
+    """Processor time [s] that processes have taken so far; none for those that have ended."""
+    spent = 0.0
+    for child in children:
+        with suppress(psutil.NoSuchProcess):
+            times = psutil.Process(child.pid).cpu_times()
+            spent += times.user + times.system
+    return spent
 
 
 def _process_age_s() -> float:
@@ -372,20 +407,3 @@ def _log_folder(folder: Path | None) -> Iterator[Path]:
     except OSError as error:
         raise RunError(f'cannot write logs into {folder}: {error.strerror}') from error
     yield folder
-
-
-@contextmanager
-def _only_one(namespace: str) -> Iterator[None]:
-    """Refuse a second bring-up of the same namespace and domain on this machine."""
-    domain = os.environ.get('ROS_DOMAIN_ID', '0')
-    name = f'delta3_pacdrive_{os.getuid()}_domain{domain}_{namespace.strip("/").replace("/", ".")}.lock'
-    path = Path(tempfile.gettempdir()) / name
-    with path.open('w') as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise RunError(f'a robot is already up in namespace {namespace} of domain {domain}') from None
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)

@@ -126,6 +126,13 @@ def prefer(schedule: Schedule) -> None:
             os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
 
 
+def relent(child: Child) -> None:
+    """Schedule all threads of a child like any other process."""
+    with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
+        for thread in Path(f'/proc/{child.pid}/task').iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
+
+
 def _become_child(name: str, parent: int, log: Path) -> None:
     os.setpgid(0, 0)  # Ctrl-C in the terminal reaches the parent only, which stops the robot first
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

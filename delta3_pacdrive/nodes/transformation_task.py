@@ -426,13 +426,13 @@ class TransformationTaskNode(PollingNode):
             'payload_kg': self._task.payload,
             'following_error_rad': max(abs(value) for value in self._task.answer[FOLLOWING_ERROR].tolist()),
             'overruns': self._pacing.overruns,
+            'slip_s': self._pacing.slip_s,
             'lost_telegrams': self._statistics.lost,
         }
 
     def statistics(self) -> dict[str, Any]:
         """Return what the bus and the program did so far."""
         return {
-            'slip_s': self._pacing.slip_s,
             'at_losses': self._master.losses,
             **self._statistics.summary(),
             'figures': asdict(self._task.figures()),

@@ -207,3 +207,16 @@ def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runn
     assert arriving['without']['plans'] == 0
     assert arriving['with']['plans'] >= 50
     assert arriving['with']['lateness_ms'].keys() == arriving['without']['lateness_ms'].keys()
+
+
+def test_a_robot_that_the_machine_cannot_keep_up_with_gives_way(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'rounds.yaml'
+    program.write_text(
+        'repeat: 30\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {move_l: {to_m: [0, 0, -0.75]}}]'
+    )
+    done = delta3('run', program, '--real-time-factor', '100', '--json')
+    result = json.loads(done.stdout)
+    assert result['bus_time_s'] / result['wall_time_s'] < 50.0
+    assert [note for note in result['notices'] if note.startswith('the machine is too slow: ')]
