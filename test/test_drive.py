@@ -303,7 +303,7 @@ def test_a_velocity_limit_leaves_the_drive_behind_a_faster_command_until_8132_an
 
 def test_the_planner_knows_nothing_of_a_torque_limit(robot):
     experiment = program.load('experiment1', robot.motion)
-    with pytest.raises(RunError, match='FOLLOWING_ERROR'):
+    with pytest.raises(RunError, match='8111'):
         run(experiment, robot.replace(drive__torque_limit_n_m=0.5))
 
 
