@@ -75,7 +75,7 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     start_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
 ) -> None:
     """The life of a robot: a drive's process dies in motion, comes back, and the program is resumed."""
-    process = start_delta3('up')
+    process = start_delta3('up', '--ordinary-priority')
     assert process.stderr is not None
     assert process.stderr.readline().startswith('ready after')
     try:
