@@ -88,10 +88,10 @@ def arm_angle(p, i, g, elbow_in):
     branch, in which the robot works. The angle is in (-pi, pi].
     """
     l_a, l_b = g.l_a[i], g.l_b[i]
-    e = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r[i]
+    x = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r[i]
     y = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
-    f = -p[2]
-    k = (e * e + y * y + f * f + l_a * l_a - l_b * l_b) / (2.0 * l_a)
+    e, f = 2.0 * l_a * x, -2.0 * l_a * p[2]
+    k = x * x + y * y + p[2] * p[2] + l_a * l_a - l_b * l_b
     radicand = e * e + f * f - k * k
     if not radicand >= 0.0:
         return math.nan
