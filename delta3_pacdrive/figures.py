@@ -102,8 +102,6 @@ def program_part(trace: Trace) -> Trace:
 
 def tcp_path_3d(trace: Trace) -> Figure:
     """TCP path in space [mm], commanded and actual, all three axes to the same scale (Fig. 11.1)."""
-    from matplotlib.ticker import MaxNLocator
-
     run = program_part(trace)
     command, actual = 1e3 * run['tcp_command'], 1e3 * run['tcp_actual']
     known = actual[np.isfinite(actual).all(axis=1)]
@@ -118,15 +116,7 @@ def tcp_path_3d(trace: Trace) -> Figure:
     axes.plot(*known[-1:].T, 'x', color=AXIS_COLOURS[1], markersize=7, label='end', **ends)
 
     points = np.concatenate([known, command[np.isfinite(command).all(axis=1)]])
-    low, high = points.min(axis=0), points.max(axis=0)
-    longest = max(float((high - low).max()), 1.0)
-    spans = np.maximum(1.1 * (high - low), FLAT * longest)
-    fit_box(axes, spans)
-    for name, axis, middle, span in zip('xyz', three_axes(axes), (low + high) / 2.0, spans, strict=True):
-        getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
-        axis.set_major_locator(MaxNLocator(max(3, round(6 * span / longest))))
-        axis.set_label_text(f'{name} (mm)')
-    axes.ticklabel_format(useOffset=False)
+    frame_path(axes, points)
     figure.legend(loc='lower center', ncols=4, frameon=False, fontsize=9)
     return figure
 
@@ -286,7 +276,22 @@ def busiest(time_s: Floats, speeds: Floats) -> float:
     return round(float(max(begin, time_s[0])), 2)
 
 
-def fit_box(axes: Axes3D, spans: Floats) -> None:
+def frame_path(axes: Axes3D, points: Floats) -> None:
+    """Give space around the points [mm] of a path, shape (n, 3): all three axes to the same scale, with labels."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = points.min(axis=0), points.max(axis=0)
+    longest = max(float((high - low).max()), 1.0)
+    spans = np.maximum(1.1 * (high - low), FLAT * longest)
+    _fit_box(axes, spans)
+    for name, axis, middle, span in zip('xyz', _three_axes(axes), (low + high) / 2.0, spans, strict=True):
+        getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
+        axis.set_major_locator(MaxNLocator(max(3, round(6 * span / longest))))
+        axis.set_label_text(f'{name} (mm)')
+    axes.ticklabel_format(useOffset=False)
+
+
+def _fit_box(axes: Axes3D, spans: Floats) -> None:
     """Draw a box of these extents as large as the figure permits, labels at the same distance in every shape."""
     elevation, azimuth = np.radians(VIEW_DEG)
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -299,13 +304,13 @@ def fit_box(axes: Axes3D, spans: Floats) -> None:
     # matplotlib counts the distances of labels, beyond 8 and 21, in parts of the sides that they are moved along
     moved = ((0, -1, -1), (1, 0, -1), (1, 1, 0))
     distances = ((7.0, 21.0), (9.0, 27.0), (14.0, 32.0))
-    for axis, along, (tick, label) in zip(three_axes(axes), moved, distances, strict=True):
+    for axis, along, (tick, label) in zip(_three_axes(axes), moved, distances, strict=True):
         part = float(np.hypot(across @ (along * sides), up @ (along * sides)))
         axis.set_tick_params(labelsize=8, pad=tick / part - 8.0)
         axis.labelpad = label / part - 21.0
 
 
-def three_axes(axes: Axes3D) -> tuple[Any, Any, Any]:
+def _three_axes(axes: Axes3D) -> tuple[Any, Any, Any]:
     """Return the axes of x, y and z."""
     return axes.xaxis, axes.yaxis, axes.zaxis
 

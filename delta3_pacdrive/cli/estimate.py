@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import (
+    INTERRUPTED,
+    announce_compilation,
+    finite_number,
+    guarded,
+    parser_for,
+)
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 GROUPS = ('motor', 'masses', 'geometry', 'thesis')
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,7 +48,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--known', metavar='SYMBOLS', default='', help='quantities to hold, such as m_fb')
     parser.add_argument(
         '--start-off',
-        type=_number,
+        type=finite_number,
         metavar='SHARE',
         help='start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
     )
@@ -62,7 +66,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--noise',
-        type=_number,
+        type=finite_number,
         default=0.0,
         metavar='X',
         help='sensor noise of a simulated measurement, 1: typical',
@@ -91,13 +95,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     if options.start_off is not None and not -0.9 <= options.start_off <= 9.0:
         parser.error(f'--start-off is {options.start_off:g}, but must be between -0.9 and 9')
     return options
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
-    return value
 
 
 def _estimate(options: argparse.Namespace) -> int:

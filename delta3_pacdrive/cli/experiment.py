@@ -8,14 +8,18 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import (
+    INTERRUPTED,
+    announce_compilation,
+    guarded,
+    parser_for,
+)
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 EXPERIMENTS = (1, 2, 3)
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

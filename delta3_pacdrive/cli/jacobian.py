@@ -9,7 +9,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import (
+    INTERRUPTED,
+    announce_compilation,
+    guarded,
+    parser_for,
+)
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -17,7 +22,6 @@ if TYPE_CHECKING:
 
 SYMBOLS = ('l_A', 'l_B', 'R_A', 'R_B')
 EXPERIMENTS = ['1', '2', '3']
-INTERRUPTED = 130
 PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import os
 import shlex
 import sys
@@ -9,6 +10,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from delta3_pacdrive.errors import Delta3Error
+
+INTERRUPTED = 130  # exit status after Ctrl-C
 
 
 def fail(error: Delta3Error, as_json: bool = False) -> int:
@@ -93,6 +96,17 @@ def print_json(
     source = getattr(options, 'parameters', None)
     origin = Provenance.of(options.command_line, robot, source, inputs, seed)
     print(json.dumps(result | {'provenance': origin.lines()}))
+
+
+def finite_number(text: str) -> float:
+    """Read a number of the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
+    return value
 
 
 def announce_compilation() -> None:

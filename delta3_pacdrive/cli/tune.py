@@ -9,13 +9,18 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import add_parameter_options, announce_compilation, guarded, parser_for
+from delta3_pacdrive.cli.output import (
+    INTERRUPTED,
+    add_parameter_options,
+    announce_compilation,
+    finite_number,
+    guarded,
+    parser_for,
+)
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,22 +40,22 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--pose',
         nargs=3,
-        type=_number,
+        type=finite_number,
         metavar=('X', 'Y', 'Z'),
         help='TCP whose load is moved [m]; home, if not given',
     )
     parser.add_argument(
-        '--payload', type=_number, metavar='KG', help='carried instead of what the parameters say'
+        '--payload', type=finite_number, metavar='KG', help='carried instead of what the parameters say'
     )
     parser.add_argument(
         '--axis', type=int, choices=(1, 2, 3), default=1, help='whose load, and whose recording'
     )
     parser.add_argument(
-        '--speed', type=_number, default=10.0, metavar='RAD_S',
+        '--speed', type=finite_number, default=10.0, metavar='RAD_S',
         help='at which the bench turns, motor side; 0 shows the friction of standstill',
     )  # fmt: skip
     parser.add_argument(
-        '--amplitude', type=_number, default=1.0, metavar='X', help='multiple of the usual excitations'
+        '--amplitude', type=finite_number, default=1.0, metavar='X', help='multiple of the usual excitations'
     )
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME=VALUE', dest='changes',
@@ -75,7 +80,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--place', choices=('current', 'position'), default='current', help='set point that --excite adds to'
     )
     parser.add_argument(
-        '--noise', type=_number, default=0.0, metavar='X', help='sensor noise of --excite, 1: typical'
+        '--noise', type=finite_number, default=0.0, metavar='X', help='sensor noise of --excite, 1: typical'
     )
     parser.add_argument('--seed', type=int, default=0, help='of the noise')
     parser.add_argument('--output', metavar='FOLDER', default='tuning', help='for report, tables, figures')
@@ -89,16 +94,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     if not 0.0 <= options.noise <= 1e3:
         parser.error(f'--noise is {options.noise:g}, but must be between 0 and 1000')
     return options
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
-    return value
 
 
 def _tune(options: argparse.Namespace) -> int:

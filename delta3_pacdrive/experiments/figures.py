@@ -17,7 +17,7 @@ from delta3_pacdrive.experiments.attribution import EFFECTS
 from delta3_pacdrive.experiments.comparison import QUANTITIES
 from delta3_pacdrive.experiments.findings import OTHER
 from delta3_pacdrive.figure_style import COLOURS, MUTED, dress, report_figure
-from delta3_pacdrive.figures import COMMAND, FLAT, SLOPE_S, ZOOM_S, busiest, fit_box, three_axes
+from delta3_pacdrive.figures import COMMAND, SLOPE_S, ZOOM_S, busiest, frame_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -133,8 +133,6 @@ def panels(
 
 def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
     """Draw the TCP path in space [mm], with the deviations of the robot magnified."""
-    from matplotlib.ticker import MaxNLocator
-
     figure = report_figure(f'{title}: TCP path', 6.0, provenance)
     figure.set_layout_engine('none')  # it reckons with a cube
     axes: Axes3D = figure.add_axes((-0.02, 0.14, 1.0, 0.79), projection='3d', computed_zorder=False)
@@ -161,16 +159,7 @@ def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figu
         )
         drawn.append(both[:, :3] + factor * both[:, 3:])
         axes.plot(*drawn[-1].T, label=rf'{label} $\times$ {factor:g}', **look | whole | {'linewidth': 0.7})
-    points = np.concatenate(drawn)
-    low, high = points.min(axis=0), points.max(axis=0)
-    longest = float((high - low).max())
-    spans = np.maximum(1.1 * (high - low), FLAT * longest)
-    fit_box(axes, spans)
-    for name, axis, middle, span in zip('xyz', three_axes(axes), (low + high) / 2.0, spans, strict=True):
-        getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
-        axis.set_major_locator(MaxNLocator(max(3, round(6 * span / longest))))
-        axis.set_label_text(f'{name} (mm)')
-    axes.ticklabel_format(useOffset=False)
+    frame_path(axes, np.concatenate(drawn))
     figure.legend(loc='lower center', ncols=5, frameon=False, fontsize=8, bbox_to_anchor=(0.5, 0.06))
     return figure
 

@@ -4,11 +4,14 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from delta3_pacdrive.nodes.child import Child, relent
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -220,3 +223,27 @@ def test_a_robot_that_the_machine_cannot_keep_up_with_gives_way(
     result = json.loads(done.stdout)
     assert result['bus_time_s'] / result['wall_time_s'] < 50.0
     assert [note for note in result['notices'] if note.startswith('the machine is too slow: ')]
+
+
+def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) -> None:
+    code = (
+        'import threading, time\n'
+        'threading.Thread(target=time.sleep, args=(60,)).start()\n'
+        'print("up", flush=True)'
+    )
+    process = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'up\n'
+        threads = [int(path.name) for path in Path(f'/proc/{process.pid}/task').iterdir()]
+        assert len(threads) == 2
+        try:
+            for thread in threads:
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(1))
+        except PermissionError:
+            pytest.skip('real-time scheduling is not permitted here')
+        relent(Child('robot', process.pid, tmp_path / 'log'))
+        assert [os.sched_getscheduler(thread) for thread in threads] == [os.SCHED_OTHER] * 2
+    finally:
+        process.kill()
+        process.communicate()
