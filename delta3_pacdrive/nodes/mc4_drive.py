@@ -67,7 +67,12 @@ class MC4DriveNode(Node):
         self._exchanges_per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._exchange = 0
         self._frame = b''  # of the last MDT: it rarely changes
-        self._words: tuple[int, int, int, float] = (0, 0, 0, 0.0)  # phase, control, service channel, payload
+        self._words: tuple[Phase, int, int, float] = (
+            Phase.CP0,
+            0,
+            0,
+            0.0,
+        )  # phase, control, service channel, payload
         self._setting = False
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._commands: dict[int, tuple[float, int, int, float]] = {}
@@ -108,7 +113,7 @@ class MC4DriveNode(Node):
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
     def _new_service(self) -> ServiceSlave:
-        return ServiceSlave(lambda access: self._register.serve(access, Phase(self._words[0])))
+        return ServiceSlave(lambda access: self._register.serve(access, self._words[0]))
 
     def _refuse(self, error: TelegramError) -> None:
         self._refused += 1
@@ -199,7 +204,8 @@ class MC4DriveNode(Node):
                 self._take_mdt(cycle, command)
         elif self._resting_position is not None and not self._cyclic:
             position = self._drive.encoder_position(self._resting_position)
-            frame = telegram.at_frame(RESTING, 0, self._session)
+            self._service.received(self._words[2])
+            frame = telegram.at_frame(RESTING, self._service.to_send(), self._session)
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
 
     def _take_mdt(self, cycle: int, command: tuple[float, int, int, float]) -> None:

@@ -11,7 +11,17 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceMaster, format_idn, parse_idn
+from delta3_pacdrive.bus.service import (
+    ERROR_TEXTS,
+    Access,
+    Answer,
+    Operation,
+    ServiceError,
+    ServiceMaster,
+    format_idn,
+    message_8503,
+    parse_idn,
+)
 from delta3_pacdrive.drive.idn import TABLE, refusal
 from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
 from delta3_pacdrive.nodes.qos import REQUEST
@@ -46,16 +56,17 @@ class ServiceDesk:
         return self._accesses > 0
 
     def ask(self, index: int, access: Access, done: Done) -> None:
-        """Ask a drive; ``done`` is called with the answer some ten cycles later. Raises TelegramError."""
+        """Ask a drive; ``done`` is called with the answer some ten telegrams later. Raises TelegramError."""
         reason = self._closed()
         if reason:
-            raise TelegramError(f'the service channel needs cyclic operation, {reason}')
+            text = f'{ERROR_TEXTS[ServiceError.NOT_OPEN]}: {reason}'
+            raise TelegramError(message_8503(access.idn, ServiceError.NOT_OPEN, text))
         self._channels[index].request(access)
         self._waiting[index].append(done)
         self._accesses += 1
 
     def to_send(self) -> list[int]:
-        """Return the words for the MDT of a cycle."""
+        """Return the words for the next MDT."""
         return [channel.to_send() for channel in self._channels]
 
     def received(self, index: int, word: int | None) -> None:

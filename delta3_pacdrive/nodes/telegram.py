@@ -7,6 +7,7 @@ ordinary messages. What does not fit the layout (any client may publish) is pars
 
 import secrets
 import struct
+from binascii import unhexlify
 from collections.abc import Callable, Sequence
 from operator import itemgetter
 from typing import Any
@@ -197,6 +198,7 @@ CURRENT_FRAME_LENGTH = 18
 # shafts: frame = session
 SHAFTS_FRAME_LENGTH = 4
 BRAKE_FREE, BRAKE_HELD = 'free', 'held'
+_TWO_WORDS = struct.Struct('>HH')
 _SESSIONS = 1 << 16
 
 
@@ -244,15 +246,15 @@ def mdt_frame(
     return f'CP{phase} {word} {word} {word} {channel} {payload_kg:08.4f} '.encode() + session
 
 
-def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> tuple[int, int, int, float]:
+def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> tuple[Phase, int, int, float]:
     """Return (phase, control word and service channel word of an axis, payload [kg]); raises TelegramError."""
     try:
         head, *words, payload, theirs = frame.decode('ascii').split()
-        if len(words) != 2 * len(AXES) or not head.startswith('CP'):
+        if len(words) != 2 * len(AXES):
             raise ValueError
-        service = int(words[len(AXES) + axis_index], 16)
-        parsed = int(head[2:]), int(words[axis_index], 16), service, _payload(payload)
-    except ValueError:
+        control, service = _TWO_WORDS.unpack(unhexlify(words[axis_index] + words[len(AXES) + axis_index]))
+        parsed = Phase[head], control, service, _payload(payload)
+    except (ValueError, KeyError, struct.error):
         raise TelegramError(
             f'frame_id {frame!r:.60} of an MDT is not "CPn wwww wwww wwww ssss ssss ssss ppp.pppp hhhh"'
         ) from None
@@ -303,8 +305,8 @@ def parse_at_frame(frame: bytes, session: bytes) -> tuple[int, int]:
     """Return (status word, service channel word) of an AT; raises TelegramError."""
     try:
         status, service, theirs = frame.split()
-        parsed = int(status, 16), int(service, 16)
-    except ValueError:
+        parsed = _TWO_WORDS.unpack(unhexlify(status + service))
+    except (ValueError, struct.error):
         raise TelegramError(f'frame_id {frame!r:.60} of an AT is not "wwww ssss hhhh"') from None
     if theirs != session:
         _require(session, theirs, 'an AT')

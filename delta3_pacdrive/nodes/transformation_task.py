@@ -102,7 +102,7 @@ class TransformationTaskNode(PollingNode):
         self._create_inputs(poll=factor > 0.0)
         self._roll = Roll(self, self._on_newcomer)
         self._phase_up = PhaseUp(self, self._roll, Identity.of(parameters))
-        self._desk = ServiceDesk(self, self.closed)
+        self._desk = ServiceDesk(self, self._channel_closed)
         self._faults = Faults(self, TASK, lambda: self.next_cycle)
         fault_desk = FaultDesk(self, bus.cycle_time_s, self.closed, lambda: self.next_cycle)
         self._motion = MotionServer(self, self._task, parameters, self._earliest, fault_desk)
@@ -135,6 +135,10 @@ class TransformationTaskNode(PollingNode):
     def closed(self) -> str:
         """Say why nothing that needs cyclic operation can be done, empty if it can."""
         return '' if self._cyclic else f'the bus is in {self._phase.name}'
+
+    def _channel_closed(self) -> str:
+        """Say why the service channels are closed, empty from CP3 on."""
+        return '' if self._phase >= Phase.CP3 else f'the bus is in {self._phase.name}'
 
     def waiting(self) -> str:
         """Say what the present phase waits for, empty if it waits for nothing."""
@@ -184,7 +188,8 @@ class TransformationTaskNode(PollingNode):
         self._calls += 1
 
     def _greet(self) -> None:
-        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0, self._session)
+        words = self._desk.to_send()
+        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0, self._session, words)
         self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
         self._outputs.greet()
 
@@ -316,6 +321,7 @@ class TransformationTaskNode(PollingNode):
             if cycle < 0:
                 if not self._cyclic:
                     self._phase_up.resting[index] = values[0]
+                    self._desk.received(index, service)
             elif not self._cyclic:
                 return
             elif cycle >= self.next_cycle:

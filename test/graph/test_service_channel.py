@@ -12,6 +12,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.nodes.mc4_drive import WRITABLE, MC4DriveNode
 from delta3_pacdrive.nodes.operator import OperatorNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER
+from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 
 
 class Cell:
@@ -85,6 +86,38 @@ def test_what_cannot_be_done_is_answered_with_its_number(request_: str, sentence
     assert sentence in cell.refusal(request_)
     assert cell.operator.drive('axis1 read S-0-0104').endswith('= 60 1/s')
     assert cell.task.progress()['fault'] == ''
+
+
+@pytest.fixture
+def prepared(graph: Any) -> Any:
+    """Give the operator of a robot that stays in CP3, its task and its drives."""
+    graph.robot(('plant', '1', '2', '3'))
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    return operator, task, [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
+
+
+def test_the_channel_is_open_from_cp3_on_and_some_values_are_writable_only_there(
+    graph: Any, prepared: Any
+) -> None:
+    operator, task, drives = prepared
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    assert operator.drive('axis2 read S-0-0295').endswith('= 0.01 s')
+    assert operator.drive('axis2 write S-0-0295 0.08').endswith('= 0.08 s')
+    assert float(drives[1]._drive.constants['settle_cycles'][0]) == 80
+    task._wait_for_program = False
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    assert operator.drive('axis2 read S-0-0295').endswith('= 0.08 s')
+    with pytest.raises(ProgramError, match=r'write-protected in this communication phase \(error 0x7005\)'):
+        operator.drive('axis2 write S-0-0295 0.01')
+
+
+def test_before_cp3_the_channel_is_closed_and_says_so(graph: Any) -> None:
+    graph.add(TransformationTaskNode)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    with pytest.raises(ProgramError, match=r'8503: S-0-0104: .* \(error 0x0001\)') as caught:
+        operator.drive('axis1 read S-0-0104')
+    assert 'the bus is in CP0' in str(caught.value)
 
 
 def set_parameter(cell: Cell, name: str, value: float) -> Any:

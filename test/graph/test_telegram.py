@@ -135,6 +135,9 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
         b'CP4 e000 e000',
         b'XX4 e000 e000 e000 1',
         b'CP4 e000 zzzz e000 0000 0000 0000 1 3fa9',
+        b'CP4 e000 -00f e000 0000 0000 0000 1 3fa9',
+        b'CP4 e000 fffff000 e000 0000 0000 0000 1 3fa9',
+        b'CP9 e000 e000 e000 0000 0000 0000 1 3fa9',
         b'CP4 e000 e000 e000 0000 0000 0000 nan 3fa9',
         b'\xff',
     ],
@@ -142,6 +145,15 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
     with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp hhhh"'):
         telegram.parse_mdt_frame(frame, 1, b'3fa9')
+
+
+@pytest.mark.parametrize(
+    'frame',
+    [b'', b'c008 3fa9', b'zzzz 0000 3fa9', b'-008 0000 3fa9', b'ffffffffffffffffffff 0000 3fa9', b'\xff'],
+)
+def test_at_frames_of_another_form_are_refused(frame: bytes) -> None:
+    with pytest.raises(TelegramError, match='of an AT is not "wwww ssss hhhh"'):
+        telegram.parse_at_frame(frame, b'3fa9')
 
 
 OURS, OTHERS = b'3fa9', b'3faa'
