@@ -99,11 +99,11 @@ class Disturbed:
 
     def _change_faults(self, cycle: int) -> None:
         nominal = self._parameters.drive.dc_link_voltage_v
-        for fault, begins in self._schedule.due(cycle):
-            for axis, drive in zip(AXES, self._robot.drives, strict=True):
-                if fault.target in ('', axis):
-                    change_drive(drive.state[0], fault, begins, nominal)
-            change_plant(self._robot.plant.state[0], fault, begins)
+        changes, active = self._schedule.due(cycle), self._schedule.active
+        for axis, drive in zip(AXES, self._robot.drives, strict=True):
+            change_drive(drive.state[0], axis, changes, active, nominal)
+        change_plant(self._robot.plant.state[0], changes, active)
+        for fault, _ in changes:
             if fault.kind == 'emergency_stop':
                 self._stop(f'emergency stop in bus cycle {cycle}', cycle)
 

@@ -87,8 +87,10 @@ KINDS = {
     'clear': Kind(Place.ROBOT, 'end of all injected faults', at_once=True),
 }
 NAMES = tuple(KINDS)
+# whoever receives a telegram injects what befalls it; one that comes later than its cycle is as good as lost
 LOSES_MDT = frozenset({'drop_mdt', 'delay_mdt', 'corrupt_mdt'})
 LOSES_AT = frozenset({'drop_at', 'delay_at', 'corrupt_at'})
+MDT_FAULTS, AT_FAULTS = LOSES_MDT | {'duplicate_mdt'}, LOSES_AT | {'duplicate_at'}
 OF_PROCESSES = frozenset({'freeze', 'kill'})
 _PLACES = ('', *NODES)  # by number, in messages
 
@@ -280,11 +282,14 @@ class Schedule:
     ----------
     next_cycle
         Cycle of the next change, ``NEVER`` if none is due.
+    active
+        Faults that have begun and not ended, in the order in which they began.
 
     """
 
     def __init__(self) -> None:
         self.next_cycle = NEVER
+        self.active: list[Fault] = []
         self._changes: list[tuple[int, bool, Scheduled]] = []  # cycle, whether it begins then
         self._telegrams: list[Scheduled] = []
 
@@ -307,9 +312,15 @@ class Schedule:
         due = [change for change in self._changes if change[0] <= cycle]
         self._changes = [change for change in self._changes if change[0] > cycle]
         self._sort()
+        for _, begins, scheduled in due:
+            if begins and not KINDS[scheduled.fault.kind].at_once:
+                self.active.append(scheduled.fault)
+            elif not begins:
+                self.active.remove(scheduled.fault)
         if any(scheduled.fault.kind == 'clear' for _, _, scheduled in due):
             self._telegrams.clear()
             self._changes.clear()
+            self.active.clear()
             self.next_cycle = NEVER
         return [(scheduled.fault, begins) for _, begins, scheduled in due]
 
@@ -321,60 +332,67 @@ class Schedule:
                 return fault
         return None
 
+    def forget_telegrams_before(self, cycle: int) -> None:
+        """Forget faults of telegrams that are over."""
+        self._telegrams = [scheduled for scheduled in self._telegrams if scheduled.end > cycle]
+
     @property
     def disturbs_telegrams(self) -> bool:
-        """Whether any fault of telegrams has been taken in."""
+        """Whether any fault of telegrams is to come, or not forgotten yet."""
         return bool(self._telegrams)
 
 
 # what each fault does -------------------------------------------------------------------------------------------------
 
-# by kind: field of the drive's STATE, its value while the fault lasts (None: the fault's), and after it
-_OF_DRIVES: dict[str, tuple[str, int | None, float]] = {
-    'encoder_failure': ('encoder_broken', 1, 0),
-    'encoder_jump': ('encoder_offset', None, 0.0),
-    'encoder_drift': ('encoder_drift', None, 0.0),
-    'encoder_noise': ('encoder_noise', None, 0.0),
-    'winding_short': ('winding_short', 1, 0),
-    'dc_link': ('dc_link', None, math.nan),  # the nominal voltage
-}
-_OF_THE_PLANT: dict[str, tuple[str, Callable[[float], float], float]] = {
-    'brake_worn': ('brake_share', lambda lost: 1.0 - lost, 1.0),
-    'brake_stuck': ('brake_stuck', lambda _: 1, 0),
-    'overload': ('load_torque', float, 0.0),
-}
+
+def change_drive(
+    state: Any, axis: str, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault], dc_link_v: float
+) -> None:
+    """Bring the record of a drive up to date after faults have begun (True) or ended (False).
+
+    ``active`` are the faults that last, ``dc_link_v`` is the nominal voltage of the DC link [V]. Where several of one
+    kind last, jumps, drifts and noises add up, and the last voltage holds.
+    """
+    for fault, begins in changes:
+        if fault.kind == 'clear':
+            state['encoder_offset'] = 0.0
+        elif fault.kind == 'encoder_jump' and fault.target == axis:
+            state['encoder_offset'] += fault.value if begins else -fault.value
+    values = _values(axis, active)
+    state['encoder_broken'] = len(values('encoder_failure')) > 0
+    state['encoder_drift'] = sum(values('encoder_drift'))
+    state['encoder_noise'] = sum(values('encoder_noise'))
+    state['winding_short'] = len(values('winding_short')) > 0
+    state['dc_link'] = [dc_link_v, *values('dc_link')][-1]
 
 
-def change_drive(state: Any, fault: Fault, begins: bool, dc_link_v: float) -> None:
-    """Begin or end a fault in the record of a drive whose DC link has a nominal voltage [V]."""
-    if fault.kind == 'clear':
-        for field, _, normal in _OF_DRIVES.values():
-            state[field] = dc_link_v if math.isnan(normal) else normal
-        state['encoder_offset'] = 0.0
-    elif fault.kind in _OF_DRIVES:
-        field, active, normal = _OF_DRIVES[fault.kind]
-        if begins:
-            state[field] = fault.value if active is None else active
-        else:
-            state[field] = dc_link_v if math.isnan(normal) else normal
-
-
-def change_plant(state: Any, fault: Fault, begins: bool) -> None:
-    """Begin or end a fault in the record of the plant."""
-    if fault.kind == 'clear':
-        for field, _, normal in _OF_THE_PLANT.values():
-            state[field] = normal
-    elif fault.kind == 'payload_lost':
+def change_plant(state: Any, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault]) -> None:
+    """Bring the record of the plant up to date, as ``change_drive`` does; torques add up, so do losses of a brake."""
+    if any(fault.kind == 'payload_lost' for fault, _ in changes):
         state['payload_lost'] = 1
-    elif fault.kind in _OF_THE_PLANT:
-        field, active, normal = _OF_THE_PLANT[fault.kind]
-        state[field][..., DRIVES.index(fault.target)] = active(fault.value) if begins else normal
+    for index, axis in enumerate(DRIVES):
+        values = _values(axis, active)
+        state['brake_share'][..., index] = math.prod(1.0 - lost for lost in values('brake_worn'))
+        state['brake_stuck'][..., index] = len(values('brake_stuck')) > 0
+        state['load_torque'][..., index] = sum(values('overload'))
+
+
+def _values(axis: str, active: Sequence[Fault]) -> Callable[[str], list[float]]:
+    """Return the function that gives the numbers of all active faults of a kind at an axis."""
+    return lambda kind: [fault.value for fault in active if fault.kind == kind and fault.target == axis]
+
+
+_OF_THE_PLANT = frozenset({'brake_worn', 'brake_stuck', 'overload'})
 
 
 def befalls(fault: Fault, node: str) -> bool:
     """Whether a node has to do something about a fault."""
+    if fault.kind in AT_FAULTS:
+        return node == TASK
+    if fault.kind in _OF_THE_PLANT:
+        return node == PLANT
     if fault.target:
-        return fault.target == node or (node == PLANT and fault.kind in _OF_THE_PLANT)
+        return fault.target == node
     if fault.kind == 'payload_lost':
         return node == PLANT
     return fault.kind == 'clear' or node == TASK

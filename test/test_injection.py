@@ -61,6 +61,8 @@ def test_every_kind_befalls_somebody(kind):
     assert any(befalls(fault, node) for node in injection.NODES)
     if KINDS[kind].place == Place.AXIS:
         assert not befalls(fault, 'axis1')
+    if kind in injection.AT_FAULTS:
+        assert [node for node in injection.NODES if befalls(fault, node)] == ['transformation_task']
 
 
 @pytest.mark.parametrize(
@@ -145,37 +147,98 @@ def test_clear_forgets_what_is_still_to_come():
 # what -------------------------------------------------------------------------------------------------------------
 
 
+class Machine:
+    """Drive of axis 2 and plant, to which faults happen."""
+
+    def __init__(self, robot):
+        self.drive, self.plant = MC4(robot), Plant(robot)
+        self.schedule = Schedule()
+        self.nominal = self.drive.state.copy(), self.plant.state.copy()
+        self.dc_link = robot.drive.dc_link_voltage_v
+
+    def add(self, document):
+        self.schedule.add(Scheduled.of(parse(document, 'fault'), 0, 1e-3))
+
+    def go_to(self, cycle):
+        changes, active = self.schedule.due(cycle), self.schedule.active
+        injection.change_drive(self.drive.state[0], 'axis2', changes, active, self.dc_link)
+        injection.change_plant(self.plant.state[0], changes, active)
+
+    @property
+    def is_as_new(self):
+        return self.drive.state == self.nominal[0] and self.plant.state == self.nominal[1]
+
+    def of_plant(self, name):
+        return self.plant.state[name][0].tolist()
+
+    def of_drive(self, name):
+        return float(self.drive.state[name][0])
+
+
 def test_clear_takes_every_fault_of_drive_and_plant_back(robot):
-    drive, plant = MC4(robot), Plant(robot)
-    neutral = drive.state.copy(), plant.state.copy()
-    clear = parse({'fault': 'clear'}, 'fault')
-    for kind in KINDS.keys() - {'clear'}:
-        fault = parse(example(kind), 'fault')
-        injection.change_drive(drive.state[0], fault, True, robot.drive.dc_link_voltage_v)
-        if kind != 'payload_lost':  # what has fallen off stays there until another payload is gripped
-            injection.change_plant(plant.state[0], fault, True)
-    assert drive.state != neutral[0]
-    assert plant.state != neutral[1]
-    injection.change_drive(drive.state[0], clear, True, robot.drive.dc_link_voltage_v)
-    injection.change_plant(plant.state[0], clear, True)
-    assert drive.state == neutral[0]
-    assert plant.state == neutral[1]
+    machine = Machine(robot)
+    for kind in KINDS.keys() - {
+        'clear',
+        'payload_lost',
+    }:  # what has fallen off stays there until it is gripped again
+        machine.add({key: value for key, value in example(kind).items() if key != 'for_s'})
+    machine.go_to(250)
+    assert not machine.is_as_new
+    machine.add({'fault': 'clear', 'after_s': 0.3})
+    machine.go_to(300)
+    assert machine.is_as_new
+    assert machine.schedule.active == []
 
 
 @pytest.mark.parametrize(
     'kind', [name for name in NAMES if not KINDS[name].at_once and not KINDS[name].telegram]
 )
 def test_a_fault_that_ends_leaves_the_fields_as_they_were(kind, robot):
-    drive, plant = MC4(robot), Plant(robot)
-    neutral = drive.state.copy(), plant.state.copy()
-    fault = parse(example(kind), 'fault')
-    for begins in (True, False):
-        injection.change_drive(drive.state[0], fault, begins, robot.drive.dc_link_voltage_v)
-        injection.change_plant(plant.state[0], fault, begins)
-        if begins:
-            assert not (drive.state == neutral[0] and plant.state == neutral[1])
-    assert (drive.state == neutral[0]).all()
-    assert (plant.state == neutral[1]).all()
+    machine = Machine(robot)
+    machine.add(example(kind))
+    machine.go_to(249)
+    assert machine.is_as_new
+    machine.go_to(250)
+    assert not machine.is_as_new
+    machine.go_to(750)
+    assert machine.is_as_new
+
+
+def of(kind, after_s, for_s, **value):
+    return {'fault': kind, 'axis': 'axis2', 'after_s': after_s, 'for_s': for_s, **value}
+
+
+def test_faults_of_one_kind_that_overlap_add_up_and_each_ends_at_its_time(robot):
+    machine = Machine(robot)
+    machine.add(of('overload', 0.1, 0.5, torque_n_m=3.0))
+    machine.add(of('overload', 0.2, 0.1, torque_n_m=2.0))
+    machine.add(of('brake_worn', 0.1, 0.5, lost_share=0.5))
+    machine.add(of('brake_worn', 0.2, 0.1, lost_share=0.5))
+    machine.add(of('encoder_jump', 0.1, 0.5, jump_rad=0.5))
+    machine.add(of('encoder_jump', 0.2, 0.1, jump_rad=0.25))
+    machine.add(of('dc_link', 0.1, 0.5, voltage_v=400.0))
+    machine.add(of('dc_link', 0.2, 0.1, voltage_v=300.0))
+    seen = {}
+    for cycle in (150, 250, 350, 650):
+        machine.go_to(cycle)
+        seen[cycle] = (
+            machine.of_plant('load_torque')[1],
+            machine.of_plant('brake_share')[1],
+            machine.of_drive('encoder_offset'),
+            machine.of_drive('dc_link'),
+        )
+    assert seen[150] == (3.0, 0.5, 0.5, 400.0)
+    assert seen[250] == (5.0, 0.25, 0.75, 300.0)
+    assert seen[350] == seen[150]
+    assert machine.is_as_new
+
+
+def test_faults_of_other_axes_leave_a_drive_alone(robot):
+    machine = Machine(robot)
+    for kind in ('encoder_failure', 'encoder_jump', 'encoder_noise', 'winding_short', 'dc_link'):
+        machine.add(example(kind) | {'axis': 'axis3'})
+    machine.go_to(300)
+    assert machine.is_as_new
 
 
 def test_bridged_losses_cost_micrometres(robot):

@@ -84,11 +84,20 @@ def test_a_watch_measures_silence_between_its_looks():
     assert watch.silence_s(10.4) == pytest.approx(0.35)
 
 
-def test_a_look_that_comes_late_proves_nothing():
+def test_a_look_that_comes_late_proves_little():
     watch = Watch(0.2)
-    watch.silence_s(10.0)
-    assert watch.silence_s(13.0) == 0.0
-    assert watch.silence_s(13.2) == pytest.approx(0.2)
+    watch.heard(10.0)
+    assert watch.silence_s(13.0) == pytest.approx(0.4)
+    assert watch.silence_s(13.2) == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize('period_s', [0.04, 0.2])
+def test_a_partner_that_is_dead_is_found_by_a_watch_that_is_always_late(period_s):
+    watch = Watch(period_s)
+    watch.heard(0.0)
+    looks = [watch.silence_s(1.0 * second) for second in range(1, 30)]
+    assert looks == sorted(looks)
+    assert looks[-1] > 2.0 * BUS_SILENT_S
 
 
 # the stop ---------------------------------------------------------------------------------------------------------

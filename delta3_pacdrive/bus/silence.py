@@ -10,15 +10,17 @@ MASTER_SILENT_S = 1.0  # a drive without MDT: fault 8506, reaction BD2, without 
 DRIVE_SILENT_S = 2.0  # the plant without the currents of a drive: its motor is without power from there on
 ANSWER_SILENT_S = 0.5  # the master without the AT of one axis, while the others answer later cycles
 BUS_SILENT_S = 3.0  # the master without any AT
+PLANNER_SILENT_S = 3.0  # the master without a heartbeat of UnitRobot, whose program runs
 PARTING_S = 0.3  # the plant without currents, once the phase has fallen
+ATTENTION_S = 0.25  # between two looks at a partner: what is more is the watcher's own absence
 BOUND_S = BUS_SILENT_S + 0.5
 
 
 class Watch:
     """Looks at a partner from time to time.
 
-    A look that itself comes late shows that this process was held up: what came meanwhile may still lie unread, so that
-    the partner gets all the time again.
+    A look that itself comes late shows that this process was held up: what came meanwhile may still lie unread. Of the
+    time since the look before it, no more than ``ATTENTION_S`` or two periods count as silence.
 
     Parameters
     ----------
@@ -28,16 +30,16 @@ class Watch:
     """
 
     def __init__(self, period_s: float) -> None:
-        self._late_s = 2.0 * period_s
-        self._heard_s = self._looked_s = 0.0
+        self._attention_s = max(2.0 * period_s, ATTENTION_S)
+        self._silence_s = 0.0  # at the last look
+        self._since_s = 0.0  # the last look, or the last word of the partner after it
 
     def heard(self, now_s: float) -> None:
         """Note that the partner was heard, or that it need not say anything."""
-        self._heard_s = now_s
+        self._silence_s, self._since_s = 0.0, now_s
 
     def silence_s(self, now_s: float) -> float:
         """Look: how long the partner has been silent [s]."""
-        if now_s - self._looked_s > self._late_s:
-            self._heard_s = now_s
-        self._looked_s = now_s
-        return now_s - self._heard_s
+        self._silence_s += min(now_s - self._since_s, self._attention_s)
+        self._since_s = now_s
+        return self._silence_s

@@ -123,6 +123,7 @@ class Faults(Schedule):
             self._node.get_logger().warning(
                 f'{self._name}: heard of {scheduled.fault.text} after bus cycle {scheduled.first}'
             )
+        self.forget_telegrams_before(self._cycle() - LEAD_CYCLES)
         self.add(scheduled)
 
     def begin_and_end(self, cycle: int) -> list[tuple[Fault, bool]]:

@@ -26,7 +26,7 @@ from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diag
 from delta3_pacdrive.drive.idn import TABLE, Register
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.injection import LOSES_AT, LOSES_MDT, change_drive
+from delta3_pacdrive.injection import MDT_FAULTS, change_drive
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.output import Output
@@ -37,7 +37,6 @@ from delta3_pacdrive.parameters import Parameters, flatten
 
 HOUSEKEEPING_S = 0.25
 DIAGNOSTICS_EVERY = 4
-MDT_FAULTS, AT_FAULTS = LOSES_MDT | {'duplicate_mdt'}, LOSES_AT | {'duplicate_at'}
 PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
 RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 # what may change in cyclic operation, by the name of the parameter: ROS parameters of the drive and IDNs of the bus
@@ -105,9 +104,9 @@ class MC4DriveNode(Node):
         )
         self._participant = Participant(self, axis, parameters)
         self._faults = Faults(self, axis, lambda: self._cycle)
-        # telegrams that an injected fault holds back, and until when
+        # what injected faults do to MDT: cycles whose telegram is lost; telegrams that come later, and when
+        self._lost: set[int] = set()
         self._held_back: list[tuple[int, int, tuple[float, int, int, float]]] = []
-        self._delayed: list[tuple[int, bytes]] = []
         self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
@@ -167,6 +166,8 @@ class MC4DriveNode(Node):
     def _leave(self) -> None:
         """Leave the bus without torque; a fault stays latched."""
         self._commands.clear()
+        self._lost.clear()
+        self._held_back.clear()
         self._shafts.clear()
         self._resting_position = None
         self._frame = b''
@@ -209,7 +210,8 @@ class MC4DriveNode(Node):
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
 
     def _take_mdt(self, cycle: int, command: tuple[float, int, int, float]) -> None:
-        if cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._commands:
+        due = cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._lost
+        if due and cycle not in self._commands:
             self._commands[cycle] = command
             self._newest_command = max(self._newest_command, cycle)
             self._advance()
@@ -224,40 +226,20 @@ class MC4DriveNode(Node):
         elif fault.kind == 'duplicate_mdt':
             self._take_mdt(cycle, command)
             self._take_mdt(cycle, command)
-        elif fault.kind == 'delay_mdt':
-            self._held_back.append((cycle + int(fault.value), cycle, command))
-        elif fault.kind == 'corrupt_mdt':
-            try:
-                self._mdt.decode(data[: len(data) // 2])
-            except TelegramError as error:
-                self._refuse(error)
-        # what is held back comes when its cycle is over in bus time, however far this drive is
-        over = [item for item in self._held_back if item[0] <= cycle and item[1] < self._cycle]
-        self._held_back = [item for item in self._held_back if item not in over]
-        for _, late_cycle, late_command in over:
+        else:
+            self._lost.add(cycle)
+            if fault.kind == 'delay_mdt':
+                self._held_back.append((cycle + int(fault.value), cycle, command))
+            elif fault.kind == 'corrupt_mdt':
+                try:
+                    self._mdt.decode(data[: len(data) // 2])
+                except TelegramError as error:
+                    self._refuse(error)
+            self._advance()
+        late = [item for item in self._held_back if item[0] <= cycle]
+        self._held_back = [item for item in self._held_back if item[0] > cycle]
+        for _, late_cycle, late_command in late:
             self._take_mdt(late_cycle, late_command)
-
-    def _send_at(self, cycle: int, frame: bytes) -> None:
-        """Publish an AT, unless an injected fault befalls it."""
-        data = self._at.encode(self._cycles.stamp(cycle), frame, self._drive.answer.tolist())
-        if not self._faults.disturbs_telegrams:
-            self._publish_at(data)
-            return
-        fault = self._faults.telegram(AT_FAULTS, self._axis, cycle)
-        if fault is None:
-            self._publish_at(data)
-        elif fault.kind == 'duplicate_at':
-            self._publish_at(data)
-            self._publish_at(data)
-        elif fault.kind == 'corrupt_at':
-            position, speed, _ = self._drive.answer.tolist()
-            self._publish_at(self._at.encode(self._cycles.stamp(cycle), frame, (position, speed, math.nan)))
-        elif fault.kind == 'delay_at':
-            self._delayed.append((cycle + int(fault.value), data))
-        for due, late in self._delayed:
-            if due <= cycle:
-                self._publish_at(late)
-        self._delayed = [item for item in self._delayed if item[0] > cycle]
 
     def _on_shafts(self, data: bytes) -> None:
         if self._session == telegram.NO_SESSION:
@@ -296,8 +278,9 @@ class MC4DriveNode(Node):
                     command, control, service, payload = telegram_
                     self._service.received(service)
                     status = drive.begin_cycle(command, control, *shaft, payload)
-                elif self._newest_command > cycle or self._parting:
+                elif cycle in self._lost or self._newest_command > cycle or self._parting:
                     # telegrams of one sender keep their order: a later one says that this one was lost
+                    self._lost.discard(cycle)
                     status = drive.bridge_cycle(*shaft)
                     if self._parting:
                         self._master.heard(time.monotonic())
@@ -307,7 +290,8 @@ class MC4DriveNode(Node):
                             return
                 else:
                     return
-                self._send_at(cycle, telegram.at_frame(status, self._service.to_send(), self._session))
+                frame = telegram.at_frame(status, self._service.to_send(), self._session)
+                self._publish_at(self._at.encode(self._cycles.stamp(cycle), frame, drive.answer.tolist()))
                 if self._phases.wanted:
                     self._publish_phase_currents(cycle)
             del self._shafts[exchange]
@@ -318,8 +302,8 @@ class MC4DriveNode(Node):
             self._exchange = exchange + 1
 
     def _change_faults(self, cycle: int) -> None:
-        for fault, begins in self._faults.begin_and_end(cycle):
-            change_drive(self._drive.state[0], fault, begins, self._dc_link_v)
+        changes = self._faults.begin_and_end(cycle)
+        change_drive(self._drive.state[0], self._axis, changes, self._faults.active, self._dc_link_v)
 
     def _current_frame(self, released: bool, payload: float) -> bytes:
         frame = self._current_frames.get((released, payload))

@@ -32,7 +32,9 @@ from delta3_pacdrive.transformation import Transformation
 
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 FAULT = 'FAULT'  # label of a message with a fault of the program
-ORDER = 'ORDER'  # label of the message that ends a plan: start cycle (-1: as soon as possible), rate, numbers of moves
+# label of the message that ends a plan, and behind a space the identity of the planner, if it can be watched over:
+# start cycle (-1: as soon as possible), rate, numbers of moves
+ORDER = 'ORDER'
 ORDER_HEADER = 2
 
 
@@ -67,6 +69,8 @@ class MotionServer:
         Last cycle whose answer belongs to the program, ``NEVER`` while none is under way or it is held.
     finished
         Whether a program came to its end.
+    planner
+        Identity of the planner whose program is loaded, empty if it told none.
 
     """
 
@@ -84,6 +88,7 @@ class MotionServer:
         self.state = MotionState.IDLE
         self.starts, self.ends = NEVER, NEVER
         self.finished = False
+        self.planner = ''
         self._ready = False  # whether the robot has been located
         self._parts: list[Move] = []
         self._planned_faults: list[Fault] = []
@@ -177,10 +182,14 @@ class MotionServer:
             if self._task.enable_cycle == NEVER:
                 raise ProgramError('the drives are not enabled')
             row = np.frombuffer(message.data, dtype=np.float64)
-            if message.layout.dim and message.layout.dim[0].label == ORDER:
+            label, _, planner = (
+                message.layout.dim[0].label.partition(' ') if message.layout.dim else ('', '', '')
+            )
+            if label == ORDER:
                 self._start(row)
+                self.planner = planner
                 return
-            if message.layout.dim and message.layout.dim[0].label == FAULT:
+            if label == FAULT:
                 self._planned_faults.append(Fault.from_row(row.tolist()))
                 return
             move, number, count = Move.from_array(row)

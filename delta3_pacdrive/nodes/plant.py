@@ -188,8 +188,8 @@ class PlantNode(Node):
 
     def _integrate(self) -> None:
         if self._exchange >= self._faults.next_cycle * self._exchanges_per_cycle:
-            for fault, begins in self._faults.begin_and_end(self._exchange // self._exchanges_per_cycle):
-                change_plant(self._plant.state[0], fault, begins)
+            changes = self._faults.begin_and_end(self._exchange // self._exchanges_per_cycle)
+            change_plant(self._plant.state[0], changes, self._faults.active)
         brakes = []
         for index, waiting in enumerate(self._currents):
             released = False

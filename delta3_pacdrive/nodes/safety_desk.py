@@ -97,17 +97,18 @@ class SafetyDesk:
             self._motion.fail()
             self._changed()
 
-    def stop(self, reason: str, cycle: int = 0) -> None:
+    def stop(self, reason: str) -> None:
         """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
-        if not self.fault or cycle == 0:
-            self._task.stop_at(cycle)
+        self._task.stop_at(0)
         self.note(reason)
 
     def stop_for_drives(self, reason: str, cycle: int) -> None:
-        """Stop from a cycle on because of what the drives report, and ask them for it."""
-        if not self.fault:
-            self._explain()
-        self.stop(reason, cycle)
+        """Stop because of what the answers of a cycle say, and ask the drives for the cause."""
+        if self.fault:
+            return
+        self._explain()
+        self._task.stop_at(cycle + self._master.reaction_cycles)
+        self.note(reason, cycle)
 
     def _explain(self) -> None:
         """Ask the drives that report a fault which one it is, and add it to the sentence."""

@@ -24,13 +24,14 @@ from delta3_pacdrive.bus.statistics import BusStatistics
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
 from delta3_pacdrive.errors import ParameterError, RunError, TelegramError, UnreachableError
-from delta3_pacdrive.injection import TASK
+from delta3_pacdrive.injection import AT_FAULTS, TASK
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults
-from delta3_pacdrive.nodes.motion_server import MotionServer
+from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
 from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.phase_up import PhaseUp
+from delta3_pacdrive.nodes.planner_watch import PlannerWatch
 from delta3_pacdrive.nodes.polling import PollingNode, Taken
 from delta3_pacdrive.nodes.progress_report import ProgressReport
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
@@ -85,12 +86,15 @@ class TransformationTaskNode(PollingNode):
         self.next_cycle = 0  # to start
         self.answered = 0  # the next to be complete
         self._inbox: list[dict[int, tuple[Any, int, int]]] = [{}, {}, {}]
+        # AT that an injected fault holds back: until which cycle, axis, cycle, content
+        self._held_back: list[tuple[int, int, int, tuple[Any, int, int]]] = []
         self._master = Master(parameters)
         self._expected = [0] * 3
         self._statistics = BusStatistics(bus.outstanding_cycles_max)
         self._last_answer_s = 0.0
         self._report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
         self._watch = Watch(self._report_s)
+        self._planner = PlannerWatch(self, self._report_s)
         self._wall_start_s = 0.0
         self._frames: dict[tuple[int, float], bytes] = {}
 
@@ -216,6 +220,7 @@ class TransformationTaskNode(PollingNode):
         self._expected = [self.next_cycle] * 3
         for inbox in self._inbox:
             inbox.clear()
+        self._held_back.clear()
         self._master.begin()
         self._pacing.restart()
         self._roll.close()
@@ -305,8 +310,6 @@ class TransformationTaskNode(PollingNode):
         return frame
 
     def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[..., None]:
-        inbox = self._inbox[index]
-
         def receive(data: bytes, received_ns: int) -> None:
             if self._session is telegram.NO_SESSION:
                 return
@@ -326,13 +329,42 @@ class TransformationTaskNode(PollingNode):
                 return
             elif cycle >= self.next_cycle:
                 self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
-            elif cycle >= self._expected[index]:
-                self._statistics.lost += cycle - self._expected[index]
-                self._expected[index] = cycle + 1
-                inbox[cycle] = (values, status, service)
-                self._complete(received_ns)
+            elif self._faults.disturbs_telegrams:
+                self._disturb_at(index, cycle, (values, status, service), received_ns)
+            else:
+                self._take_at(index, cycle, (values, status, service), received_ns)
 
         return receive
+
+    def _take_at(
+        self, index: int, cycle: int, content: tuple[Any, int, int] | None, received_ns: int
+    ) -> None:
+        """Take an AT in, or note that it is lost (``None``); what is repeated or late says nothing."""
+        if cycle < self._expected[index]:
+            return
+        self._statistics.lost += cycle - self._expected[index] + (content is None)
+        self._expected[index] = cycle + 1
+        if content is not None:
+            self._inbox[index][cycle] = content
+        self._complete(received_ns)
+
+    def _disturb_at(self, index: int, cycle: int, content: tuple[Any, int, int], received_ns: int) -> None:
+        """Take an AT in, unless an injected fault befalls it."""
+        fault = self._faults.telegram(AT_FAULTS, DRIVES[index], cycle)
+        if fault is None or fault.kind == 'duplicate_at':
+            self._take_at(index, cycle, content, received_ns)
+        if fault is not None and fault.kind == 'duplicate_at':
+            self._take_at(index, cycle, content, received_ns)
+        elif fault is not None:
+            self._take_at(index, cycle, None, received_ns)
+            if fault.kind == 'delay_at':
+                self._held_back.append((cycle + int(fault.value), index, cycle, content))
+            elif fault.kind == 'corrupt_at':
+                self._statistics.refused += 1
+        late = [item for item in self._held_back if item[0] <= cycle and item[1] == index]
+        self._held_back = [item for item in self._held_back if item not in late]
+        for _, _, late_cycle, late_content in late:
+            self._take_at(index, late_cycle, late_content, received_ns)
 
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
@@ -357,7 +389,7 @@ class TransformationTaskNode(PollingNode):
             self._outputs.send(cycle, self._cycles.stamp(cycle), answer, master)
             reason = master.judge(cycle, motion.starts)
             if reason:
-                safety.stop_for_drives(reason, cycle + master.reaction_cycles)
+                safety.stop_for_drives(reason, cycle)
             if cycle == motion.ends:
                 motion.answered(cycle)
                 self._report()
@@ -388,6 +420,13 @@ class TransformationTaskNode(PollingNode):
         )
 
     # reports ----------------------------------------------------------------------------------------------------------
+
+    def _check_planner(self) -> None:
+        """Stop a program whose planner is lost: nobody could change its course any more."""
+        moving = self._motion.state in (MotionState.MOVING, MotionState.STOPPING)
+        reason = self._planner.lost(self._motion.planner if moving else '')
+        if reason:
+            self._safety.stop(f'{reason}, in bus cycle {self.answered}')
 
     def _check_silence(self) -> None:
         silence = self._watch.silence_s(time.monotonic())
@@ -446,6 +485,7 @@ class TransformationTaskNode(PollingNode):
 
     def _report(self) -> None:
         self._check_silence()
+        self._check_planner()
         self._safety.reset_when_disabled()
         self._reports.publish()
 

@@ -5,7 +5,7 @@ transformation task; requests of operators: ``unit_robot/program`` (String: YAML
 ``unit_robot/move_l`` (PointStamped), ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of
 at most 100 poses), ``unit_robot/override`` (Float64, percent). Out: ``motion/plan``, ``motion/change``,
 ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error), ``unit_robot/answer`` (latched: one sentence
-for each request). Services: ``start``, ``resume``, ``clear``.
+for each request), ``unit_robot/alive``. Services: ``start``, ``resume``, ``clear``.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,6 +33,7 @@ from delta3_pacdrive.motion.timeline import NEVER, RATE_MAX, RATE_MIN, Course, T
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, STANDING_M, MotionState, numbers
+from delta3_pacdrive.nodes.planner_watch import Heartbeat
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
@@ -90,6 +91,7 @@ class UnitRobotNode(PollingNode):
         self.create_service(Trigger, 'start', self._service(self._start))
         self.create_service(Trigger, 'resume', self._service(self._resume))
         self.create_service(Trigger, 'clear', self._service(self._clear))
+        self._heartbeat = Heartbeat(self)
         self._faults = Faults(self, UNIT_ROBOT, self._newest)
         self.create_timer(FAULTS_S, self._befall)
         self.get_logger().info('waiting for transformation_task')
@@ -274,7 +276,9 @@ class UnitRobotNode(PollingNode):
             self._plan.publish(numbers(move.to_array(number, len(plan.moves)), move.kind.name))
         for fault in faults:
             self._plan.publish(numbers(fault.to_row(), FAULT))
-        self._plan.publish(numbers([cycle, rate, *plan.tables.order.tolist()], ORDER))
+        self._plan.publish(
+            numbers([cycle, rate, *plan.tables.order.tolist()], f'{ORDER} {self._heartbeat.identity}')
+        )
         self._timeline = Timeline(plan, self._robot.bus.cycle_time_s)
         return plan.duration_s / rate
 

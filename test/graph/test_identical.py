@@ -5,13 +5,19 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, recording, simulation
+from delta3_pacdrive.bus.time import Clock
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER
+from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.trace import Trace
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
@@ -189,6 +195,54 @@ def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
     assert '8171' in done.stderr
     recorded = recording.load(tmp_path / 'bag')
     common = _assert_same_where_recorded(simulated, recorded, robot.bus.cycle_time_s)
-    # the cycle of the lost AT is not on record; everything else is, until all drives are without torque
+    # everything is on record, until all drives are without torque
     assert np.abs(simulated['current'][common[-1]]).max() == 0.0
-    assert len(common) == common[-1]
+    assert len(common) == common[-1] + 1
+
+
+LINE = {
+    'start_m': [0.0, 0.0, -0.75],
+    'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.75], 'speed_m_s': 0.4}}],
+}
+
+
+@pytest.mark.parametrize(
+    ('kind', 'cycles', 'more'),
+    [
+        ('drop_mdt', 2, {}),
+        ('corrupt_at', 2, {}),
+        ('delay_at', 2, {'by_cycles': 1}),
+        ('delay_mdt', 8, {'by_cycles': 16}),
+        ('drop_at', 8, {}),
+        ('drop_mdt', 20, {}),
+        ('delay_mdt', 20, {'by_cycles': 3}),
+        ('corrupt_mdt', 20, {}),
+        ('duplicate_mdt', 20, {}),
+        ('drop_at', 20, {}),
+        ('delay_at', 20, {'by_cycles': 3}),
+        ('corrupt_at', 20, {}),
+        ('duplicate_at', 20, {}),
+    ],
+)
+def test_however_many_telegrams_are_lost_the_graph_gives_the_bits_of_the_simulation(
+    kind: str, cycles: int, more: dict, graph: Any, tmp_path: Path
+) -> None:
+    fault = {'fault': kind, 'axis': 'axis2', 'cycles': cycles, 'after_s': 0.25, **more}
+    program = tmp_path / 'program.yaml'
+    program.write_text(json.dumps(LINE | {'faults': [fault]}))
+    robot = parameters.load()
+    simulated = simulation.run(programs.load(program, robot.motion), robot)
+    shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
+    graph.robot(('plant', '1', '2', '3'))
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    graph.add(UnitRobotNode, program=str(program))
+    graph.spin_until(lambda: task.answered >= len(simulated.time_s), 'the end')
+    assert task.progress()['fault'].partition(':')[0] == simulated.meta['stopped'].partition(':')[0]
+    clock = Clock(robot.bus.cycle_time_s)
+    rows = {}
+    for message in shafts:
+        stamp = message.header.stamp
+        if stamp.sec >= 0:
+            rows[clock.count(stamp.sec, stamp.nanosec)] = [*message.position, *message.velocity]
+    expected = np.hstack([simulated['shaft_position'], simulated['shaft_speed']])
+    np.testing.assert_array_equal([rows[cycle] for cycle in range(len(expected))], expected)

@@ -305,3 +305,48 @@ def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None
     graph.spin_until(lambda: len(phases) > 3, 'calls')
     assert {message.frame_id for message in phases} == {'CP0 0000'}
     assert task.progress()['waiting'] == 'waiting for plant'
+
+
+SLOW = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.004}}]'
+
+
+def test_a_planner_that_dies_under_its_program_is_named_and_the_robot_stops_on_the_path(
+    cell: Cell, graph: Any
+) -> None:
+    cell.operator.send_program(SLOW)
+    cell.operator.call('start')
+    graph.spin_until(lambda: cell.task.progress()['master_m'] > 0.001, 'the motion')
+    (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
+    cell.take_away(planner)
+    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault', BOUND_S)
+    assert cell.task.progress()['fault'].startswith('unit_robot silent for ')
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    last = cell.commands[-1].point
+    assert (last.x, last.y, last.z) == pytest.approx((last.x, 0.0, -0.75), abs=1e-6)
+    assert last.x < 0.1
+    graph.add(UnitRobotNode, **ON_REQUEST)
+    cell.reset_and_move_home()
+
+
+def test_a_planner_that_was_started_again_does_not_leave_its_program_to_itself(
+    cell: Cell, graph: Any
+) -> None:
+    cell.operator.send_program(SLOW)
+    cell.operator.call('start')
+    graph.spin_until(lambda: cell.task.progress()['state'] == 'moving', 'the motion')
+    (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
+    cell.take_away(planner)
+    graph.add(UnitRobotNode, **ON_REQUEST)
+    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault', 2.0)
+    assert 'unit_robot was started again while its program ran' in cell.task.progress()['fault']
+    cell.reset_and_move_home()
+
+
+def test_a_planner_may_die_while_nothing_moves(cell: Cell, graph: Any) -> None:
+    (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
+    cell.take_away(planner)
+    cycles = cell.task.progress()['cycles']
+    graph.spin_for(BOUND_S)
+    progress = cell.task.progress()
+    assert (progress['fault'], progress['in_torque']) == ('', True)
+    assert progress['cycles'] > cycles
