@@ -91,9 +91,9 @@ class Disturbed:
                 master.bridge(index)
         answer = task.receive(cycle, master.positions, master.torques).copy()
         reason = master.judge(cycle, NEVER if self.stopped else self._start)
-        if reason and not self.stopped:
+        if reason and (master.limp or not self.stopped):
             names = [f': {fault_text(robot.drives[n].fault)}' for n in master.faulty()]
-            self._stop(reason + ''.join(names[:1]), cycle + master.reaction_cycles)
+            self._stop(reason + ''.join(names[:1]), cycle + master.reaction_cycles, master.limp)
         tcp = [answer[columns] for columns in (FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR)]
         return [motors, *answers, *tcp, *np.split(shafts, 3), arms, true_tcp]
 
@@ -107,9 +107,9 @@ class Disturbed:
             if fault.kind == 'emergency_stop':
                 self._stop(f'emergency stop in bus cycle {cycle}', cycle)
 
-    def _stop(self, reason: str, cycle: int) -> None:
+    def _stop(self, reason: str, cycle: int, hard: bool = False) -> None:
         self.stopped = self.stopped or reason
-        self._task.stop_at(cycle)
+        self._task.stop_at(cycle, hard)
 
 
 def run_disturbed(

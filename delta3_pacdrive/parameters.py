@@ -242,6 +242,9 @@ class Motion:
     speed_max_m_s: float = _positive('default TCP speed of a move', 20.0)
     acceleration_max_m_s2: float = _positive('default TCP acceleration of a move', 1e3)
     jerk_max_m_s3: float = _positive('default TCP jerk of a move')
+    fault_stop_acceleration_m_s2: float = _positive(
+        'TCP deceleration of a stop for an axis that is lost', 1e3
+    )
     following_error_delay_cycles: float = _quantity(
         'dead time the following error is freed of (7.3), -1 = from the timing', -1.0, 16.0
     )

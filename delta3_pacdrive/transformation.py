@@ -187,6 +187,7 @@ class Transformation:
         self.loaded = False
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
+        self._stop_hard = False
         self.motors: Floats = np.zeros(3)
         self.answer: Floats = np.zeros(ANSWER_COLUMNS)
 
@@ -199,6 +200,12 @@ class Transformation:
         state['tcp_history'], state['theta_history'] = tcp, theta
         state['theta_before'] = state['theta_before_that'] = theta
         return tcp
+
+    def distance_m(self, motor_positions_rad: ArrayLike) -> float:
+        """Return how far the TCP is from where it is commanded to be [m]; raises UnreachableError."""
+        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
+        tcp = kinematics.forward(theta, self._parameters.kinematics)
+        return float(np.linalg.norm(tcp - self.state['tcp'][0]))
 
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``."""
@@ -226,30 +233,43 @@ class Transformation:
             state[name] = 0.0
         return self.end_cycle
 
-    def hold(self) -> Course:
-        """Stop the master on its path from the next cycle on; return the course of the stop."""
+    def hold(self, acceleration_m_s2: float = 0.0) -> Course:
+        """Stop the master on its path from the next cycle on; return the course of the stop.
+
+        It takes the acceleration of the move, or that one if it is larger.
+        """
         self._coming = None
-        course = self._timeline.stop(max(self._cycle, self._timeline.start_cycle))
+        course = self._timeline.stop(max(self._cycle, self._timeline.start_cycle), acceleration_m_s2)
         self._follow(course)
         return course
 
-    def stop_at(self, cycle: int) -> None:
-        """Stop on the path from a cycle on that is still to come, then take the torque off."""
+    def stop_at(self, cycle: int, hard: bool = False) -> None:
+        """Stop on the path from a cycle on that is still to come, then take the torque off.
+
+        A hard stop takes ``motion.fault_stop_acceleration_m_s2`` where the move allows less: an axis does not follow
+        any more, and the farther the others go on without it, the farther the TCP is off its path.
+        """
         self._stop_cycle = min(self._stop_cycle, max(cycle, self._cycle))
+        self._stop_hard = self._stop_hard or hard
 
     def give_up(self) -> None:
         """Forget program, stop and enabling: there are no more cycles."""
         self.unload()
         self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
+        self._stop_hard = False
 
     def _stop(self, cycle: int) -> None:
+        hard, self._stop_hard = self._stop_hard, False
         self._stop_cycle = NEVER
+        self._coming = None  # who stands stays so
+        if self.enable_cycle > cycle:
+            self.enable_cycle = NEVER
         if self.loaded and cycle < int(self.state['start_cycle'][0]):
             self.unload()
-        if self.loaded and not self.held:
-            self.hold()
+        if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
+            self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
         stands = max(self.end_cycle, cycle) if self.loaded else cycle
-        self.disable_cycle = stands + DISABLE_CYCLES
+        self.disable_cycle = min(self.disable_cycle, stands + DISABLE_CYCLES)
 
     def change(self, course: Course) -> None:
         """Go over to another course at its cycle, which is still to come; raises ProgramError."""

@@ -28,6 +28,18 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+# explicit tags (!!bool, !!int, !!timestamp) of what they do not fit fail in as many ways
+_FAILURES = (
+    yaml.YAMLError,
+    RecursionError,
+    ValueError,
+    TypeError,
+    ArithmeticError,
+    LookupError,
+    AttributeError,
+)
+
+
 def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
     """Return the document in ``path``; ``what`` ("program file") names it in the message of the ``error`` raised."""
     path = Path(path)
@@ -47,7 +59,7 @@ def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
     try:
         text = content.decode('utf-8') if isinstance(content, bytes) else content
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a safe loader)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError, TypeError) as failure:
+    except _FAILURES as failure:
         reason = ' '.join(str(failure).split()) or type(failure).__name__
         raise error(f'{what} is not valid YAML: {reason}') from failure
 

@@ -853,7 +853,8 @@ def test_a_worn_out_brake_lets_the_arm_sag_to_its_stop_when_the_power_goes(robot
     bench = Bench(robot).run(100)
     bench.robot.plant.state['brake_share'] = 0.0
     bench.run(2000, control=CONTROL_ON)
-    assert bench.states[-1] == [DriveState.READY] * 3
+    assert bench.states[-1] == [DriveState.FAULT] * 3
+    assert {drive.fault for drive in bench.robot.drives} == {DriveFault.BRAKE}
     assert not bench.released[-1].any()
     stop = robot.dynamics.end_stop_max_deg
     theta = np.degrees((bench.start + bench.moved) / GEAR)

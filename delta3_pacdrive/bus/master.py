@@ -9,12 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from delta3_pacdrive.bus.losses import FORGIVING_CYCLES, LOSSES_IN_A_ROW, LOSSES_IN_WINDOW
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.words import Status, in_torque
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
 
-LOSSES_IN_A_ROW = 2
+FOLLOWS = int(Status.FOLLOWS_COMMAND)
 ERROR = int(Status.ERROR)  # operations on flags are 20 times slower
 
 
@@ -31,6 +32,8 @@ class Master:
         Answers that were missing, per axis.
     absent
         Axes that do not take part any more; their answers are neither expected nor counted.
+    limp
+        Whether the last fault that was judged has left an axis that does not follow its commands any more.
     reaction_cycles
         How many cycles after the one whose answers tell of a fault a stop begins.
 
@@ -45,7 +48,10 @@ class Master:
         self.status = [0] * 3
         self.losses = [0] * 3
         self.absent: set[int] = set()
+        self.limp = False
         self._in_a_row = [0] * 3
+        self._in_window = [0] * 3
+        self._good = [0] * 3
         self._judged: list[int] = []
 
     def begin(self) -> None:
@@ -54,13 +60,24 @@ class Master:
         self.speeds = [0.0] * 3
         self.status = [0] * 3
         self._in_a_row = [0] * 3
+        self.forgive_losses()
         self._judged = []
+
+    def forgive_losses(self) -> None:
+        """Begin a new window."""
+        self._in_window = [0] * 3
+        self._good = [0] * 3
 
     def take(self, axis: int, values: Sequence[float], status: int) -> None:
         """Take the answer of an axis: position, speed, torque."""
         self.positions[axis], self.speeds[axis], self.torques[axis] = values
         self.status[axis] = status
         self._in_a_row[axis] = 0
+        if self._in_window[axis]:
+            self._good[axis] += 1
+            if self._good[axis] >= FORGIVING_CYCLES:
+                self._good[axis] = 0
+                self._in_window[axis] -= 1
 
     def bridge(self, axis: int) -> None:
         """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
@@ -68,6 +85,8 @@ class Master:
             return
         self.losses[axis] += 1
         self._in_a_row[axis] += 1
+        self._in_window[axis] += 1
+        self._good[axis] = 0
         self.positions[axis] += self.speeds[axis] * self._cycle_time_s
 
     def lose(self, axis: int) -> None:
@@ -82,9 +101,12 @@ class Master:
 
     def judge(self, cycle: int, program_starts: int) -> str:
         """Return what is wrong in a cycle whose answers are all there, as a sentence; empty if nothing is."""
-        for axis, in_a_row in zip(DRIVES, self._in_a_row, strict=True):
-            if in_a_row >= LOSSES_IN_A_ROW:
+        self.limp = False
+        for index, axis in enumerate(DRIVES):
+            if self._in_a_row[index] >= LOSSES_IN_A_ROW:
                 return f'{axis}: two AT lost in a row in bus cycle {cycle} (8506)'
+            if self._in_window[index] >= LOSSES_IN_WINDOW:
+                return f'{axis}: ten AT lost in a window in bus cycle {cycle} (8506)'
         if self.status == self._judged and cycle != program_starts:
             return ''
         self._judged = list(self.status)
@@ -93,6 +115,7 @@ class Master:
             if index in self.absent:
                 continue
             if status & ERROR:
+                self.limp = not status & FOLLOWS
                 return f'{axis} reports a fault in bus cycle {cycle}'
             if cycle >= program_starts and not in_torque(status):
                 return f'{axis} is not enabled in bus cycle {cycle}, in which a program runs'

@@ -49,6 +49,7 @@ class DriveFault(IntEnum):
     MASTER_SILENT = 10
     UNDER_VOLTAGE = 11
     OVER_VOLTAGE = 12
+    BRAKE = 13
 
 
 class DriveWarning(IntFlag):
@@ -101,6 +102,10 @@ FAULTS = {
     ),
     DriveFault.OVER_VOLTAGE: Diagnostic(
         8910, 3, Reaction.AD, Class1.OVER_VOLTAGE, 'DC link above 135 % of its voltage'
+    ),
+    # all that is left: the torque is off already
+    DriveFault.BRAKE: Diagnostic(
+        8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'
     ),
 }
 

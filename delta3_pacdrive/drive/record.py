@@ -39,6 +39,9 @@ STATE = np.dtype(
         ('brake_release', 'i8'),  # brake output
         ('reaction', 'i8'),  # under way
         ('warning', 'i8'),  # at present
+        ('brake_holds', 'i8'),  # the applied brake has stopped the shaft
+        ('held_position', 'f8'),  # [rad], there
+        ('slipping', 'i8'),  # the brake does not hold
         ('along', 'i8'),  # a stop follows the master's commands
         ('still_cycles', 'i8'),  # since the command changed
         ('halt_done', 'i8'),  # a halted drive stands and holds its place

@@ -2,6 +2,7 @@
 
 import math
 
+from delta3_pacdrive.bus.losses import FORGIVING_CYCLES, LOSSES_IN_A_ROW, LOSSES_IN_WINDOW
 from delta3_pacdrive.bus.words import Control, Status
 from delta3_pacdrive.drive.cascade import clamp
 from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
@@ -32,6 +33,7 @@ TELEGRAM, ENCODER, OVER_CURRENT = (
     int(DriveFault.ENCODER),
     int(DriveFault.OVER_CURRENT),
 )
+BRAKE = int(DriveFault.BRAKE)
 OVERTRAVEL, MASTER_SILENT = int(DriveFault.OVERTRAVEL), int(DriveFault.MASTER_SILENT)
 UNDER_VOLTAGE, OVER_VOLTAGE = int(DriveFault.UNDER_VOLTAGE), int(DriveFault.OVER_VOLTAGE)
 WARN_FOLLOWING, WARN_OVERLOAD = int(DriveWarning.FOLLOWING_ERROR), int(DriveWarning.OVERLOAD)
@@ -46,8 +48,8 @@ STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
 )
 STANDSTILL_RAD_S = 0.5
 TRIP_OVER_WARNING = 8.0  # following error of 8111 over that of 8132
-LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
-FORGIVING_CYCLES = 100  # good cycles in which one loss is forgotten: the window is 1000 cycles
+BRAKE_SLIP_RAD = 0.5  # of a shaft that its brake holds
+BRAKE_STOP_S = 0.5  # by which an applied brake has stopped its shaft
 OVERLOAD_WARNING = 0.8
 RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
 STILL_CYCLES = 20  # without a change of the command, after which the master has stopped
@@ -118,6 +120,8 @@ def detect_fault(s, c):
         return TELEGRAM
     if abs(s.speed) > c.speed_trip:
         return OVERSPEED
+    if s.slipping != 0:
+        return BRAKE
     if s.state in (ENABLED, ENABLING, HALTED):
         if s.sampled_position > c.travel_max or s.sampled_position < c.travel_min:
             return OVERTRAVEL
@@ -125,7 +129,7 @@ def detect_fault(s, c):
             return COMMAND_NOT_FINITE
         if s.state != HALTED and abs(s.command - s.command_before) > c.command_step_max:
             return COMMAND_STEP
-        if s.state == ENABLED and s.following_error > TRIP_OVER_WARNING * c.following_error_limit:
+        if s.following_error > TRIP_OVER_WARNING * c.following_error_limit:
             return FOLLOWING_ERROR
         if s.overload > c.overload_time:
             return OVERLOAD
@@ -161,7 +165,7 @@ def react(reaction, s):
     BD2 of an overload follows the master's commands to their standstill, so that the TCP stays on its path.
     """
     if reaction == AD:
-        s.reaction = AD
+        s.reaction = AD if s.fault != NO_FAULT else NO_REACTION
         s.brake_release = 0
         change_state(READY if s.fault == NO_FAULT else FAULT, s)
     elif s.state in (ENABLING, ENABLED, HALTED):
@@ -180,6 +184,7 @@ def advance_state(s, c):
     """Take the transitions of one bus cycle and form the status word."""
     s.timer += 1
     _measure(s, c)
+    _watch_brake(s, c)
     fault = detect_fault(s, c)
     if fault != NO_FAULT:
         _latch(fault, s)
@@ -194,7 +199,11 @@ def _measure(s, c):
     """Follow the load of the motor and the following error, and warn."""
     ratio = s.current / c.current_nominal
     s.overload = max(0.0, s.overload + (ratio * ratio - 1.0) * c.cycle_time)
-    s.following_error = abs(s.reference - s.sampled_position) if s.state == ENABLED else 0.0
+    s.following_error = 0.0
+    if s.state == ENABLED or (s.state == HALTED and s.halt_done != 0):
+        s.following_error = abs(s.reference - s.sampled_position)
+    elif s.state == ENABLING:
+        s.following_error = abs(s.command - s.sampled_position)
     s.warning = 0
     if s.following_error > c.following_error_limit:
         s.warning |= WARN_FOLLOWING
@@ -203,33 +212,44 @@ def _measure(s, c):
 
 
 @kernel
+def _watch_brake(s, c):
+    """Look whether the brake, once it is applied, stops the shaft and holds it."""
+    s.slipping = 0
+    if s.brake_release != 0 or s.state not in (READY, FAULT) or s.timer < c.apply_cycles:
+        s.brake_holds = 0
+    elif s.brake_holds != 0:
+        s.slipping = 1 if abs(s.sampled_position - s.held_position) > BRAKE_SLIP_RAD else 0
+    elif abs(s.speed) < STANDSTILL_RAD_S:
+        s.brake_holds = 1
+        s.held_position = s.sampled_position
+    elif (s.timer - c.apply_cycles) * c.cycle_time > BRAKE_STOP_S:
+        s.slipping = 1
+
+
+@kernel
 def _latch(fault, s):
     """Keep the first cause, and react as the strongest asks."""
     if s.fault == NO_FAULT:
         s.fault = fault
-    if REACTIONS[fault] > s.reaction:
-        if s.state == READY:
-            change_state(FAULT, s)
-        else:
-            react(REACTIONS[fault], s)
+    if s.state == READY:
+        s.state = FAULT  # the brake has been applied for as long as before
+    elif REACTIONS[fault] > s.reaction:
+        react(REACTIONS[fault], s)
 
 
 @kernel
 def _obey(s, c):
     """Follow the control word of this cycle."""
     on, enable, run = s.control & DRIVE_ON, s.control & ENABLE, s.control & RUN
-    if s.state in (ENABLING, ENABLED, HALTED):
-        if not on:
-            react(AD, s)
-        elif not enable:
-            react(BD2, s)
+    if not on and is_powered(s):
+        react(AD, s)
+    elif not enable and s.state in (ENABLING, ENABLED, HALTED):
+        react(BD2, s)
     if s.state == ENABLED and not run:
-        s.reaction = BD2
         s.halt_done = 0
         change_state(HALTED, s)
     elif s.state == HALTED and run:
         # the master has to begin where the drive stands; a step is a fault as always
-        s.reaction = NO_REACTION
         change_state(ENABLED, s)
         if abs(s.command - s.sampled_position) > c.command_step_max:
             s.fault = COMMAND_STEP
@@ -275,7 +295,7 @@ def _status_word(s):
         status = STATUS_IN_TORQUE
     elif s.state in (READY, ENABLING):
         status = STATUS_READY_TO_ENABLE if s.control & DRIVE_ON else STATUS_READY_FOR_POWER
-    if s.state == ENABLED:
+    if s.state == ENABLED or (s.state == STOPPING and s.along != 0):
         status |= STATUS_FOLLOWS
     if s.fault != NO_FAULT:
         status |= STATUS_ERROR
@@ -299,8 +319,8 @@ def clear_fault(s, c):
     s.reaction = NO_REACTION
     s.losses_in_window = 0
     s.blocked = 0
-    s.state = READY
-    s.timer = 0
+    s.state = READY  # the brake stays applied, and watched
+    s.brake_holds = 0
     return True
 
 
@@ -311,6 +331,7 @@ def leave_bus(s):
     s.silent = 0
     s.along = 0
     s.brake_release = 0
+    s.brake_holds = 0
     s.control = s.next_control = 0
     s.losses_in_a_row = s.losses_in_window = 0
     s.warning = 0

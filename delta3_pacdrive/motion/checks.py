@@ -7,7 +7,8 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.demand import PARALLEL, SERIAL, SWING, THETA, Demand
+from delta3_pacdrive.motion.demand import PARALLEL, RATE, SERIAL, SWING, THETA, Demand, path_demand
+from delta3_pacdrive.motion.master import sample_master
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import Parameters
@@ -15,6 +16,7 @@ from delta3_pacdrive.parameters import Parameters
 ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit
 AXES = 3
 REACH_SAMPLES = 129
+BETWEEN_SAMPLES = 0.01  # of a limit that the planner has used up between two samples
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,17 @@ def check_reach(move: Move, parameters: Parameters) -> None:
     except UnreachableError as error:
         raise ProgramError(str(error)) from None
     _check_angles(distance, position, theta, parameters)
+
+
+def check_speed(move: Move, rate: float, parameters: Parameters) -> None:
+    """Refuse a move from a stranger in which a motor turns too fast at a rate; raises ProgramError."""
+    times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
+    master = sample_master(times, move.master)
+    samples = sample_path(master[:, 0], move.segments)
+    coefficients = path_demand(samples, np.zeros(len(samples), np.int64), (move.payload_kg,), parameters)
+    speed = coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * rate
+    limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
+    _require_below(np.abs(speed), limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
 
 
 def _check_angles(distance_m: Floats, position_m: Floats, theta_deg: Floats, parameters: Parameters) -> None:

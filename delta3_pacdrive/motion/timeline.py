@@ -29,6 +29,7 @@ from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phas
 NEVER = 2**62
 RATE_MIN, RATE_MAX = 0.01, 1.5  # of an override
 JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
+HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration
 HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
 SAMPLES, FASTER = (
     64,
@@ -244,10 +245,11 @@ class Timeline:
             time += (self.plan.duration_s - plan_time_s) / course.rate
         return course.cycle + math.ceil(time / self.cycle_time_s - 1e-9)
 
-    def stop(self, cycle: int) -> Course:
+    def stop(self, cycle: int, acceleration_m_s2: float = 0.0) -> Course:
         """Return the course that stops the master on its path, within the limits of the move where that is possible.
 
-        It brakes harder where the present course does so too, or its move would end before: it is nowhere faster.
+        With an acceleration beyond that of the move it takes that, its jerk rising within ``HARD_RISE_S``. It brakes
+        harder where the present course does so too, or its move would end before: it is nowhere faster.
         """
         now = self.at(cycle)
         rate = 1.0 if self.course is None else self.course.rate
@@ -255,6 +257,8 @@ class Timeline:
         present = self.rest_of_move(cycle)
         room = max(1.0, rate)
         acceleration, jerk = move.stop_acceleration * room**2, move.stop_jerk * room**3
+        if acceleration_m_s2 > acceleration:
+            acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
         for harder in range(HARDER_MAX):
             table = velocity_stop(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
             if never_faster(table, present):

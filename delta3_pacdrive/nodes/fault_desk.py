@@ -16,7 +16,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from delta3_pacdrive import yaml_file
-from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
 from delta3_pacdrive.injection import OF_PROCESSES, Fault, Schedule, Scheduled, befalls, parse
 from delta3_pacdrive.nodes import runtime
 from delta3_pacdrive.nodes.qos import FAULTS
@@ -113,8 +113,8 @@ class Faults(Schedule):
     def _on_schedule(self, message: String) -> None:
         try:
             scheduled = Scheduled.from_document(json.loads(message.data))
-        except (ProgramError, json.JSONDecodeError) as error:
-            self._node.get_logger().error(f'{self._name}: {error}')
+        except (ProgramError, ValueError, RecursionError, OverflowError) as error:
+            self._node.get_logger().error(f'{self._name}: no fault: {shown(str(error))}')
             return
         if not befalls(scheduled.fault, self._name):
             return

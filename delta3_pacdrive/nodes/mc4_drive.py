@@ -37,6 +37,7 @@ from delta3_pacdrive.parameters import Parameters, flatten
 
 HOUSEKEEPING_S = 0.25
 DIAGNOSTICS_EVERY = 4
+AHEAD = 2  # cycles by which a drive may be behind the others
 PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
 RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 # what may change in cyclic operation, by the name of the parameter: ROS parameters of the drive and IDNs of the bus
@@ -74,7 +75,11 @@ class MC4DriveNode(Node):
         )  # phase, control, service channel, payload
         self._setting = False
         self._current_frames: dict[tuple[bool, float], bytes] = {}
+        self._ahead_max = (
+            bus.outstanding_cycles_max + AHEAD
+        )  # cycles by which an MDT may come before its time
         self._commands: dict[int, tuple[float, int, int, float]] = {}
+        self._last_taken: tuple[int, tuple[float, int, int, float] | None] = -1, None
         self._shafts: dict[int, tuple[float, float, float]] = {}
         self._resting_position: float | None = None
         self._reported_fault = DriveFault.NONE
@@ -127,13 +132,14 @@ class MC4DriveNode(Node):
         except TelegramError as error:
             self._refuse(error)
             return
-        if session != self._session and self._cyclic and self.count_publishers('sercos/phase') > 1:
-            return  # a second master; a new one announces itself again when the last one has gone
+        if self._cyclic and self.count_publishers('sercos/phase') > 1:
+            return  # a second master, or a stranger; a new master announces itself again when the last one has gone
         if phase == Phase.CP0:
             if self._cyclic and self._drive.powered:
                 self._part('the phase fell to CP0')
             elif not self._parting:
                 self._leave()
+                self._participant.announce(called=True)  # whoever calls may not have heard of this drive
         elif phase != Phase.CP4:
             if self._cyclic:
                 self._leave()
@@ -176,7 +182,6 @@ class MC4DriveNode(Node):
             self._cyclic = self._parting = False
             self._drive.leave_bus()
             self._service = self._new_service()
-            self._participant.announce()
 
     @property
     def _cycle(self) -> int:
@@ -197,6 +202,11 @@ class MC4DriveNode(Node):
             self._refuse(error)
             return
         if cycle >= 0:
+            if self._cyclic and cycle > self._cycle + self._ahead_max:
+                self._refuse(
+                    TelegramError(f'an MDT of bus cycle {cycle} in cycle {self._cycle} is ahead of bus time')
+                )
+                return
             self._master.heard(time.monotonic())
             command = (values[self._index], *self._words[1:])
             if self._faults.disturbs_telegrams:
@@ -211,12 +221,17 @@ class MC4DriveNode(Node):
 
     def _take_mdt(self, cycle: int, command: tuple[float, int, int, float]) -> None:
         due = cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._lost
-        if due and cycle not in self._commands:
+        taken = self._commands.get(cycle)
+        if due and taken is None:
             self._commands[cycle] = command
             self._newest_command = max(self._newest_command, cycle)
             self._advance()
-        else:
-            self._late += 1  # late, or repeated
+            return
+        self._late += 1  # late, or repeated
+        if taken is None and self._last_taken[0] == cycle:
+            taken = self._last_taken[1]
+        if taken is not None and taken != command and self._cyclic:
+            self._part(f'two different MDT of bus cycle {cycle}, is there a second master? (8506)')
 
     def _disturb_mdt(self, cycle: int, command: tuple[float, int, int, float], data: bytes) -> None:
         """Take an MDT, unless an injected fault befalls it."""
@@ -276,6 +291,7 @@ class MC4DriveNode(Node):
                 telegram_ = self._commands.pop(cycle, None)
                 if telegram_ is not None:
                     command, control, service, payload = telegram_
+                    self._last_taken = cycle, telegram_
                     self._service.received(service)
                     status = drive.begin_cycle(command, control, *shaft, payload)
                 elif cycle in self._lost or self._newest_command > cycle or self._parting:

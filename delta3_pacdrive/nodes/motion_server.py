@@ -21,9 +21,9 @@ from std_srvs.srv import Trigger
 from delta3_pacdrive.bus.time import Clock
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.injection import Fault
-from delta3_pacdrive.motion.checks import check_reach
+from delta3_pacdrive.motion.checks import check_reach, check_speed
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan
-from delta3_pacdrive.motion.timeline import NEVER, Course
+from delta3_pacdrive.motion.timeline import NEVER, RATE_MAX, RATE_MIN, Course
 from delta3_pacdrive.nodes import telegram
 from delta3_pacdrive.nodes.fault_desk import LEAD_CYCLES, FaultDesk
 from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
@@ -36,6 +36,7 @@ FAULT = 'FAULT'  # label of a message with a fault of the program
 # start cycle (-1: as soon as possible), rate, numbers of moves
 ORDER = 'ORDER'
 ORDER_HEADER = 2
+START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
 
 
 class MotionState(StrEnum):
@@ -194,6 +195,7 @@ class MotionServer:
                 return
             move, number, count = Move.from_array(row)
             check_reach(move, self._robot)
+            check_speed(move, 1.0, self._robot)
             if number == 0:
                 self._parts, self._planned_faults = [], []
             if number != len(self._parts):
@@ -209,6 +211,18 @@ class MotionServer:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError('the order of a plan must be whole numbers behind a start cycle and a rate')
         cycle, rate = row[:ORDER_HEADER].tolist()
+        if not RATE_MIN <= rate <= RATE_MAX:
+            raise ProgramError(
+                f'the rate of an order is {rate:g}, but must be between {RATE_MIN:g} and {RATE_MAX:g}'
+            )
+        latest = self._task.next_cycle + START_CYCLES_MAX
+        if not -1 <= cycle <= latest:
+            raise ProgramError(
+                f'an order starts in bus cycle {cycle:g}, but must be between 0 and {latest}, or -1'
+            )
+        if rate > 1.0:
+            for move in moves:
+                check_speed(move, rate, self._robot)
         if not moves:
             raise ProgramError('an order came without moves')
         plan = Plan.of(moves, row[ORDER_HEADER:])

@@ -11,6 +11,8 @@ from delta3_pacdrive.nodes.qos import LATCHED, LATCHED_FROM_MANY
 from delta3_pacdrive.parameters import Parameters
 
 TOPIC = 'sercos/participants'
+CYCLE_DIGITS_MAX = 15
+CALLED = 'answers the call'
 
 
 class Participant:
@@ -22,11 +24,16 @@ class Participant:
         self._identity = Identity.of(parameters)
         self.announce()
 
-    def announce(self, links: tuple[str, ...] = (), bus_cycle: int = 0, session: bytes = b'') -> None:
-        """Publish the identity, the partners heard in a session and the bus time that is over [cycles]."""
+    def announce(
+        self, links: tuple[str, ...] = (), bus_cycle: int = 0, session: bytes = b'', called: bool = False
+    ) -> None:
+        """Publish the identity, the partners heard in a session and the bus time that is over [cycles].
+
+        Who answers a call of CP0 (``called``) may be heard late; that makes nobody a newcomer.
+        """
         facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
         facts['session'] = session.decode()
-        message = DiagnosticStatus(name=self._name, message='present')
+        message = DiagnosticStatus(name=self._name, message=CALLED if called else 'present')
         message.values = [KeyValue(key=key, value=value) for key, value in facts.items()]
         self._publisher.publish(message)
 
@@ -70,11 +77,11 @@ class Roll:
         links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
         if message.name not in PARTICIPANTS or facts.keys() != {f.name for f in fields(Identity)}:
             return
-        if not bus_cycle.isdecimal():
+        if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
             return
         self.identities[message.name] = Identity(**facts)
         self.links[message.name] = session.encode(), tuple(links.split())
         self.bus_cycle = max(self.bus_cycle, int(bus_cycle))
-        if self._closed:
+        if self._closed and message.message != CALLED:
             self._newcomers.add(message.name)
             self._on_newcomer(message.name)

@@ -63,7 +63,11 @@ class PlantNode(Node):
         self._waiting = ''
         self._looks = 0
 
-        self._codecs = [telegram.current_codec(axis, samples) for axis in DRIVES]
+        # what back-EMF at twice the maximum speed would drive through a short at the motor
+        motor = parameters.motor
+        emf_v = motor.torque_constant_n_m_a / 3.0 * 2.0 * motor.max_speed_rad_s
+        most_a = motor.peak_current_a + emf_v / (motor.winding_resistance_ohm / 2.0)
+        self._codecs = [telegram.current_codec(axis, samples, most_a) for axis in DRIVES]
         self._frames: dict[bytes, tuple[bool, float]] = {}  # the newest that were read
         self._shafts = telegram.shafts_codec()
         self._publish = telegram.raw_publish(
@@ -97,7 +101,9 @@ class PlantNode(Node):
                 self._refused += 1
                 self.get_logger().warning(f'plant: {error}', throttle_duration_sec=1.0)
                 return
-            if exchange >= self._exchange:
+            if exchange > self._exchange + self._exchanges_per_cycle:
+                self._refused += 1  # ahead of what it can know
+            elif exchange >= self._exchange and exchange not in waiting:
                 waiting[exchange] = (*known[frame], values)
                 self._advance()
             elif exchange < 0 and not self._cyclic and axis not in self._heard:
@@ -106,10 +112,10 @@ class PlantNode(Node):
 
         return receive
 
-    def _announce(self) -> None:
+    def _announce(self, called: bool = False) -> None:
         # its last message of shafts was that of the present exchange
         over = -(-self._exchange // self._exchanges_per_cycle) + 1 if self._exchange else 0
-        self._participant.announce(tuple(sorted(self._heard)), over, self._session)
+        self._participant.announce(tuple(sorted(self._heard)), over, self._session, called)
 
     # phases of the bus ------------------------------------------------------------------------------------------------
 
@@ -121,10 +127,14 @@ class PlantNode(Node):
             self._refused += 1
             self.get_logger().warning(f'plant: {error}', throttle_duration_sec=1.0)
             return
-        if session != self._session and self._cyclic and self.count_publishers('sercos/phase') > 1:
-            return  # a second master; a new one announces itself again when the last one has gone
+        if self._cyclic and self.count_publishers('sercos/phase') > 1:
+            return  # a second master, or a stranger; a new master announces itself again when the last one has gone
         if phase == Phase.CP0:
             self._falling = self._cyclic
+            if not self._cyclic:
+                self._session = telegram.NO_SESSION
+                self._heard.clear()
+                self._announce(called=True)  # whoever calls may not have heard of this plant
         elif phase != Phase.CP4:
             if self._cyclic:
                 self._come_to_rest()

@@ -17,12 +17,14 @@ from delta3_pacdrive.bus.words import in_torque
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.motion.timeline import NEVER
-from delta3_pacdrive.nodes.motion_server import MotionServer
+from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
 from delta3_pacdrive.nodes.service_desk import ServiceDesk
 from delta3_pacdrive.transformation import Transformation
 
 RESET_CLASS_1 = parse_idn('S-0-0099')
 DIAGNOSTIC_NUMBER = parse_idn('S-0-0390')
+SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
+DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
 
 
 class Bus(Protocol):
@@ -97,17 +99,18 @@ class SafetyDesk:
             self._motion.fail()
             self._changed()
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str, hard: bool = False) -> None:
         """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
-        self._task.stop_at(0)
+        self._task.stop_at(0, hard)
         self.note(reason)
 
     def stop_for_drives(self, reason: str, cycle: int) -> None:
         """Stop because of what the answers of a cycle say, and ask the drives for the cause."""
-        if self.fault:
+        if self.fault and not self._master.limp:
             return
-        self._explain()
-        self._task.stop_at(cycle + self._master.reaction_cycles)
+        if not self.fault:
+            self._explain()
+        self._task.stop_at(cycle + self._master.reaction_cycles, self._master.limp)
         self.note(reason, cycle)
 
     def _explain(self) -> None:
@@ -130,10 +133,36 @@ class SafetyDesk:
             response.message = f'not after a fault: {self.fault}'
             return response
         cycle = self._bus.next_cycle
+        if request.data and self._task.enable_cycle == NEVER and not self._bus.closed():
+            reason = self._take_over_position()
+            if reason:
+                response.message = reason
+                return response
+        elif not request.data and self._motion.state in (MotionState.MOVING, MotionState.STOPPING):
+            self.stop(f'disabled by the operator in motion, in bus cycle {cycle}')
+            response.success, response.message = True, f'stops on its path from bus cycle {cycle} on'
+            return response
         self._task.enable_cycle = cycle if request.data else NEVER
         response.success = True
         response.message = f'effective in bus cycle {cycle + 1}'
         return response
+
+    def _take_over_position(self) -> str:
+        """Command the TCP to be where the brakes hold it; say why that is not possible."""
+        if self.in_torque():
+            return 'a drive is in torque still'
+        try:
+            away = self._task.distance_m(self._master.positions)
+        except UnreachableError as error:
+            return str(error)
+        if self._task.loaded:
+            # a program that is held goes on where it was left
+            where = f'{1e3 * away:.1f} mm from where its program was held'
+            return f'the robot was moved {where}: abort it first' if away > DISPLACED_M else ''
+        if away > SETTLED_M:
+            tcp = self._task.locate(self._master.positions)
+            self._motion.locate(tcp, self._bus.stamp(self._bus.answered))
+        return ''
 
     def _on_emergency_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop on the path, then take the torque off: stop category 1."""
@@ -187,6 +216,7 @@ class SafetyDesk:
             self._motion.refuse('reset', ProgramError('a drive is in torque still'))
             return
         self.fault = ''
+        self._master.forgive_losses()
         self._task.give_up()
         try:
             tcp = self._task.locate(self._master.positions)

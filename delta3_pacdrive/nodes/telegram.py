@@ -23,6 +23,7 @@ from delta3_pacdrive.errors import TelegramError
 
 _ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
 
+IMPOSSIBLE = 1e6  # rad, rad/s, N m: nothing that turns gets there
 Decoded = tuple[int, int, bytes, tuple[float, ...]]
 
 
@@ -70,7 +71,8 @@ class _Layout:
 class _Codec:
     """Packs and unpacks one message type of fixed layout."""
 
-    def __init__(self, layout: _Layout, frame_length: int) -> None:
+    def __init__(self, layout: _Layout, frame_length: int, limit: float) -> None:
+        self._limit = limit
         self._struct = layout.close()
         self._frame_size = frame_length + 1
         # the fields of the struct: encapsulation, sec, nanosec, frame size, frame, constant, doubles, constant, ...
@@ -106,9 +108,15 @@ class _Codec:
     def decode(self, data: bytes) -> Decoded:
         """Return (sec, nanosec, frame, values) of a message; raises TelegramError."""
         decoded = self._decode_layout(data) or self._decode_message(data)
-        total = sum(decoded[3])
+        values = decoded[3]
+        total = sum(values)
         if total - total != 0.0:
             raise TelegramError(f'a number at stamp {decoded[0]}.{decoded[1]:09d} s is not finite')
+        if max(values) > self._limit or min(values) < -self._limit:
+            worst = max(values, key=abs)
+            raise TelegramError(
+                f'a number at stamp {decoded[0]}.{decoded[1]:09d} s is {worst:g}, the limit is {self._limit:g}'
+            )
         return decoded
 
     def _decode_layout(self, data: bytes) -> Decoded | None:
@@ -130,7 +138,13 @@ class _Codec:
 class JointStateCodec(_Codec):
     """``sensor_msgs/JointState`` with fixed names and numbers of positions, velocities and efforts."""
 
-    def __init__(self, names: tuple[str, ...], counts: tuple[int, int, int], frame_length: int) -> None:
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        counts: tuple[int, int, int],
+        frame_length: int,
+        limit: float = IMPOSSIBLE,
+    ) -> None:
         layout = _Layout(frame_length)
         layout.count(len(names))
         for name in names:
@@ -138,7 +152,7 @@ class JointStateCodec(_Codec):
         for count in counts:
             layout.count(count)
             layout.doubles(count)
-        super().__init__(layout, frame_length)
+        super().__init__(layout, frame_length, limit)
         self._names = list(names)
         self._lengths = counts
 
@@ -165,7 +179,7 @@ class StampedTripleCodec(_Codec):
     def __init__(self, message_type: type[PointStamped] | type[Vector3Stamped], frame_length: int) -> None:
         layout = _Layout(frame_length)
         layout.doubles(3)
-        super().__init__(layout, frame_length)
+        super().__init__(layout, frame_length, IMPOSSIBLE)
         self._type = message_type
 
     def _decode_message(self, data: bytes) -> Decoded:
@@ -217,9 +231,9 @@ def at_codec(axis: str) -> JointStateCodec:
     return JointStateCodec((axis,), (1, 1, 1), AT_FRAME_LENGTH)
 
 
-def current_codec(axis: str, samples: int) -> JointStateCodec:
+def current_codec(axis: str, samples: int, limit_a: float = IMPOSSIBLE) -> JointStateCodec:
     """Codec of ``axisN/motor_current``: I_eff [A] at the end of each current-loop period, in ``effort``."""
-    return JointStateCodec((axis,), (0, 0, samples), CURRENT_FRAME_LENGTH)
+    return JointStateCodec((axis,), (0, 0, samples), CURRENT_FRAME_LENGTH, limit_a)
 
 
 def shafts_codec() -> JointStateCodec:
@@ -265,7 +279,8 @@ def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> tuple[Phas
 def _require(session: bytes, theirs: bytes, what: str) -> None:
     if theirs != session:
         raise TelegramError(
-            f'{what} belongs to session {theirs.decode()!r:.12}, but this one is {session.decode()}'
+            f'{what} belongs to session {theirs.decode("ascii", "backslashreplace")!r:.20}, '
+            f'but this one is {session.decode()}'
         )
 
 

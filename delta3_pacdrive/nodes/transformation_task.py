@@ -215,7 +215,7 @@ class TransformationTaskNode(PollingNode):
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
         self.next_cycle = self.answered = self._first_cycle()
-        if self.next_cycle:
+        if self.next_cycle or self._safety.fault:
             self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
         self._expected = [self.next_cycle] * 3
         for inbox in self._inbox:
@@ -247,6 +247,7 @@ class TransformationTaskNode(PollingNode):
         if not self._cyclic:
             return
         self._ticker.cancel()
+        self._master.begin()
         self._desk.close()
         self._safety.give_up_reset()
         self._task.give_up()
@@ -341,6 +342,11 @@ class TransformationTaskNode(PollingNode):
     ) -> None:
         """Take an AT in, or note that it is lost (``None``); what is repeated or late says nothing."""
         if cycle < self._expected[index]:
+            waiting = self._inbox[index].get(cycle)
+            if waiting is not None and content is not None and waiting != content:
+                self._safety.stop(
+                    f'{DRIVES[index]}: two different AT of bus cycle {cycle}: who is the second writer?'
+                )
             return
         self._statistics.lost += cycle - self._expected[index] + (content is None)
         self._expected[index] = cycle + 1
@@ -404,7 +410,7 @@ class TransformationTaskNode(PollingNode):
         self._master.lose(index)
         self._expected[index] = NEVER
         self._inbox[index].clear()
-        self._safety.stop(reason)
+        self._safety.stop(reason, hard=True)
         if len(self._master.absent) == len(DRIVES):
             self._go_down(reason)
         else:

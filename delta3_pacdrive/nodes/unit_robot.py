@@ -8,6 +8,7 @@ at most 100 poses), ``unit_robot/override`` (Float64, percent). Out: ``motion/pl
 for each request), ``unit_robot/alive``. Services: ``start``, ``resume``, ``clear``.
 """
 
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.time import Clock
-from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
+from delta3_pacdrive.errors import Delta3Error, ProgramError, TelegramError, shown
 from delta3_pacdrive.injection import UNIT_ROBOT, Fault
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
@@ -108,6 +109,9 @@ class UnitRobotNode(PollingNode):
                 callback(message)
             except Delta3Error as error:
                 self._refuse(str(error))
+            except Exception as error:  # noqa: BLE001 (no message, whoever sends it, ends the planner)
+                self.get_logger().error(traceback.format_exc())
+                self._refuse(f'{topic}: {type(error).__name__}: {shown(str(error))}')
 
         self.create_subscription(kind, topic, receive, qos)
 
@@ -137,10 +141,13 @@ class UnitRobotNode(PollingNode):
     # what the task tells ----------------------------------------------------------------------------------------------
 
     def _on_located(self, message: PointStamped) -> None:
+        place = [message.point.x, message.point.y, message.point.z]
+        if not np.isfinite(place).all():
+            raise ProgramError(f'motion/located says {place}, which is no place')
         first = self._here is None
         self._here = np.array([message.point.x, message.point.y, message.point.z])
-        self._cut_off = self._timeline if self._failed else None
-        self._restartable = self._running if self._failed else None
+        if self._failed:
+            self._cut_off, self._restartable = self._timeline, self._running
         self._failed = False
         self._timeline = None
         self._planned = None
@@ -161,6 +168,8 @@ class UnitRobotNode(PollingNode):
             self._refuse(str(error))
 
     def _on_state(self, message: String) -> None:
+        if message.data not in [str(state) for state in MotionState]:
+            raise ProgramError(f'motion/state is {shown(message.data)}, which is no state')
         self._motion = MotionState(message.data)
         self._failed = self._failed or (self._motion == MotionState.ERROR and self._timeline is not None)
         self._state.publish(message)
@@ -339,7 +348,12 @@ class UnitRobotNode(PollingNode):
     def _newest(self) -> int:
         """Bus cycle of the newest joint states, which come every 10 ms of bus time."""
         while (taken := self._take_joint_states()) is not None:
-            sec, nanosec, _, _ = self._joint_states.decode(taken[0])
+            try:
+                sec, nanosec, frame, _ = self._joint_states.decode(taken[0])
+            except TelegramError:
+                continue  # joints of somebody else: the topic belongs to everybody
+            if frame != telegram.BASE_FRAME:
+                continue
             self._newest_cycle = max(self._newest_cycle, self._cycles.count(sec, nanosec))
         return self._newest_cycle
 
