@@ -91,6 +91,7 @@ def test_any_other_value_shows_in_the_checksum(robot):
     assert 'plant has parameter_checksum' in sentence
     assert other.parameter_checksum in sentence
     assert master.parameter_checksum in sentence
+    assert sentence.endswith('(drive.velocity_gain_a_s_rad is 0.36 there, 0.35 here)')
     assert disagreements(master, dict.fromkeys(PARTICIPANTS, Identity.of(robot))) == []
 
 

@@ -1,9 +1,10 @@
 """Start-up of the bus: who is there, and whether everybody means the same (phases CP0 to CP3)."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, flatten
 
 DRIVES = ('axis1', 'axis2', 'axis3')
 PLANT = 'plant'
@@ -12,13 +13,21 @@ PARTICIPANTS = (*DRIVES, PLANT)
 
 @dataclass(frozen=True)
 class Identity:
-    """What every participant must agree on in CP2, as text."""
+    """What every participant must agree on in CP2, as text.
+
+    Attributes
+    ----------
+    parameters
+        All of them (JSON): only to name those that make checksums differ.
+
+    """
 
     cycle_time_s: str
     exchange_period_s: str
     increments_per_rev: str
     gear_ratio: str
     parameter_checksum: str
+    parameters: str
 
     @staticmethod
     def of(parameters: Parameters) -> 'Identity':
@@ -29,6 +38,7 @@ class Identity:
             repr(parameters.bus.increments_per_rev),
             repr(parameters.dynamics.gear_ratio),
             parameters.checksum,
+            json.dumps(flatten(parameters)),
         )
 
 
@@ -44,6 +54,23 @@ def disagreements(master: Identity, participants: Mapping[str, Identity]) -> lis
         for f in fields(Identity):
             theirs, ours = getattr(identity, f.name), getattr(master, f.name)
             if theirs != ours:
-                sentences.append(f'{name} has {f.name} {theirs}, but the master has {ours}')
+                sentence = f'{name} has {f.name} {theirs}, but the master has {ours}'
+                if f.name == 'parameter_checksum':
+                    sentence += _first_difference(identity.parameters, master.parameters)
+                sentences.append(sentence)
                 break
     return sentences
+
+
+def _first_difference(theirs: str, ours: str) -> str:
+    """Name the first parameter that differs; empty if a text is not what it should be."""
+    try:
+        there, here = dict(json.loads(theirs)), dict(json.loads(ours))
+    except (ValueError, TypeError, RecursionError):
+        return ''
+    different = [name for name in here if there.get(name) != here[name]]
+    if not different:
+        return ''
+    more = f', and {len(different) - 1} more' if len(different) > 1 else ''
+    name = different[0]
+    return f' ({name} is {there.get(name)} there, {here[name]} here{more})'

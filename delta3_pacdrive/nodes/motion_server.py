@@ -82,7 +82,9 @@ class MotionServer:
         robot: Parameters,
         earliest: Callable[[], int],
         faults: FaultDesk,
+        misplanned: Callable[[], str],
     ) -> None:
+        self._misplanned = misplanned
         self._node, self._task, self._robot, self._faults = node, task, robot, faults
         self._cycles = Clock(robot.bus.cycle_time_s)
         self._earliest = earliest
@@ -187,7 +189,7 @@ class MotionServer:
                 message.layout.dim[0].label.partition(' ') if message.layout.dim else ('', '', '')
             )
             if label == ORDER:
-                self._start(row)
+                self._start(row, planner)
                 self.planner = planner
                 return
             if label == FAULT:
@@ -205,7 +207,7 @@ class MotionServer:
             self._parts, self._planned_faults = [], []
             self.refuse('plan', error)
 
-    def _start(self, row: Any) -> None:
+    def _start(self, row: Any, planner: str) -> None:
         moves, self._parts = self._parts, []
         faults, self._planned_faults = self._planned_faults, []
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
@@ -223,6 +225,9 @@ class MotionServer:
         if rate > 1.0:
             for move in moves:
                 check_speed(move, rate, self._robot)
+        disagreement = self._misplanned() if planner else ''
+        if disagreement:
+            raise ProgramError(f'it was planned for another robot: {disagreement}')
         if not moves:
             raise ProgramError('an order came without moves')
         plan = Plan.of(moves, row[ORDER_HEADER:])

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity
+from delta3_pacdrive.injection import UNIT_ROBOT
 from delta3_pacdrive.nodes.qos import LATCHED, LATCHED_FROM_MANY
 from delta3_pacdrive.parameters import Parameters
 
@@ -47,6 +48,8 @@ class Roll:
         Of those that are there.
     links
         Session of its last announcement and the partners that it has heard in it.
+    planner
+        Identity of UnitRobot, which takes no part in the bus; None before it was heard.
     bus_cycle
         First bus cycle that nobody has seen yet.
 
@@ -55,6 +58,7 @@ class Roll:
     def __init__(self, node: Node, on_newcomer: Callable[[str], None]) -> None:
         self.identities: dict[str, Identity] = {}
         self.links: dict[str, tuple[bytes, tuple[str, ...]]] = {}
+        self.planner: Identity | None = None
         self.bus_cycle = 0
         self._on_newcomer = on_newcomer
         self._closed = False
@@ -75,9 +79,14 @@ class Roll:
     def _on_announcement(self, message: DiagnosticStatus) -> None:
         facts = {item.key: item.value for item in message.values}
         links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
-        if message.name not in PARTICIPANTS or facts.keys() != {f.name for f in fields(Identity)}:
+        if message.name not in (*PARTICIPANTS, UNIT_ROBOT) or facts.keys() != {
+            f.name for f in fields(Identity)
+        }:
             return
         if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
+            return
+        if message.name == UNIT_ROBOT:
+            self.planner = Identity(**facts)
             return
         self.identities[message.name] = Identity(**facts)
         self.links[message.name] = session.encode(), tuple(links.split())

@@ -18,13 +18,13 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.pacing import Pacing
-from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity
+from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity, disagreements
 from delta3_pacdrive.bus.silence import ANSWER_SILENT_S, BUS_SILENT_S, Watch
 from delta3_pacdrive.bus.statistics import BusStatistics
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
 from delta3_pacdrive.errors import ParameterError, RunError, TelegramError, UnreachableError
-from delta3_pacdrive.injection import AT_FAULTS, TASK
+from delta3_pacdrive.injection import AT_FAULTS, TASK, UNIT_ROBOT
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults
@@ -109,7 +109,9 @@ class TransformationTaskNode(PollingNode):
         self._desk = ServiceDesk(self, self._channel_closed)
         self._faults = Faults(self, TASK, lambda: self.next_cycle)
         fault_desk = FaultDesk(self, bus.cycle_time_s, self.closed, lambda: self.next_cycle)
-        self._motion = MotionServer(self, self._task, parameters, self._earliest, fault_desk)
+        self._motion = MotionServer(
+            self, self._task, parameters, self._earliest, fault_desk, self._misplanned
+        )
         self._safety = SafetyDesk(
             self, self, self._task, self._master, self._motion, self._desk, self._report
         )
@@ -426,6 +428,12 @@ class TransformationTaskNode(PollingNode):
         )
 
     # reports ----------------------------------------------------------------------------------------------------------
+
+    def _misplanned(self) -> str:
+        """Say in what the planner disagrees with this master, empty if in nothing or none is known."""
+        if self._roll.planner is None:
+            return ''
+        return '; '.join(disagreements(self._phase_up.identity, {UNIT_ROBOT: self._roll.planner}))
 
     def _check_planner(self) -> None:
         """Stop a program whose planner is lost: nobody could change its course any more."""

@@ -34,6 +34,7 @@ from delta3_pacdrive.motion.timeline import NEVER, RATE_MAX, RATE_MIN, Course, T
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, STANDING_M, MotionState, numbers
+from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.planner_watch import Heartbeat
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
@@ -92,6 +93,7 @@ class UnitRobotNode(PollingNode):
         self.create_service(Trigger, 'start', self._service(self._start))
         self.create_service(Trigger, 'resume', self._service(self._resume))
         self.create_service(Trigger, 'clear', self._service(self._clear))
+        self._participant = Participant(self, UNIT_ROBOT, self._robot)
         self._heartbeat = Heartbeat(self)
         self._faults = Faults(self, UNIT_ROBOT, self._newest)
         self.create_timer(FAULTS_S, self._befall)

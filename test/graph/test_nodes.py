@@ -56,7 +56,7 @@ def test_task_without_partners_names_them_and_stays_in_cp0(graph: Any) -> None:
             {'bus__cycle_time_s': 2e-3},
             'axis2 has cycle_time_s 0.002, but the master',
         ),
-        ({'motor__rotor_inertia_kg_m2': 1e-4}, 'axis2 has parameter_checksum'),
+        ({'motor__rotor_inertia_kg_m2': 1e-4}, 'motor.rotor_inertia_kg_m2 is 0.0001 there, '),
     ],
 )
 def test_participants_that_disagree_do_not_leave_cp2(overrides: dict, expected: str, graph: Any) -> None:

@@ -1,0 +1,304 @@
+"""What strangers publish on the robot's topics: nothing ends a node, and what is forged well enough ends in a stop."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.srv import AddDiagnostics
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import SetBool, Trigger
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.bus.phases import DRIVES, Identity
+from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.motion import planning
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.nodes.motion_server import ORDER, numbers
+from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REQUEST
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+HOME = (0.0, 0.0, -0.75)
+ON_REQUEST = {'motion__start_cycle': -1}
+SESSION = '\x7f\x01\x02\x03'
+
+
+class Cell:
+    """A robot that stands enabled, and a stranger."""
+
+    def __init__(self, graph: Any) -> None:
+        self.graph = graph
+        self.mdt = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+        self.task = graph.robot(**ON_REQUEST)
+        graph.add(UnitRobotNode, **ON_REQUEST)
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
+        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+
+    def publish(self, kind: type, topic: str, qos: Any, *messages: Any) -> None:
+        """Publish as a stranger, and let the robot go on for a hundred cycles."""
+        publisher = self.graph.listener.create_publisher(kind, topic, qos)
+        self.graph.spin_until(publisher.get_subscription_count, f'the reader of {topic}')
+        for message in messages:
+            publisher.publish(message)
+        self.go_on(100)
+        self.graph.listener.destroy_publisher(publisher)
+
+    def go_on(self, cycles: int) -> None:
+        """Let bus time pass."""
+        end = self.task.answered + cycles
+        self.graph.spin_until(lambda: self.task.answered >= end, 'cycles')
+
+    def assert_untouched(self) -> None:
+        facts = self.task.progress()
+        assert (facts['state'], facts['fault'], facts['in_torque']) == ('idle', '', True)
+        assert np.abs(self.task._task.state['tcp'][0] - HOME).max() < 1e-6
+        assert all(drive._drive.drive_state == DriveState.ENABLED for drive in self.drives)
+
+
+@pytest.fixture
+def cell(graph: Any) -> Cell:
+    return Cell(graph)
+
+
+def telegram_message(frame: str, names: list[str], stamp: tuple[int, int], **values: Any) -> JointState:
+    message = JointState(name=names, **values)
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = stamp
+    return message
+
+
+def forged(cell: Cell, **values: Any) -> Callable[[str, list[str]], JointState]:
+    """Return the maker of telegrams with the session of the robot."""
+    return lambda frame, names: telegram_message(
+        frame, names, cell.task.stamp(cell.task.next_cycle + 3), **values
+    )
+
+
+AT = {'position': [0.1], 'velocity': [0.0], 'effort': [0.0]}
+SHAFTS = {'position': [0.0] * 3, 'velocity': [0.0] * 3, 'effort': [0.0] * 3}
+
+
+@pytest.mark.parametrize('huge', [1e300, -1e300, float('nan'), float('inf')])
+def test_numbers_that_no_machine_has_are_refused_although_everything_else_is_right(
+    huge: float, cell: Cell
+) -> None:
+    session = cell.task._session.decode()
+    make = forged(cell, effort=[huge] * 16)
+    cell.publish(
+        JointState, 'axis1/motor_current', CYCLIC_PUBLISHER, make(f'free 000.0000 {session}', ['axis1'])
+    )
+    make = forged(cell, **(SHAFTS | {'position': [huge] * 3}))
+    cell.publish(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER, make(session, list(DRIVES)))
+    make = forged(cell, **(AT | {'position': [huge]}))
+    cell.publish(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER, make(f'c008 0000 {session}', ['axis2']))
+    cell.assert_untouched()
+
+
+def test_telegrams_whose_session_is_no_text_are_refused(cell: Cell) -> None:
+    for topic, frame, names, values in (
+        ('sercos/at/axis1', f'c008 0000 {SESSION}', ['axis1'], AT),
+        ('plant/motor_shafts', SESSION, list(DRIVES), SHAFTS),
+        ('axis2/motor_current', f'free 000.0000 {SESSION}', ['axis2'], {'effort': [0.0] * 16}),
+    ):
+        cell.publish(JointState, topic, CYCLIC_PUBLISHER, telegram_message(frame, names, (0, 0), **values))
+    cell.assert_untouched()
+
+
+def test_a_raw_session_of_bytes_that_are_no_text_is_refused() -> None:
+    from delta3_pacdrive.errors import TelegramError
+    from delta3_pacdrive.nodes import telegram
+
+    with pytest.raises(TelegramError, match='belongs to session'):
+        telegram.parse_at_frame(b'c008 0000 \xff\xff\xff\xff', b'3fa9')
+    with pytest.raises(TelegramError, match='belongs to session'):
+        telegram.require_session(b'\xff\xff\xff\xff', b'3fa9')
+
+
+@pytest.mark.parametrize('seconds', [2**31 - 1, 100_000])
+def test_an_mdt_far_ahead_of_bus_time_is_refused(seconds: int, cell: Cell) -> None:
+    last = cell.mdt[-1]
+    message = telegram_message(last.header.frame_id, list(DRIVES), (seconds, 0), position=list(last.position))
+    cell.publish(JointState, 'sercos/mdt', CYCLIC_PUBLISHER, message)
+    cell.assert_untouched()
+    assert all(drive.diagnostics()['refused_telegrams'] > 0 for drive in cell.drives)
+
+
+def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) -> None:
+    publisher = cell.graph.listener.create_publisher(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+    cell.graph.spin_until(lambda: publisher.get_subscription_count() >= len(DRIVES), 'the drives')
+    last = cell.mdt[-1]
+    for step in range(1000):
+        position = [value + 1e-3 * step for value in last.position]
+        stamp = cell.task.stamp(cell.task.next_cycle + 3)
+        publisher.publish(telegram_message(last.header.frame_id, list(DRIVES), stamp, position=position))
+        cell.graph.spin_for(0.002)
+        if cell.task.progress()['fault']:
+            break
+    cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the stop')
+    cell.graph.spin_until(lambda: not any(drive._drive.powered for drive in cell.drives), 'no torque')
+    moved = max(
+        abs(drive._drive.answer[0] - home) for drive, home in zip(cell.drives, last.position, strict=True)
+    )
+    assert moved < 0.5  # motor side: a degree of the arm
+
+
+@pytest.mark.parametrize(
+    'text', ['1' * 5000, '[' * 200_000, '', 'null', '{"fault": "kill"}', '{"fault": 1e999}']
+)
+def test_no_text_on_the_schedule_of_faults_ends_a_node(text: str, cell: Cell) -> None:
+    cell.publish(String, 'faults/schedule', FAULTS, String(data=text))
+    cell.assert_untouched()
+
+
+@pytest.mark.parametrize(
+    'text', ['!!bool foo', '!!int ""', '!!float ""', '!!timestamp foo', '!!set x', '? []\n: 1']
+)
+def test_no_tag_of_yaml_ends_a_node(text: str, cell: Cell) -> None:
+    response = cell.graph.call(AddDiagnostics, 'inject_fault', AddDiagnostics.Request(load_namespace=text))
+    assert not response.success
+    assert response.message
+    cell.publish(String, 'unit_robot/program', REQUEST, String(data=text))
+    cell.assert_untouched()
+    assert 'planned' in cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
+
+
+def test_states_and_places_of_strangers_do_not_end_the_planner(cell: Cell) -> None:
+    nowhere = PointStamped()
+    nowhere.point.x = float('nan')
+    cell.publish(String, 'motion/state', LATCHED, String(data='foo'))
+    cell.publish(PointStamped, 'motion/located', LATCHED, nowhere)
+    cell.publish(JointState, 'joint_states', CYCLIC_PUBLISHER, JointState(name=['wheel'], position=[1.0]))
+    assert 'planned' in cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
+    cell.assert_untouched()
+
+
+def test_an_announcement_with_a_number_of_thousands_of_digits_is_ignored(cell: Cell) -> None:
+    facts = vars(Identity.of(parameters.load())) | {'links': '', 'session': '', 'bus_cycle': '9' * 5000}
+    message = DiagnosticStatus(name='plant', message='present')
+    message.values = [KeyValue(key=key, value=str(value)) for key, value in facts.items()]
+    cell.publish(DiagnosticStatus, 'sercos/participants', LATCHED, message)
+    cell.assert_untouched()
+
+
+def good_plan() -> list[float]:
+    robot = parameters.load()
+    document = {'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.75], 'speed_m_s': 1.5}}]}
+    plan = planning.plan(programs.parse(document, robot.motion), HOME, robot).plan
+    return list(plan.moves[0].to_array(0, 1).tolist())
+
+
+@pytest.mark.parametrize(
+    ('order', 'sentence'),
+    [
+        ([-1.0, 50.0, 0.0], 'the rate of an order is 50'),
+        ([-1.0, 0.0, 0.0], 'the rate of an order is 0'),
+        ([-1.0, -1.0, 0.0], 'the rate of an order is -1'),
+        ([1e15, 1.0, 0.0], 'an order starts in bus cycle 1e+15'),
+        ([1e300, 1.0, 0.0], 'an order starts in bus cycle 1e+300'),
+        ([-7.0, 1.0, 0.0], 'an order starts in bus cycle -7'),
+    ],
+)
+def test_an_order_out_of_range_is_refused(order: list[float], sentence: str, cell: Cell) -> None:
+    refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
+    cell.graph.spin_until(lambda: cell.graph.listener.count_publishers('motion/refusal'), 'the task')
+    messages = [numbers(good_plan(), 'LINE'), numbers(order, ORDER)]
+    cell.publish(Float64MultiArray, 'motion/plan', PLAN, *messages)
+    assert any(sentence in message.data for message in refusals)
+    cell.assert_untouched()
+
+
+def test_a_plan_that_turns_a_motor_too_fast_is_refused_by_the_task_itself(cell: Cell) -> None:
+    from dataclasses import replace
+
+    from delta3_pacdrive.motion.plan import Move
+
+    move, _, _ = Move.from_array(np.array(good_plan()))
+    fast = move.master.copy()
+    fast[:, 0] /= 16.0
+    fast[:, 2:] *= np.array([16.0, 256.0, 4096.0])
+    row = replace(move, master=fast).to_array(0, 1)
+    refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
+    cell.graph.spin_until(lambda: cell.graph.listener.count_publishers('motion/refusal'), 'the task')
+    cell.publish(Float64MultiArray, 'motion/plan', PLAN, numbers(row, 'LINE'), numbers([-1, 1.0, 0], ORDER))
+    assert any('the speed of motor' in message.data for message in refusals), refusals
+    cell.assert_untouched()
+
+
+# what an operator may do, and when ---------------------------------------------------------------------------------
+
+
+def test_enabling_takes_over_where_the_arm_was_pushed_to(cell: Cell) -> None:
+    graph, operator = cell.graph, cell.operator
+    operator.enable(False)
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    push = {'fault': 'overload', 'axis': 'axis1', 'torque_n_m': -14.0, 'for_s': 0.02}
+    operator.inject(json.dumps(push))
+    cell.go_on(400)
+    if cell.task.progress()['fault']:  # the brake has slipped
+        assert '8911' in cell.task.progress()['fault']
+        assert graph.call(Trigger, 'reset', Trigger.Request()).success
+        graph.spin_until(lambda: not cell.task.progress()['fault'], 'the reset')
+    pushed = np.array([drive._drive.answer[0] for drive in cell.drives])
+    assert abs(pushed[0]) > 1.0
+    speeds = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
+    assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
+    graph.spin_until(lambda: cell.task.progress()['in_torque'], 'torque')
+    cell.go_on(200)
+    now = np.array([drive._drive.answer[0] for drive in cell.drives])
+    assert np.abs(now - pushed).max() < 0.2
+    assert max(abs(v) for m in speeds for v in m.velocity) < 20.0
+    assert cell.task.progress()['fault'] == ''
+    operator.send_program('moves: [{move_l: {to_m: [0.0, 0.0, -0.78]}}]')
+    operator.call('start')
+    graph.spin_until(lambda: operator.state == 'moving', 'the motion')
+    graph.spin_until(lambda: operator.state == 'idle', 'the end')
+    assert cell.task._task.state['tcp'][0] == pytest.approx([0.0, 0.0, -0.78], abs=1e-6)
+
+
+def test_an_emergency_stop_before_cyclic_operation_leaves_the_drives_without_torque(graph: Any) -> None:
+    graph.robot(('plant', '1', '2', '3'))
+    mdt = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+    from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    assert graph.call(Trigger, 'emergency_stop', Trigger.Request()).success
+    task._wait_for_program = False
+    graph.spin_until(lambda: task.answered > 100, 'cycles')
+    words = {message.header.frame_id.split()[1] for message in mdt if message.header.stamp.sec >= 0}
+    assert words == {'8000'}
+
+
+def test_disabling_in_motion_stops_on_the_path_and_says_who_did_it(cell: Cell) -> None:
+    commands = cell.graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
+    cell.operator.send_program('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]')
+    cell.operator.call('start')
+    cell.graph.spin_until(lambda: cell.task.progress()['master_m'] > 0.05, 'motion')
+    cell.operator.enable(False)
+    cell.graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    assert cell.task.progress()['fault'].startswith('disabled by the operator in motion')
+    last = commands[-1].point
+    assert 0.05 < last.x < 0.15
+    assert (last.y, last.z) == pytest.approx((0.0, -0.75), abs=1e-6)
+
+
+def test_a_plan_for_another_robot_is_refused_by_the_parameter_that_differs(graph: Any) -> None:
+    task = graph.robot(**ON_REQUEST)
+    graph.add(
+        UnitRobotNode, kinematics__upper_arm_length_m=0.38, motion__home_m=[0.0, 0.0, -0.75], **ON_REQUEST
+    )
+    refusals = graph.listen(String, 'motion/refusal', REQUEST)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    graph.spin_until(lambda: task.progress()['in_torque'] and operator.state, 'torque')
+    operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
+    operator.call('start')
+    graph.spin_until(lambda: refusals, 'the refusal')
+    assert 'kinematics.upper_arm_length_m is 0.38 there, 0.4 here' in refusals[-1].data
+    assert task.progress()['state'] == 'idle'
