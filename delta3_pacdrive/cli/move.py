@@ -27,7 +27,7 @@ ACTIONS = {
     'disable': 'disable the drives',
     'state': 'say what the robot does',
 }
-SERVICES = {'start', 'hold', 'resume', 'abort', 'clear', 'emergency_stop', 'reset'}
+SERVICES = {'start', 'hold', 'resume', 'abort', 'clear', 'emergency_stop'}
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 
@@ -143,6 +143,9 @@ def _act(options: argparse.Namespace, operator: Any, document: str, percent: flo
         if not options.queue:
             tell(operator.call('start'))
             _wait_for_the_end(options, operator, tell)
+    elif options.action == 'reset':
+        tell(operator.call('reset'))
+        tell(operator.await_reset())
     elif options.action in SERVICES:
         tell(operator.call(options.action))
         if options.action in ('start', 'resume'):

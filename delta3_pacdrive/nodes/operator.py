@@ -42,6 +42,8 @@ class OperatorNode(PollingNode):
         self.state_changes = 0
         self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
         self.create_subscription(String, 'motion/state', self._on_state, LATCHED)
+        self.create_subscription(String, 'motion/refusal', self._on_refusal, REQUEST)
+        self._refusals: list[str] = []
         self._take_answer = self.create_polled_subscription(String, 'unit_robot/answer', LATCHED)
         self._program = self.create_publisher(String, 'unit_robot/program', REQUEST)
         self._override = self.create_publisher(Float64, 'unit_robot/override', REQUEST)
@@ -63,6 +65,9 @@ class OperatorNode(PollingNode):
 
     def _on_service_answer(self, message: String) -> None:
         self._service_answers.append(message.data)
+
+    def _on_refusal(self, message: String) -> None:
+        self._refusals.append(message.data)
 
     def _on_state(self, message: String) -> None:
         self.state = message.data
@@ -120,6 +125,18 @@ class OperatorNode(PollingNode):
     def call(self, name: str) -> str:
         """Call one of ``SERVICES``; raises ProgramError if it is refused."""
         return self._result(self._triggers[name], Trigger.Request(), name)
+
+    def await_reset(self) -> str:
+        """Wait for what becomes of a reset; raises ProgramError with the cause that is still there."""
+        before = self.progress
+        self._refusals.clear()
+        self.wait_until(
+            lambda: self._refusals or (self.progress is not before and not self.progress['fault']),
+            'end of the fault',
+        )
+        if self._refusals:
+            raise ProgramError(self._refusals[-1])
+        return 'faults cleared'
 
     def drive(self, request: str) -> str:
         """Ask a drive through its service channel ("axis1 read S-0-0104"); raises ProgramError if it refuses."""
