@@ -5,7 +5,7 @@ import math
 from delta3_pacdrive.bus.words import Control, Status
 from delta3_pacdrive.drive.cascade import clamp
 from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
-from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.drive.record import STANDSTILL_RAD_S, DriveState
 from delta3_pacdrive.kernel import kernel
 
 NOT_READY, READY, ENABLING, ENABLED = (
@@ -44,7 +44,6 @@ STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
     int(Status.ERROR),
     int(Status.WARNING),
 )
-STANDSTILL_RAD_S = 0.5
 TRIP_OVER_WARNING = 8.0  # following error of 8111 over that of 8132
 LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
 FORGIVING_CYCLES = 100  # good cycles in which one loss is forgotten: the window is 1000 cycles
