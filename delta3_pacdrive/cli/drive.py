@@ -35,7 +35,7 @@ def _is_negative(text: str) -> bool:
 
 def _list(as_json: bool) -> int:
     from delta3_pacdrive.bus.service import format_idn
-    from delta3_pacdrive.drive.idn import BITS, TABLE
+    from delta3_pacdrive.drive.idn import BITS, EXECUTABLE_IN, TABLE
 
     rows: list[dict[str, Any]] = [
         {
@@ -44,6 +44,7 @@ def _list(as_json: bool) -> int:
             'unit': row.unit,
             'group': str(row.group),
             'writable_in': sorted(phase.name for phase in row.writable_in),
+            'executable_in': sorted(phase.name for phase in EXECUTABLE_IN.get(idn, ())),
             'limits': [value if abs(value) < float('inf') else None for value in row.limits],
         }
         for idn, row in TABLE.items()
@@ -52,9 +53,11 @@ def _list(as_json: bool) -> int:
         print(json.dumps(rows))
         return 0
     for row in rows:
-        writable = ', '.join(row['writable_in']) or 'read only'
+        phases = row['writable_in'] or row['executable_in']
         unit = 'hex' if row['unit'] == BITS else row['unit']
-        print(f'{row["idn"]}  {row["name"]:<45} {unit:<10} {row["group"]:<20} {writable}')
+        print(
+            f'{row["idn"]}  {row["name"]:<45} {unit:<10} {row["group"]:<20} {", ".join(phases) or "read only"}'
+        )
     return 0
 
 

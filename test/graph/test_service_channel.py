@@ -84,8 +84,9 @@ def test_two_operators_who_ask_at_the_same_time_get_the_answers_to_their_own_que
 
     other = cell.graph.add(OperatorNode, cell.graph.spin_for)
     first = cell.graph.add(OperatorNode, ask_in_between)
-    cell.graph.spin_until(first._request.get_subscription_count, 'the task')
-    cell.graph.spin_until(lambda: first.count_publishers('sercos/service/answer'), 'its answers')
+    for operator in (first, other):  # so that both requests go out before anything is answered
+        cell.graph.spin_until(operator._request.get_subscription_count, 'the task')
+    cell.graph.spin_until(lambda: other.count_publishers('sercos/service/answer'), 'its answers')
     assert first.drive('axis3 read S-0-0296') == 'axis3: S-0-0296 Velocity feed forward gain = 1'
     assert asked == ['axis1: S-0-0104 Position loop KV-factor = 60 1/s']
 
