@@ -11,7 +11,20 @@ from delta3_pacdrive.bus.increments import on_grid, to_increments
 from delta3_pacdrive.bus.pacing import Histogram, Pacing
 from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity, disagreements, missing
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, NANOSECONDS, Clock
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Control, Status, in_torque
+from delta3_pacdrive.bus.words import (
+    CONTROL_ENABLE,
+    CONTROL_OFF,
+    CONTROL_ON,
+    Class1,
+    Class2,
+    Class3,
+    Control,
+    Interface,
+    OperationMode,
+    Phase,
+    Status,
+    in_torque,
+)
 from delta3_pacdrive.errors import TelegramError
 
 YEARS_S = 60 * 365 * 24 * 3600  # beyond that a stamp's 32 bit seconds end
@@ -246,10 +259,45 @@ def test_a_drive_is_in_torque_with_both_readiness_bits_and_no_error(status, expe
     assert in_torque(int(status)) is expected
 
 
-def test_the_bits_of_the_words_are_those_of_sercos():
-    assert CONTROL_ENABLE == 0b1110_0000_0000_0000
-    assert CONTROL_ON == Control.DRIVE_ON == 1 << 15
-    assert CONTROL_OFF == 0
-    assert Status.IN_TORQUE == 0b11 << 14
-    bits = [int(bit) for bit in Status if bit != Status.IN_TORQUE]
-    assert len(set(bits)) == len(bits)
+# numbers of bits as the standard has them, each name of each word
+SERCOS_BITS = {
+    Control: {'DRIVE_ON': 15, 'ENABLE': 14, 'RUN': 13},
+    Status: {'READY_TO_ENABLE': 15, 'READY_FOR_POWER': 14, 'ERROR': 13, 'WARNING': 12, 'FOLLOWS_COMMAND': 3},
+    Class1: {
+        'OVERLOAD': 0,
+        'FEEDBACK': 5,
+        'OVER_CURRENT': 7,
+        'OVER_VOLTAGE': 8,
+        'UNDER_VOLTAGE': 9,
+        'POSITION_DEVIATION': 11,
+        'COMMUNICATION': 12,
+        'OVERTRAVEL': 13,
+        'MANUFACTURER': 15,
+    },
+    Class2: {'OVERLOAD': 0, 'MANUFACTURER': 15},
+    Class3: {'STANDSTILL': 1, 'TORQUE_LIMIT': 4, 'VELOCITY_LIMIT': 5},
+    Interface: {'MST_FAILURE': 3, 'MDT_FAILURE': 4},
+}
+
+
+@pytest.mark.parametrize('word', SERCOS_BITS, ids=lambda word: word.__name__)
+def test_the_bits_of_the_words_are_those_of_sercos(word):
+    single = {name: bit for name, bit in word.__members__.items() if int(bit).bit_count() == 1}
+    assert {name: int(bit) for name, bit in single.items()} == {
+        name: 2**number for name, number in SERCOS_BITS[word].items()
+    }
+
+
+def test_words_of_several_bits_are_those_of_sercos():
+    assert (CONTROL_OFF, CONTROL_ON, CONTROL_ENABLE) == (0x0000, 0x8000, 0xE000)
+    assert Status.IN_TORQUE == 0xC000
+    assert (OperationMode.POSITION_CONTROL, OperationMode.LAGLESS) == (0x0003, 0x0008)
+    assert [int(phase) for phase in Phase] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ('status', 'expected'),
+    [(0xC008, True), (0xC000, True), (0xD008, True), (0xE008, False), (0x8000, False), (0x4008, False)],
+)
+def test_torque_is_read_from_the_words_on_the_bus(status, expected):
+    assert in_torque(status) is expected

@@ -8,6 +8,7 @@ import pytest
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Control, Status, in_torque
 from delta3_pacdrive.drive.diagnostics import (
+    FAULT_OF_NUMBER,
     FAULTS,
     REACTIONS,
     WARNINGS,
@@ -15,6 +16,7 @@ from delta3_pacdrive.drive.diagnostics import (
     DriveWarning,
     Reaction,
     class_1_diagnostic,
+    class_2_diagnostic,
     fault_text,
 )
 from delta3_pacdrive.drive.mc4 import MC4
@@ -176,10 +178,33 @@ def test_ready_is_reported_before_power_and_torque_only_after_the_brake(robot):
     for control in [CONTROL_OFF] * 2 + [CONTROL_ON] * 2 + [CONTROL_ENABLE] * 60:
         words.append(drive.begin_cycle(0.0, control, 0.0, 0.0, 0.0))
         drive.run_period(0.0, 0.0, 0.0)
-    assert words[1] == Status.READY_FOR_POWER
-    assert words[3] == Status.READY_TO_ENABLE
-    assert words[-1] == Status.IN_TORQUE | Status.FOLLOWS_COMMAND
+    assert (words[1], words[3], words[-1]) == (0x4000, 0x8000, 0xC008)
     assert not any(in_torque(word) for word in words[:50])
+
+
+def test_bits_for_operation_modes_and_synchronisation_change_nothing(robot):
+    words = []
+    for mode in (0, 1 << 8 | 1 << 9 | 1 << 11, 1 << 10):
+        drive = MC4(robot)
+        for _ in range(100):
+            word = drive.begin_cycle(0.0, CONTROL_ENABLE | mode, 0.0, 0.0, 0.0)
+            drive.run_period(0.0, 0.0, 0.0)
+        words.append(word)
+    assert words == [0xC008] * 3  # bits 10 to 8: the primary operation mode
+
+
+def test_the_status_word_tells_warnings_errors_and_a_halt(robot):
+    limit = robot.drive.following_error_limit_rad
+    drive = MC4(robot)
+    for _ in range(100):
+        drive.begin_cycle(0.0, CONTROL_ENABLE, 0.0, 0.0, 0.0)
+        drive.run_period(0.0, 0.0, 0.0)
+    assert drive.begin_cycle(0.0, CONTROL_ENABLE, 2.0 * limit, 0.0, 0.0) == 0xD008
+    assert drive.begin_cycle(0.0, CONTROL_ENABLE, 0.0, 0.0, 0.0) == 0xC008
+    drive.begin_cycle(0.0, 0xC000, 0.0, 0.0, 0.0)
+    assert drive.begin_cycle(0.0, 0xC000, 0.0, 0.0, 0.0) == 0xC000  # halted: in torque, follows nothing
+    drive.state['encoder_broken'] = 1
+    assert drive.begin_cycle(0.0, 0xC000, 0.0, 0.0, 0.0) == 0x2000
 
 
 # loops
@@ -483,18 +508,54 @@ def test_a_disabled_drive_can_be_enabled_again(robot):
 # diagnostics
 
 
-def test_every_fault_has_a_row_of_its_own():
+# message number, bit of S-0-0011 and reaction of each fault; PacDrive's where it has one
+DIAGNOSTICS = {
+    'FOLLOWING_ERROR': (8111, 11, 'BD1'),
+    'OVERSPEED': (8901, 15, 'BD1'),
+    'OVERLOAD': (8902, 0, 'BD2'),
+    'COMMAND_STEP': (8903, 15, 'BD2'),
+    'COMMAND_NOT_FINITE': (8904, 15, 'BD2'),
+    'TELEGRAM': (8112, 12, 'BD2'),
+    'ENCODER': (8171, 5, 'AD'),
+    'OVER_CURRENT': (8905, 7, 'AD'),
+    'OVERTRAVEL': (8906, 13, 'BD1'),
+    'MASTER_SILENT': (8506, 12, 'BD2'),
+    'UNDER_VOLTAGE': (8909, 9, 'AD'),
+    'OVER_VOLTAGE': (8910, 8, 'AD'),
+    'BRAKE': (8911, 15, 'AD'),
+}
+
+
+def test_every_fault_has_its_number_bit_and_reaction():
+    assert {fault.name for fault in DriveFault} == {'NONE', *DIAGNOSTICS}
     assert set(FAULTS) == set(DriveFault) - {DriveFault.NONE}
-    rows = [*FAULTS.values(), *WARNINGS.values()]
-    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows)
-    for fault, row in FAULTS.items():
-        assert row.class_ == 3
-        assert row.reaction > Reaction.NONE
-        assert class_1_diagnostic(fault) == int(row.class_1) != 0
-        assert REACTIONS[fault] == row.reaction
-        assert str(row.number) in fault_text(fault)
-        assert row.reaction.name in fault_text(fault)
+    for name, (number, bit, reaction) in DIAGNOSTICS.items():
+        fault = DriveFault[name]
+        assert class_1_diagnostic(fault) == 2**bit
+        assert REACTIONS[fault] == Reaction[reaction]
+        assert fault_text(fault) == f'{number} {FAULTS[fault].text} (class 3, reaction {reaction})'
+        assert FAULT_OF_NUMBER[number] == fault
     assert (class_1_diagnostic(DriveFault.NONE), fault_text(DriveFault.NONE)) == (0, 'no fault')
+
+
+def test_every_warning_has_its_number_and_bit():
+    assert {warning.name: row.number for warning, row in WARNINGS.items()} == {
+        'FOLLOWING_ERROR': 8132,
+        'OVERLOAD': 8908,
+    }
+    assert {(row.class_, row.reaction.name) for row in WARNINGS.values()} == {(2, 'NONE')}
+    both = DriveWarning.FOLLOWING_ERROR | DriveWarning.OVERLOAD
+    given = (DriveWarning.NONE, DriveWarning.OVERLOAD, DriveWarning.FOLLOWING_ERROR, both)
+    assert [class_2_diagnostic(warning) for warning in given] == [0, 0x0001, 0x8000, 0x8001]
+
+
+def test_no_two_diagnostics_share_a_number_or_a_text():
+    rows = [*FAULTS.values(), *WARNINGS.values()]
+    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 15
+
+
+def test_the_stronger_reaction_is_the_larger():
+    assert Reaction.NONE < Reaction.BD2 < Reaction.BD1 < Reaction.AD
 
 
 def lose(bench, cycles, axes=(0, 1, 2)):

@@ -24,7 +24,7 @@ from delta3_pacdrive.bus.service import (
     parse_idn,
 )
 from delta3_pacdrive.bus.words import Phase
-from delta3_pacdrive.drive.diagnostics import FAULTS, DriveFault, DriveWarning
+from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
 from delta3_pacdrive.drive.idn import (
     ALWAYS,
     BEFORE_CP4,
@@ -34,6 +34,7 @@ from delta3_pacdrive.drive.idn import (
     Group,
     Register,
     refusal,
+    value_text,
 )
 from delta3_pacdrive.drive.record import CONSTANTS, STATE, drive_constants
 from delta3_pacdrive.errors import ParameterError, TelegramError
@@ -848,16 +849,122 @@ def test_values_made_of_several_parameters(drive, robot):
     assert value('S-0-0107') == pytest.approx(30.0 / 15000.0)
     assert value('S-0-0092') == pytest.approx(17.0 * 0.78)
     assert value('S-0-0091') == value('S-0-0113') == pytest.approx(6000.0 * math.tau / 60.0)
+    assert (value('S-0-0038'), value('S-0-0039')) == (value('S-0-0091'), -value('S-0-0091'))
+    assert (value('S-0-0082'), value('S-0-0083')) == (value('S-0-0092'), -value('S-0-0092'))
+    # rubber stops at 105 and -55 degrees of the arm, gear 32
+    assert value('S-0-0049') == pytest.approx(math.radians(105.0) * 32.0)
+    assert value('S-0-0050') == pytest.approx(math.radians(-55.0) * 32.0)
+    assert value('S-0-0116') == value('S-0-0079') == 2**19
     drive.register.write(K_I, 0.0, Phase.CP4)
     assert value('S-0-0101') == 0.0
+
+
+def test_position_limits_are_those_at_which_the_drive_stops(drive, robot):
+    constants = drive_constants(robot)
+    for text, name in (('S-0-0049', 'travel_max'), ('S-0-0050', 'travel_min')):
+        assert drive.register.read(parse_idn(text)).value == pytest.approx(
+            float(constants[name][0]), rel=1e-15
+        )
+
+
+def test_limits_of_one_side_follow_the_bipolar_ones_and_are_not_written_themselves(drive):
+    assert drive.register.write(parse_idn('S-0-0092'), 5.0, Phase.CP4).error == ServiceError.NONE
+    assert drive.register.read(parse_idn('S-0-0083')).value == -5.0
+    assert drive.register.write(parse_idn('S-0-0082'), 6.0, Phase.CP4).error == ServiceError.READ_ONLY
+
+
+def test_the_mode_is_position_control_lagless_with_a_velocity_feed_forward(drive):
+    mode, feedforward = parse_idn('S-0-0032'), parse_idn('S-0-0296')
+    assert drive.register.read(mode).value == 0x000B
+    drive.register.write(feedforward, 0.0, Phase.CP4)
+    assert drive.register.read(mode).value == 0x0003
+    assert drive.register.read(parse_idn('S-0-0015')).value == 7
+
+
+def test_class_3_tells_standstill_and_what_is_at_its_limit(drive, robot):
+    def word(**state):
+        for name, value in state.items():
+            drive.state[name] = value
+        return drive.register.read(parse_idn('S-0-0013')).value
+
+    window = drive.register.read(parse_idn('S-0-0124')).value
+    assert window == 0.5
+    assert word(speed=-0.4) == 0x0002
+    assert word(speed=-0.6) == 0x0000
+    assert word(current_reference=-17.0) == 0x0010
+    assert word(speed_reference=100.0) == 0x0010
+    drive.register.write(parse_idn('S-0-0091'), 100.0, Phase.CP4)
+    assert word(current_reference=9.0) == 0x0020
+    drive.register.write(parse_idn('S-0-0092'), 5.0, Phase.CP4)
+    assert word() == 0x0030
+
+
+@pytest.mark.parametrize(
+    ('unit', 'value', 'text'),
+    [
+        ('bits', 0xC008, '0xc008'),
+        ('bits', 0, '0x0000'),
+        ('1', 8112.0, '8112'),
+        ('1/s', 72.5, '72.5 1/s'),
+        ('rad', 0.1 + 0.2, '0.3 rad'),
+    ],
+)
+def test_words_are_shown_in_hexadecimal_and_numbers_with_their_unit(unit, value, text):
+    row = next(row for row in TABLE.values() if row.unit == unit)
+    assert value_text(row, value) == text
+
+
+def test_every_word_is_shown_in_hexadecimal():
+    words = {
+        format_idn(row.idn) for row in TABLE.values() if row.unit == 'bits' and row.group != Group.COMMANDS
+    }
+    numbers = (11, 12, 13, 14, 15, 32, 134, 135)
+    assert words == {f'S-0-{number:04}' for number in numbers}
+
+
+# procedure commands
+
+
+@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize(
+    ('text', 'executable'),
+    [
+        ('S-0-0099', {'CP2', 'CP3', 'CP4'}),
+        ('S-0-0127', {'CP2'}),
+        ('S-0-0128', {'CP3'}),
+    ],
+)
+def test_procedure_commands_are_executed_in_their_phases_only(text, executable, phase, drive):
+    answer = drive.register.serve(Access(parse_idn(text), Operation.COMMAND), phase)
+    if phase.name in executable:
+        assert answer == Answer(parse_idn(text), value=0.0)
+    else:
+        assert answer.error == (0x0001 if phase < Phase.CP2 else 0x7012)
+    assert drive.resets == (text == 'S-0-0099' and phase.name in executable)
+    assert not drive.changes
 
 
 @pytest.mark.parametrize('fault', DriveFault)
 def test_diagnostics_tell_the_fault_by_bit_and_number(fault, drive):
     drive.state['fault'] = int(fault)
-    row = FAULTS.get(fault)
-    assert drive.register.read(parse_idn('S-0-0011')).value == (int(row.class_1) if row else 0)
-    assert drive.register.read(parse_idn('S-0-0390')).value == (row.number if row else 0)
+    word, number = {
+        'FOLLOWING_ERROR': (0x0800, 8111),
+        'OVERLOAD': (0x0001, 8902),
+        'TELEGRAM': (0x1000, 8112),
+        'ENCODER': (0x0020, 8171),
+        'OVER_CURRENT': (0x0080, 8905),
+        'OVERTRAVEL': (0x2000, 8906),
+        'MASTER_SILENT': (0x1000, 8506),
+        'UNDER_VOLTAGE': (0x0200, 8909),
+        'OVER_VOLTAGE': (0x0100, 8910),
+        'BRAKE': (0x8000, 8911),
+        'OVERSPEED': (0x8000, 8901),
+        'COMMAND_STEP': (0x8000, 8903),
+        'COMMAND_NOT_FINITE': (0x8000, 8904),
+        'NONE': (0, 0),
+    }[fault.name]
+    assert drive.register.read(parse_idn('S-0-0011')).value == word
+    assert drive.register.read(parse_idn('S-0-0390')).value == number
 
 
 @pytest.mark.parametrize('phase', [Phase.CP2, Phase.CP3, Phase.CP4])

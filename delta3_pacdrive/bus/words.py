@@ -1,4 +1,8 @@
-"""Bus phases, control word S-0-0134 and status word S-0-0135."""
+"""Bus phases and the words of bits: S-0-0011 to S-0-0014, S-0-0032, S-0-0134, S-0-0135.
+
+Bits are those of SERCOS II (class 1: Schneider, D-SE-0063884; classes 2 and 3: KEBA, ServoOne SERCOS II and III;
+S-0-0134: Beckhoff). Only bits that something here sets or reads have a name.
+"""
 
 from enum import IntEnum, IntFlag
 
@@ -14,7 +18,12 @@ class Phase(IntEnum):
 
 
 class Control(IntFlag):
-    """Master control word, S-0-0134."""
+    """Master control word, S-0-0134.
+
+    Bits 8, 9 and 11 choose the operation mode. They stay 0, the primary one (S-0-0032): the drive has no other and
+    looks at none of them. Bit 10 (IPOSYNC) toggles with each new command where the control unit's cycle spans several
+    of the bus; here both are one (S-0-0001, S-0-0002), each MDT brings a command, and the bit stays 0.
+    """
 
     DRIVE_ON = 1 << 15
     ENABLE = 1 << 14
@@ -22,7 +31,10 @@ class Control(IntFlag):
 
 
 class Status(IntFlag):
-    """Drive status word, S-0-0135; bits 15 and 14 together are the state of readiness."""
+    """Drive status word, S-0-0135; bits 15 and 14 together are the state of readiness.
+
+    Bits 10 to 8 tell the operation mode at work: always 0, the primary one (S-0-0032).
+    """
 
     FOLLOWS_COMMAND = 1 << 3
     WARNING = 1 << 12
@@ -30,6 +42,49 @@ class Status(IntFlag):
     READY_FOR_POWER = 1 << 14
     READY_TO_ENABLE = 1 << 15
     IN_TORQUE = READY_FOR_POWER | READY_TO_ENABLE
+
+
+class Class1(IntFlag):
+    """Class 1 diagnostic, S-0-0011: what has stopped the drive, latched."""
+
+    OVERLOAD = 1 << 0
+    FEEDBACK = 1 << 5
+    OVER_CURRENT = 1 << 7
+    OVER_VOLTAGE = 1 << 8
+    UNDER_VOLTAGE = 1 << 9
+    POSITION_DEVIATION = 1 << 11
+    COMMUNICATION = 1 << 12
+    OVERTRAVEL = 1 << 13
+    MANUFACTURER = 1 << 15
+
+
+class Class2(IntFlag):
+    """Class 2 diagnostic, S-0-0012: what the drive warns of, at present."""
+
+    OVERLOAD = 1 << 0
+    MANUFACTURER = 1 << 15
+
+
+class Class3(IntFlag):
+    """Class 3 diagnostic, S-0-0013: states of operation, at present."""
+
+    STANDSTILL = 1 << 1  # below the window S-0-0124
+    TORQUE_LIMIT = 1 << 4  # the torque command is at its limit
+    VELOCITY_LIMIT = 1 << 5  # the velocity command is at its limit
+
+
+class Interface(IntFlag):
+    """Interface status, S-0-0014, above the communication phase in bits 2 to 0; latched as the fault is."""
+
+    MST_FAILURE = 1 << 3
+    MDT_FAILURE = 1 << 4
+
+
+class OperationMode(IntFlag):
+    """Operation mode, S-0-0032."""
+
+    POSITION_CONTROL = 0b011  # with the motor's feedback
+    LAGLESS = 1 << 3  # without the following distance that a loop without velocity feed-forward needs
 
 
 CONTROL_OFF = 0

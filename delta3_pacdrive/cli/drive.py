@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -17,15 +18,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('value', nargs='?', help='value to write; "command" executes a procedure command')
     parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    options = parser.parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    # -1e3 is no option: to argparse nothing is that begins with a space
+    options = parser.parse_args([f' {text}' if _is_negative(text) else text for text in given])
     if options.axis != 'list' and options.idn is None:
         parser.error('an IDN is needed')
     return guarded(lambda: _list(options.json) if options.axis == 'list' else _ask(options), options.json)
 
 
+def _is_negative(text: str) -> bool:
+    try:
+        return text.startswith('-') and not math.isnan(float(text))
+    except ValueError:
+        return False
+
+
 def _list(as_json: bool) -> int:
     from delta3_pacdrive.bus.service import format_idn
-    from delta3_pacdrive.drive.idn import TABLE
+    from delta3_pacdrive.drive.idn import BITS, EXECUTABLE_IN, TABLE
 
     rows: list[dict[str, Any]] = [
         {
@@ -34,6 +44,7 @@ def _list(as_json: bool) -> int:
             'unit': row.unit,
             'group': str(row.group),
             'writable_in': sorted(phase.name for phase in row.writable_in),
+            'executable_in': sorted(phase.name for phase in EXECUTABLE_IN.get(idn, ())),
             'limits': [value if abs(value) < float('inf') else None for value in row.limits],
         }
         for idn, row in TABLE.items()
@@ -42,8 +53,11 @@ def _list(as_json: bool) -> int:
         print(json.dumps(rows))
         return 0
     for row in rows:
-        writable = ', '.join(row['writable_in']) or 'read only'
-        print(f'{row["idn"]}  {row["name"]:<45} {row["unit"]:<8} {row["group"]:<20} {writable}')
+        phases = row['writable_in'] or row['executable_in']
+        unit = 'hex' if row['unit'] == BITS else row['unit']
+        print(
+            f'{row["idn"]}  {row["name"]:<45} {unit:<10} {row["group"]:<20} {", ".join(phases) or "read only"}'
+        )
     return 0
 
 

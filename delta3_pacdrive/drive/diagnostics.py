@@ -1,12 +1,16 @@
-"""Diagnostics of the drive as one table: message number, class, reaction, bit of S-0-0011, and words.
+"""Diagnostics of the drive as one table: message number, class, reaction, bit of S-0-0011 or S-0-0012, and text.
 
 Message numbers are PacDrive's where it has one (Schneider, PD.Diagnostic); numbers 89xx are ours. Classes: 2 warns, 3
 stops the drive and is latched until S-0-0099 clears it. Reactions: AD takes the torque away and lets the brake fall;
 BD1 brakes with all the torque there is; BD2 brakes along a ramp; then the brake holds and the power goes off.
 """
 
+import functools
+import operator
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+
+from delta3_pacdrive.bus.words import Class1, Class2
 
 
 class Reaction(IntEnum):
@@ -16,21 +20,6 @@ class Reaction(IntEnum):
     BD2 = 1
     BD1 = 2
     AD = 3
-
-
-class Class1(IntFlag):
-    """Class 1 diagnostic, S-0-0011."""
-
-    OVERLOAD = 1 << 0
-    FEEDBACK = 1 << 5
-    COMMUTATION = 1 << 6
-    OVER_CURRENT = 1 << 7
-    OVER_VOLTAGE = 1 << 8
-    UNDER_VOLTAGE = 1 << 9
-    POSITION_DEVIATION = 1 << 11
-    COMMUNICATION = 1 << 12
-    OVERTRAVEL = 1 << 13
-    MANUFACTURER = 1 << 15
 
 
 class DriveFault(IntEnum):
@@ -62,12 +51,12 @@ class DriveWarning(IntFlag):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One row of the table."""
+    """One row of the table; ``bit`` is that of the class 1 diagnostic for faults, of class 2 for warnings."""
 
     number: int
     class_: int
     reaction: Reaction
-    class_1: Class1
+    bit: Class1 | Class2
     text: str
 
 
@@ -111,21 +100,25 @@ FAULTS = {
 
 WARNINGS = {
     DriveWarning.FOLLOWING_ERROR: Diagnostic(
-        8132, 2, Reaction.NONE, Class1(0), 'following error over its limit'
+        8132, 2, Reaction.NONE, Class2.MANUFACTURER, 'following error over its limit'
     ),
-    DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class1(0), 'I2t over 80 % of its limit'),
+    DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class2.OVERLOAD, 'I2t over 80 % of its limit'),
 }
 
 # for compiled code, by number of the fault
 REACTIONS = tuple(int(FAULTS[fault].reaction) if fault else 0 for fault in DriveFault)
-
 
 FAULT_OF_NUMBER = {row.number: fault for fault, row in FAULTS.items()}
 
 
 def class_1_diagnostic(fault: DriveFault) -> int:
     """S-0-0011 of a latched fault."""
-    return int(FAULTS[fault].class_1) if fault else 0
+    return int(FAULTS[fault].bit) if fault else 0
+
+
+def class_2_diagnostic(warning: DriveWarning) -> int:
+    """S-0-0012 of what the drive warns of."""
+    return functools.reduce(operator.or_, (int(row.bit) for bit, row in WARNINGS.items() if warning & bit), 0)
 
 
 def fault_text(fault: DriveFault) -> str:

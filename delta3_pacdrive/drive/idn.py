@@ -3,6 +3,9 @@
 S numbers and names are those of SERCOS II (IEC 61491), P numbers are ours. Units are SI and radians on the motor side,
 currents A rms, voltages of one phase; nothing is scaled on the bus. Where the standard gives a loop an integral action
 time, it can be read; the gain that sets it is a P number.
+
+A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and what this drive does
+not have or do (S-0-0057, S-0-0110, S-0-0112, S-0-0138) is not made up: both are answered with "no such IDN".
 """
 
 import dataclasses
@@ -21,8 +24,16 @@ from delta3_pacdrive.bus.service import (
     message_8503,
     parse_idn,
 )
-from delta3_pacdrive.bus.words import Phase
-from delta3_pacdrive.drive.diagnostics import FAULTS, WARNINGS, DriveFault, DriveWarning, class_1_diagnostic
+from delta3_pacdrive.bus.words import Class3, Interface, OperationMode, Phase
+from delta3_pacdrive.drive.diagnostics import (
+    FAULTS,
+    WARNINGS,
+    DriveFault,
+    DriveWarning,
+    class_1_diagnostic,
+    class_2_diagnostic,
+)
+from delta3_pacdrive.drive.record import STANDSTILL_RAD_S
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters import Parameters, groups
 
@@ -30,8 +41,10 @@ READ_ONLY: frozenset[Phase] = frozenset()
 BEFORE_CP4 = frozenset({Phase.CP2, Phase.CP3})
 ALWAYS = frozenset({Phase.CP2, Phase.CP3, Phase.CP4})
 ONE = '1'  # unit of what has no dimension
-BITS = 'bits'  # unit of words
+BITS = 'bits'  # unit of words, which are shown in hexadecimal
 PHASE = 'phase'  # source: communication phase of the access
+# S-0-0015: no standard telegram has a payload in the MDT, or position, velocity and torque in the AT
+APPLICATION_TELEGRAM = 7
 
 
 class Group(StrEnum):
@@ -41,7 +54,7 @@ class Group(StrEnum):
     FEEDFORWARDS = 'feed-forwards'
     FILTERS = 'filters'
     LIMITS = 'limits'
-    TIMING = 'timing'
+    TIMING = 'timing and mode'
     ENCODER = 'encoder and gear'
     MOTOR = 'motor and brake'
     ACTUAL_VALUES = 'actual values'
@@ -94,9 +107,30 @@ def _class_1(fault: float) -> float:
 
 
 def _class_2(warning: float) -> float:
-    """Class 2 diagnostic: overload is bit 0, what the standard has no bit for is bit 15."""
-    word = 1 if int(warning) & DriveWarning.OVERLOAD else 0
-    return word | (1 << 15 if int(warning) & ~DriveWarning.OVERLOAD else 0)
+    return class_2_diagnostic(DriveWarning(int(warning)))
+
+
+def _class_3(
+    speed: float, speed_reference: float, speed_limit: float, speed_max: float, *torque: float
+) -> float:
+    current_reference, torque_limit, torque_constant, peak_current = torque
+    word = Class3(0)
+    if abs(speed) < STANDSTILL_RAD_S:
+        word |= Class3.STANDSTILL
+    if abs(current_reference) >= min(torque_limit / torque_constant, peak_current):
+        word |= Class3.TORQUE_LIMIT
+    if abs(speed_reference) >= min(speed_limit, speed_max):
+        word |= Class3.VELOCITY_LIMIT
+    return word
+
+
+def _operation_mode(velocity_feedforward: float) -> float:
+    return OperationMode.POSITION_CONTROL | (OperationMode.LAGLESS if velocity_feedforward else 0)
+
+
+def _travel(end_stop_deg: float, gear_in: float, gear_out: float) -> float:
+    """Position of the motor [rad] beyond which the drive stops: overtravel."""
+    return math.radians(end_stop_deg) * gear_in / gear_out
 
 
 def _diagnostic_number(fault: float, warning: float) -> float:
@@ -107,13 +141,13 @@ def _diagnostic_number(fault: float, warning: float) -> float:
 
 
 def _interface_status(phase: float, fault: float) -> float:
-    """Communication phase in bits 2 to 0, failure of the MST in bit 3, of the MDT in bit 4, latched as the fault is."""
-    failures = {DriveFault.MASTER_SILENT: 1 << 3, DriveFault.TELEGRAM: 1 << 4}
+    failures = {DriveFault.MASTER_SILENT: Interface.MST_FAILURE, DriveFault.TELEGRAM: Interface.MDT_FAILURE}
     return int(phase) | failures.get(DriveFault(int(fault)), 0)
 
 
-def _nothing() -> float:
-    return 0.0
+def _constant(value: float) -> Callable[[], float]:
+    """Return the formula of what neither parameters nor states change."""
+    return lambda: value
 
 
 def _row(
@@ -176,17 +210,35 @@ _ROWS = (
          'drive.enable_settle_s', writable_in=BEFORE_CP4),
     _row('S-0-0091', 'Bipolar velocity limit value', 'rad/s', Group.LIMITS,
          'drive.velocity_limit_rad_s', writable_in=ALWAYS),
+    _row('S-0-0038', 'Positive velocity limit value', 'rad/s', Group.LIMITS,
+         'drive.velocity_limit_rad_s', formula=operator.pos),
+    _row('S-0-0039', 'Negative velocity limit value', 'rad/s', Group.LIMITS,
+         'drive.velocity_limit_rad_s', formula=operator.neg),
     _row('S-0-0092', 'Bipolar torque limit value', 'N m', Group.LIMITS,
          'drive.torque_limit_n_m', writable_in=ALWAYS),
+    _row('S-0-0082', 'Positive torque limit value', 'N m', Group.LIMITS,
+         'drive.torque_limit_n_m', formula=operator.pos),
+    _row('S-0-0083', 'Negative torque limit value', 'N m', Group.LIMITS,
+         'drive.torque_limit_n_m', formula=operator.neg),
+    _row('S-0-0049', 'Positive position limit value', 'rad', Group.LIMITS,
+         'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+    _row('S-0-0050', 'Negative position limit value', 'rad', Group.LIMITS,
+         'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+    _row('S-0-0124', 'Standstill window', 'rad/s', Group.LIMITS, formula=_constant(STANDSTILL_RAD_S)),
     # timing
     _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
     _row('S-0-0002', 'Communication cycle time (tScyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
+    _row('S-0-0015', 'Telegram type', BITS, Group.TIMING, formula=_constant(APPLICATION_TELEGRAM)),
+    _row('S-0-0032', 'Primary operation mode', BITS, Group.TIMING,
+         'drive.velocity_feedforward', formula=_operation_mode),
     _row('P-0-0001', 'Position loop period', 's', Group.TIMING, 'drive.position_period_s'),
     _row('P-0-0002', 'Velocity loop period', 's', Group.TIMING, 'drive.velocity_period_s'),
     _row('P-0-0003', 'Current loop period', 's', Group.TIMING, 'drive.current_period_s'),
     _row('P-0-0004', 'Exchange period with the plant', 's', Group.TIMING, 'bus.exchange_period_s'),
     # encoder and gear
     _row('S-0-0079', 'Rotational position resolution', 'increments', Group.ENCODER, 'bus.increments_per_rev'),
+    _row('S-0-0116', 'Resolution of feedback 1 (motor feedback)', 'increments', Group.ENCODER,
+         'bus.increments_per_rev'),
     _row('S-0-0121', 'Input revolutions of load gear', ONE, Group.ENCODER, 'dynamics.gear_in'),
     _row('S-0-0122', 'Output revolutions of load gear', ONE, Group.ENCODER, 'dynamics.gear_out'),
     _row('P-0-0051', 'Commutation offset, electrical', 'rad', Group.ENCODER, 'drive.commutation_offset_rad'),
@@ -224,9 +276,14 @@ _ROWS = (
     # diagnostics
     _row('S-0-0011', 'Class 1 diagnostic', BITS, Group.DIAGNOSTICS, 'fault', formula=_class_1),
     _row('S-0-0012', 'Class 2 diagnostic', BITS, Group.DIAGNOSTICS, 'warning', formula=_class_2),
+    _row('S-0-0013', 'Class 3 diagnostic', BITS, Group.DIAGNOSTICS,
+         'speed', 'speed_reference', 'drive.velocity_limit_rad_s', 'motor.max_speed_rad_s',
+         'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a', 'motor.peak_current_a',
+         formula=_class_3),
     _row('S-0-0014', 'Interface status', BITS, Group.DIAGNOSTICS,
          PHASE, 'fault', formula=_interface_status),
-    # the MDT is the synchronisation as well: who loses one has lost the other
+    # one message is MST and MDT: its stamp synchronises, its values command. A drive that loses it, or gets it garbled
+    # and so without a stamp, has lost both: the two IDNs show one counter
     _row('S-0-0028', 'MST error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
     _row('S-0-0029', 'MDT error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
     _row('S-0-0134', 'Drive control', BITS, Group.DIAGNOSTICS, 'control'),
@@ -237,12 +294,34 @@ _ROWS = (
     _row('P-0-0082', 'Reaction under way', ONE, Group.DIAGNOSTICS, 'reaction'),
     _row('P-0-0083', 'Brake output', ONE, Group.DIAGNOSTICS, 'brake_release'),
     # procedure commands: they are executed at once, so that none is ever found active
-    _row('S-0-0099', 'Reset class 1 diagnostic', BITS, Group.COMMANDS, formula=_nothing),
+    _row('S-0-0099', 'Reset class 1 diagnostic', BITS, Group.COMMANDS, formula=_constant(0.0)),
+    _row('S-0-0127', 'CP3 transition check', BITS, Group.COMMANDS, formula=_constant(0.0)),
+    _row('S-0-0128', 'CP4 transition check', BITS, Group.COMMANDS, formula=_constant(0.0)),
 )
 # fmt: on
 
 TABLE = {row.idn: row for row in _ROWS}
-RESET_CLASS_1_DIAGNOSTIC = parse_idn('S-0-0099')
+# IDN by the name of the parameter that is its value
+OF_PARAMETER = {
+    row.sources[0]: row.idn
+    for row in reversed(_ROWS)
+    if row.formula is float and row.sources and '.' in row.sources[0]
+}
+RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK = (
+    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128')
+)
+EXECUTABLE_IN = {
+    RESET_CLASS_1_DIAGNOSTIC: ALWAYS,
+    CP3_CHECK: frozenset({Phase.CP2}),
+    CP4_CHECK: frozenset({Phase.CP3}),
+}
+
+
+def value_text(row: OperationData, value: float) -> str:
+    """Value of operation data for people: words in hexadecimal, numbers with their unit."""
+    if row.unit == BITS:
+        return f'0x{int(value):04x}'
+    return f'{value:.12g}' if row.unit == ONE else f'{value:.12g} {row.unit}'
 
 
 def _with_unit(value: float, unit: str) -> str:
@@ -304,7 +383,7 @@ class Register:
         self._actual = actual
         self._on_change = on_change
         self._phase = Phase.CP2
-        self._commands = {RESET_CLASS_1_DIAGNOSTIC: reset}
+        self._reset = reset
 
     def serve(self, access: Access, phase: Phase) -> Answer:
         """Answer an access of the service channel in a communication phase."""
@@ -315,7 +394,7 @@ class Register:
             return self.read(access.idn)
         if access.operation == Operation.WRITE:
             return self.write(access.idn, access.value, phase)
-        return self.command(access.idn)
+        return self.command(access.idn, phase)
 
     def read(self, idn: int) -> Answer:
         """Return the value of an IDN, in its unit."""
@@ -327,7 +406,7 @@ class Register:
     def write(self, idn: int, value: float, phase: Phase) -> Answer:
         """Change a parameter, if its limits, the phase and the rules that join it with others allow the value."""
         access = Access(idn, Operation.WRITE, value)
-        error = _writing_error(access, phase)
+        error = writing_error(access, phase)
         if error:
             return self._refuse(access, error)
         key = TABLE[idn].sources[0].replace('.', '__')
@@ -339,14 +418,18 @@ class Register:
         self._on_change(changed)
         return Answer(idn, value=value)
 
-    def command(self, idn: int) -> Answer:
-        """Execute a procedure command."""
+    def command(self, idn: int, phase: Phase) -> Answer:
+        """Execute a procedure command in a phase that has it.
+
+        The transition checks find nothing: every value is checked, with the rules that join it with others, when the
+        drive starts and when it is written.
+        """
         access = Access(idn, Operation.COMMAND)
         if idn not in TABLE:
             return self._refuse(access, ServiceError.NO_IDN)
-        if idn not in self._commands:
+        if idn not in EXECUTABLE_IN:
             return self._refuse(access, ServiceError.NO_COMMAND)
-        if not self._commands[idn]():
+        if phase not in EXECUTABLE_IN[idn] or (idn == RESET_CLASS_1_DIAGNOSTIC and not self._reset()):
             return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE)
         return Answer(idn, value=0.0)
 
@@ -362,8 +445,8 @@ class Register:
         return answer
 
 
-def _writing_error(access: Access, phase: Phase) -> ServiceError:
-    """What forbids to write a value, whatever the other parameters are."""
+def writing_error(access: Access, phase: Phase) -> ServiceError:
+    """Return what forbids to write a value, whatever the other parameters are."""
     row = TABLE.get(access.idn)
     if phase < Phase.CP2:
         return ServiceError.NOT_OPEN

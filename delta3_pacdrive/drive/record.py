@@ -25,6 +25,7 @@ class DriveState(IntEnum):
 
 IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
 SHORT_CIRCUIT = 1.3  # of the peak current, at which the end stage blocks itself
+STANDSTILL_RAD_S = 0.5  # speed below which a shaft stands, S-0-0124
 UNDER_VOLTAGE, OVER_VOLTAGE = 0.75, 1.35  # of the nominal voltage of the DC link: 420 V and 756 V
 
 STATE = np.dtype(
@@ -46,7 +47,7 @@ STATE = np.dtype(
         ('still_cycles', 'i8'),  # since the command changed
         ('halt_done', 'i8'),  # a halted drive stands and holds its place
         # telegrams
-        ('mdt_losses', 'i8'),  # S-0-0029
+        ('mdt_losses', 'i8'),  # S-0-0028 and S-0-0029
         ('losses_in_a_row', 'i8'),
         ('losses_in_window', 'i8'),
         ('good_cycles', 'i8'),  # since a loss was forgotten

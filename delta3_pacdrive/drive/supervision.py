@@ -6,7 +6,7 @@ from delta3_pacdrive.bus.losses import FORGIVING_CYCLES, LOSSES_IN_A_ROW, LOSSES
 from delta3_pacdrive.bus.words import Control, Status
 from delta3_pacdrive.drive.cascade import clamp
 from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
-from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.drive.record import STANDSTILL_RAD_S, DriveState
 from delta3_pacdrive.kernel import kernel
 
 NOT_READY, READY, ENABLING, ENABLED = (
@@ -46,7 +46,6 @@ STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
     int(Status.ERROR),
     int(Status.WARNING),
 )
-STANDSTILL_RAD_S = 0.5
 TRIP_OVER_WARNING = 8.0  # following error of 8111 over that of 8132
 BRAKE_SLIP_RAD = 0.5  # of a shaft that its brake holds
 BRAKE_STOP_S = 0.5  # by which an applied brake has stopped its shaft

@@ -18,12 +18,18 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.service import ServiceSlave
+from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceSlave
 from delta3_pacdrive.bus.silence import BUS_SILENT_S, MASTER_SILENT_S, Watch
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import Phase, Status
-from delta3_pacdrive.drive.diagnostics import WARNINGS, DriveFault, class_1_diagnostic, fault_text
-from delta3_pacdrive.drive.idn import TABLE, Register
+from delta3_pacdrive.drive.diagnostics import (
+    WARNINGS,
+    DriveFault,
+    class_1_diagnostic,
+    class_2_diagnostic,
+    fault_text,
+)
+from delta3_pacdrive.drive.idn import OF_PARAMETER, TABLE, Register, refusal, writing_error
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.injection import MDT_FAULTS, change_drive
@@ -350,6 +356,25 @@ class MC4DriveNode(Node):
             self.set_parameters(changed)
             self._setting = False
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set what a ROS service asks for: whole numbers are numbers too, refusals are those of the service channel."""
+        given = [_as_float(parameter) for parameter in parameter_list]
+        for parameter in given:
+            reason = self._refusal(parameter)
+            if reason:
+                return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(given)
+
+    def _refusal(self, parameter: Parameter) -> str:
+        """Say what forbids to set a parameter, whatever the others are; empty if nothing, or if ROS can tell."""
+        if not self.has_parameter(parameter.name):
+            return f'{self._axis} has no parameter {parameter.name}'
+        idn = OF_PARAMETER.get(parameter.name)
+        if idn is None or parameter.type_ != Parameter.Type.DOUBLE:
+            return ''
+        access = Access(idn, Operation.WRITE, parameter.value)
+        return refusal(access, Answer(idn, writing_error(access, Phase.CP4)))
+
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Write parameters that ROS sets into the register, which knows what is allowed."""
         if self._setting:
@@ -417,6 +442,8 @@ class MC4DriveNode(Node):
             'diagnostic': fault_text(drive.fault),
             'warnings': [WARNINGS[warning].text for warning in WARNINGS if drive.warning & warning],
             'S-0-0011 class 1 diagnostic': f'{class_1_diagnostic(drive.fault):04x}',
+            'S-0-0012 class 2 diagnostic': f'{class_2_diagnostic(drive.warning):04x}',
+            'S-0-0028 MST losses': int(state['mdt_losses']),
             'S-0-0029 MDT losses': int(state['mdt_losses']),
             'S-0-0134 control word': f'{int(state["control"]):04x}',
             'S-0-0135 status word': f'{int(state["status"]):04x}',
@@ -440,6 +467,12 @@ class MC4DriveNode(Node):
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+
+def _as_float(parameter: Parameter) -> Parameter:
+    if parameter.name in WRITABLE and parameter.type_ == Parameter.Type.INTEGER:
+        return Parameter(parameter.name, value=float(parameter.value))
+    return parameter
 
 
 def main() -> int:

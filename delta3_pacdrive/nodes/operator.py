@@ -1,6 +1,7 @@
 """Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
 
 import json
+import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT, REQUEST
+from delta3_pacdrive.nodes.service_desk import split_mark
 
 LOOK_S = 0.02
 PATIENCE_S = 10.0
@@ -51,7 +53,7 @@ class OperatorNode(PollingNode):
         self._enable = self.create_client(SetBool, 'enable')
         self._inject = self.create_client(AddDiagnostics, 'inject_fault')
         self._request = self.create_publisher(String, 'sercos/service/request', REQUEST)
-        self._service_answers: list[str] = []
+        self._service_answers: dict[str, str] = {}  # by the mark of the request
         self.create_subscription(
             String,
             'sercos/service/answer',
@@ -64,7 +66,8 @@ class OperatorNode(PollingNode):
         self.progress = json.loads(message.data)
 
     def _on_service_answer(self, message: String) -> None:
-        self._service_answers.append(message.data)
+        mark, answer = split_mark(message.data)
+        self._service_answers[mark] = answer
 
     def _on_refusal(self, message: String) -> None:
         self._refusals.append(message.data)
@@ -144,10 +147,11 @@ class OperatorNode(PollingNode):
             lambda: self._request.get_subscription_count() and self.count_publishers('sercos/service/answer'),
             'transformation task',
         )
+        mark = f'#{secrets.token_hex(4)}'  # others ask as well, and everybody hears every answer
         self._service_answers.clear()
-        self._request.publish(String(data=request))
-        self.wait_until(lambda: self._service_answers, 'answer of the service channel')
-        verdict, _, text = self._service_answers[-1].partition(': ')
+        self._request.publish(String(data=f'{mark} {request}'))
+        self.wait_until(lambda: mark in self._service_answers, 'answer of the service channel')
+        verdict, _, text = self._service_answers[mark].partition(': ')
         if verdict == 'refused':
             raise ProgramError(text)
         return text

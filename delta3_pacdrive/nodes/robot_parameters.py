@@ -22,7 +22,9 @@ def descriptor(
     result = ParameterDescriptor(description=description, read_only=not writable)
     bounded = math.isfinite(low) and math.isfinite(high)
     if bounded and kind is float:
-        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+        # people read 0 for the smallest positive number; the core refuses 0 all the same
+        least = 0.0 if 0.0 < low < 1e-300 else low
+        result.floating_point_range = [FloatingPointRange(from_value=least, to_value=high, step=0.0)]
     elif bounded and kind is int:
         result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return result

@@ -2,8 +2,12 @@
 
 In: ``sercos/service/request`` (String: "axis1 read S-0-0104", "axis2 write S-0-0104 70", "axis3 command S-0-0099").
 Out: ``sercos/service/answer`` (String: one sentence for each request, with value and unit, or message 8503).
+
+Everybody hears every answer. A request may begin with a mark of the asker's own choice, and its answer begins with the
+same: "#3fa9 axis1 read S-0-0104" is answered with "#3fa9 accepted: axis1: ...".
 """
 
+import re
 from collections import deque
 from collections.abc import Callable
 
@@ -22,11 +26,12 @@ from delta3_pacdrive.bus.service import (
     message_8503,
     parse_idn,
 )
-from delta3_pacdrive.drive.idn import TABLE, refusal
+from delta3_pacdrive.drive.idn import TABLE, refusal, value_text
 from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
 from delta3_pacdrive.nodes.qos import REQUEST
 
 Done = Callable[[int, Answer], None]
+_MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
 OPERATIONS = {operation.name.lower(): operation for operation in Operation}
 
 
@@ -84,14 +89,22 @@ class ServiceDesk:
                 self.received(index, None)
 
     def _on_request(self, message: String) -> None:
-        try:
-            index, access = parse_request(message.data)
-            self.ask(index, access, lambda index, answer: self._say(sentence(index, access, answer)))
-        except Delta3Error as error:
-            self._say(f'refused: {error}')
+        mark, request = split_mark(message.data)
 
-    def _say(self, text: str) -> None:
-        self._answers.publish(String(data=text))
+        def say(text: str) -> None:
+            self._answers.publish(String(data=f'{mark} {text}' if mark else text))
+
+        try:
+            index, access = parse_request(request)
+            self.ask(index, access, lambda index, answer: say(sentence(index, access, answer)))
+        except Delta3Error as error:
+            say(f'refused: {error}')
+
+
+def split_mark(text: str) -> tuple[str, str]:
+    """Return (mark such as "#3fa9", the rest) of a request or an answer; the mark is empty without one."""
+    match = _MARK.match(text)
+    return (match[1].rstrip(), match[2]) if match else ('', text)
 
 
 def parse_request(text: str) -> tuple[int, Access]:
@@ -105,13 +118,16 @@ def parse_request(text: str) -> tuple[int, Access]:
     operation = OPERATIONS[words[1]]
     if len(words) != (4 if operation == Operation.WRITE else 3):
         raise TelegramError(f'{shown(text)}: only "write" takes a value, and it needs one')
-    value = 0.0
-    if operation == Operation.WRITE:
-        try:
-            value = float(words[3])
-        except ValueError:
-            raise TelegramError(f'{shown(words[3])} is no number') from None
+    value = _number(words[3]) if operation == Operation.WRITE else 0.0
     return DRIVES.index(words[0]), Access(parse_idn(words[2]), operation, value)
+
+
+def _number(text: str) -> float:
+    try:
+        # Python alone takes 1_0 for 10
+        return float(text if text.isascii() and '_' not in text else '')
+    except ValueError:
+        raise TelegramError(f'{shown(text)} is no number') from None
 
 
 def sentence(index: int, access: Access, answer: Answer) -> str:
@@ -119,7 +135,6 @@ def sentence(index: int, access: Access, answer: Answer) -> str:
     if answer.error:
         return f'refused: {DRIVES[index]}: {refusal(access, answer)}'
     row = TABLE[access.idn]
-    unit = '' if row.unit in ('1', 'bits') else f' {row.unit}'
     if access.operation == Operation.COMMAND:
         return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name}: done'
-    return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name} = {answer.value:.12g}{unit}'
+    return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name} = {value_text(row, answer.value)}'

@@ -1,17 +1,22 @@
 """The service channel on the running graph: values by IDN beside the cyclic data, and as ROS parameters."""
 
+import contextlib
+import math
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
+from delta3_pacdrive.cli import drive as drive_command
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.nodes.mc4_drive import WRITABLE, MC4DriveNode
 from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, REQUEST
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 
 
@@ -63,7 +68,58 @@ def test_actual_values_come_from_the_drive(cell: Cell) -> None:
     text = cell.operator.drive('axis1 read S-0-0051')
     value = float(text.split('= ')[1].split()[0])
     assert value == pytest.approx(float(cell.drives[0]._drive.answer[0]), abs=1e-3)
-    assert cell.operator.drive('axis1 read S-0-0135').endswith(f'= {0xC008}')
+    assert cell.operator.drive('axis1 read S-0-0135').endswith('= 0xc008')
+    assert cell.operator.drive('axis1 read S-0-0134').endswith('= 0xe000')
+
+
+def test_two_operators_who_ask_at_the_same_time_get_the_answers_to_their_own_questions(cell: Cell) -> None:
+    asked: list[str] = []
+
+    def ask_in_between(seconds: float) -> None:
+        if not asked:
+            asked.append(
+                other.drive('axis1 read S-0-0104')
+            )  # after the request of the first, before its answer
+        cell.graph.spin_for(seconds)
+
+    other = cell.graph.add(OperatorNode, cell.graph.spin_for)
+    first = cell.graph.add(OperatorNode, ask_in_between)
+    for operator in (first, other):  # so that both requests go out before anything is answered
+        cell.graph.spin_until(operator._request.get_subscription_count, 'the task')
+    cell.graph.spin_until(lambda: other.count_publishers('sercos/service/answer'), 'its answers')
+    assert first.drive('axis3 read S-0-0296') == 'axis3: S-0-0296 Velocity feed forward gain = 1'
+    assert asked == ['axis1: S-0-0104 Position loop KV-factor = 60 1/s']
+
+
+def test_the_answer_repeats_the_mark_of_its_request(cell: Cell) -> None:
+    expected = {
+        'axis1 read S-0-0104': 'accepted: axis1: S-0-0104 Position loop KV-factor = 60 1/s',
+        '#7 axis2 read S-0-0104': '#7 accepted: axis2: S-0-0104 Position loop KV-factor = 60 1/s',
+        '#a-b  axis2 command S-0-0104': '#a-b refused: axis2: 8503: S-0-0104: ',
+        '#3fa9': "#3fa9 refused: '' is no request: ",
+        '#3fa9 axis7 read S-0-0104': "#3fa9 refused: 'axis7 read S-0-0104' is no request: ",
+        '# axis1 read S-0-0104': "refused: '# axis1 read S-0-0104' is no request: ",
+    }
+    answers = cell.graph.listen(String, 'sercos/service/answer', REQUEST)
+    publisher = cell.graph.listener.create_publisher(String, 'sercos/service/request', REQUEST)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the task')
+    cell.graph.spin_until(
+        lambda: cell.graph.listener.count_publishers('sercos/service/answer'), 'its answers'
+    )
+    for number, (request, answer) in enumerate(expected.items(), 1):
+        publisher.publish(String(data=request))
+        cell.graph.spin_until(lambda number=number: len(answers) >= number, f'the answer to {request}')
+        assert answers[-1].data.startswith(answer)
+    assert len(answers) == len(expected)
+
+
+def test_the_drive_tells_the_same_in_its_diagnostics_and_in_the_service_channel(cell: Cell) -> None:
+    cell.drives[0]._drive.state['mdt_losses'] = 3
+    facts = {key.split()[0]: value for key, value in cell.drives[0].diagnostics().items()}
+    assert (facts['S-0-0028'], facts['S-0-0029']) == (3, 3)
+    assert cell.operator.drive('axis1 read S-0-0028').endswith('MST error counter = 3')
+    for idn in ('S-0-0011', 'S-0-0012', 'S-0-0134', 'S-0-0135'):
+        assert cell.operator.drive(f'axis1 read {idn}').endswith(f' = 0x{facts[idn]}')
 
 
 @pytest.mark.parametrize(
@@ -78,6 +134,11 @@ def test_actual_values_come_from_the_drive(cell: Cell) -> None:
         ('axis4 read S-0-0104', 'is no request'),
         ('axis1 write S-0-0104', 'it needs one'),
         ('axis1 write S-0-0104 much', "'much' is no number"),
+        ('axis1 write S-0-0104 1_0', "'1_0' is no number"),
+        ('axis1 write S-0-0104 \u0667\u0660', 'is no number'),
+        ('axis1 command S-0-0127', '(error 0x7012)'),
+        ('axis1 command S-0-0128', '(error 0x7012)'),
+        ('axis1 read S-0-0017', '(error 0x1001)'),
         ('axis1 read position', 'is no IDN'),
         ('', 'is no request'),
     ],
@@ -102,6 +163,9 @@ def test_the_channel_is_open_from_cp3_on_and_some_values_are_writable_only_there
 ) -> None:
     operator, task, drives = prepared
     graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    assert operator.drive('axis2 command S-0-0128') == 'axis2: S-0-0128 CP4 transition check: done'
+    with pytest.raises(ProgramError, match=r'S-0-0127.* cannot be executed at this time \(error 0x7012\)'):
+        operator.drive('axis2 command S-0-0127')
     assert operator.drive('axis2 read S-0-0295').endswith('= 0.01 s')
     assert operator.drive('axis2 write S-0-0295 0.08').endswith('= 0.08 s')
     assert float(drives[1]._drive.constants['settle_cycles'][0]) == 80
@@ -120,7 +184,10 @@ def test_before_cp3_the_channel_is_closed_and_says_so(graph: Any) -> None:
     assert 'the bus is in CP0' in str(caught.value)
 
 
-def set_parameter(cell: Cell, name: str, value: float) -> Any:
+SERVICE_OF = {SetParameters: 'set_parameters', SetParametersAtomically: 'set_parameters_atomically'}
+
+
+def set_parameter(cell: Cell, name: str, value: Any) -> Any:
     request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
     return cell.graph.call(SetParameters, 'mc4_drive_2/set_parameters', request).results[0]
 
@@ -135,20 +202,107 @@ def test_drive_parameters_are_ros_parameters_that_can_be_set(cell: Cell) -> None
     assert cell.operator.drive('axis2 read S-0-0296').endswith('= 0.9')
 
 
+@pytest.mark.parametrize('kind', [SetParameters, SetParametersAtomically])
+def test_a_whole_number_is_a_number_too(kind: Any, cell: Cell) -> None:
+    request = kind.Request(
+        parameters=[Parameter('drive.position_gain_rad_s_rad', value=70).to_parameter_msg()]
+    )
+    response = cell.graph.call(kind, f'mc4_drive_2/{SERVICE_OF[kind]}', request)
+    result = response.results[0] if kind is SetParameters else response.result
+    assert result.successful
+    value = cell.drives[1].get_parameter('drive.position_gain_rad_s_rad').value
+    assert (value, type(value)) == (70.0, float)
+    assert cell.operator.drive('axis2 read S-0-0104').endswith('= 70 1/s')
+
+
+REFUSED_PARAMETERS = [
+    (
+        'drive.velocity_feedforward',
+        5,
+        '8503: S-0-0296: Velocity feed forward gain: 5.0 is too large, it must be at most 2.0 (error 0x7007)',
+    ),
+    (
+        'drive.position_gain_rad_s_rad',
+        -1.0,
+        '8503: S-0-0104: Position loop KV-factor: '
+        '-1.0 1/s is too small, it must be at least 0.0 1/s (error 0x7006)',
+    ),
+    (
+        'drive.following_error_limit_rad',
+        0.0,
+        '8503: S-0-0159: Monitoring window: 0.0 rad is too small, it must be positive (error 0x7006)',
+    ),
+    (
+        'drive.stop_deceleration_rad_s2',
+        math.nan,
+        '8503: S-0-0429: Emergency stop deceleration: nan rad/s2 is invalid (error 0x7008)',
+    ),
+    (
+        'drive.velocity_period_s',
+        250e-6,
+        '8503: P-0-0002: Velocity loop period: the operation data cannot be changed (error 0x7004)',
+    ),
+    (
+        'drive.enable_settle_s',
+        0.1,
+        '8503: S-0-0295: Drive enable delay time: '
+        'the operation data is write-protected in this communication phase (error 0x7005)',
+    ),
+    ('motor.pole_pairs', 5, 'Trying to set a read-only parameter: motor.pole_pairs.'),
+    ('drive.velocity_feedforward', 'much', "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'"),
+    ('drive.velocity_feed', 1.0, 'axis2 has no parameter drive.velocity_feed'),
+]
+
+
+def test_a_parameter_that_cannot_be_set_is_refused_as_in_the_service_channel_and_stays(cell: Cell) -> None:
+    drive = cell.drives[1]
+    before = drive._register.parameters
+    for name, value, reason in REFUSED_PARAMETERS:
+        kept = drive.get_parameter_or(name).value
+        result = set_parameter(cell, name, value)
+        assert (result.successful, result.reason) == (False, reason)
+        assert drive.get_parameter_or(name).value == kept
+    assert drive._register.parameters is before
+
+
+def test_of_several_parameters_all_are_set_or_none(cell: Cell) -> None:
+    given = [('drive.position_gain_rad_s_rad', 70), ('drive.velocity_feedforward', 5.0)]
+    request = SetParametersAtomically.Request(
+        parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in given]
+    )
+    result = cell.graph.call(SetParametersAtomically, 'mc4_drive_2/set_parameters_atomically', request).result
+    assert not result.successful
+    assert '8503: S-0-0296' in result.reason
+    assert cell.operator.drive('axis2 read S-0-0104').endswith('= 60 1/s')
+
+
+def test_ranges_of_parameters_are_for_people(cell: Cell) -> None:
+    for name in WRITABLE:
+        (bounds,) = cell.drives[0].describe_parameter(name).floating_point_range
+        assert bounds.from_value == 0.0 or bounds.from_value > 1e-9, name
+
+
 @pytest.mark.parametrize(
-    ('name', 'value'),
+    ('arguments', 'request_'),
     [
-        ('drive.velocity_feedforward', 5.0),
-        ('drive.velocity_period_s', 250e-6),
-        ('drive.position_gain_rad_s_rad', -1.0),
+        (['axis1', 'S-0-0104'], 'axis1 read S-0-0104'),
+        (['axis1', 'S-0-0104', '70'], 'axis1 write S-0-0104 70'),
+        (['axis1', 'S-0-0104', '-1e3', '--json'], 'axis1 write S-0-0104 -1e3'),
+        (['--json', 'axis1', 'S-0-0104', '-.5'], 'axis1 write S-0-0104 -.5'),
+        (['axis1', 'S-0-0104', '-inf'], 'axis1 write S-0-0104 -inf'),
+        (['axis1', 'S-0-0099', 'command'], 'axis1 command S-0-0099'),
     ],
 )
-def test_a_parameter_out_of_range_or_fixed_is_refused_and_stays(name: str, value: float, cell: Cell) -> None:
-    before = cell.drives[1].get_parameter(name).value
-    result = set_parameter(cell, name, value)
-    assert not result.successful
-    assert result.reason
-    assert cell.drives[1].get_parameter(name).value == before
+def test_the_command_line_asks_the_drive(
+    arguments: list[str], request_: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    operator = SimpleNamespace(drive=lambda text: asked.append(' '.join(text.split())) or 'done')
+    monkeypatch.setattr(
+        'delta3_pacdrive.nodes.operator.operating', lambda _: contextlib.nullcontext(operator)
+    )
+    assert drive_command.main(arguments) == 0
+    assert asked == [request_]
 
 
 def test_every_gain_feedforward_and_filter_of_the_drive_is_writable() -> None:
