@@ -1072,3 +1072,75 @@ def test_an_overloaded_drive_follows_its_commands_to_their_standstill(robot):
     assert 60 < stopping < 159 < holding < 200
     # it drove on as if nothing had been wrong
     assert np.array_equal(bench.moved[:holding], whole.moved[:holding])
+
+
+# states and faults together
+
+
+def test_a_halted_drive_reacts_to_faults_and_does_not_come_back_with_one(robot):
+    halt = int(Control.DRIVE_ON | Control.ENABLE)
+    drive = enabled_drive(robot)
+    stand(drive, 0.0, 50, control=halt)
+    assert drive.drive_state == DriveState.HALTED
+    for _ in range(2):
+        drive.bridge_cycle(0.0, 0.0, 0.0)
+        drive.run_period(0.0, 0.0, 0.0)
+    assert drive.fault == DriveFault.TELEGRAM
+    stand(drive, 0.0, 600, control=halt)
+    assert drive.drive_state == DriveState.FAULT
+    assert not drive.powered
+    stand(drive, 0.0, 100)  # bit 13 again: nothing is enabled
+    assert drive.drive_state == DriveState.FAULT
+
+
+@pytest.mark.parametrize(
+    'state', [DriveState.ENABLED, DriveState.HALTED, DriveState.STOPPING, DriveState.HOLDING]
+)
+def test_without_bit_15_no_state_keeps_its_torque(state, robot):
+    drive = enabled_drive(robot)
+    if state == DriveState.HALTED:
+        stand(drive, 0.0, 5, control=int(Control.DRIVE_ON | Control.ENABLE))
+    elif state != DriveState.ENABLED:
+        for _ in range(600):
+            # a shaft that turns on keeps the drive in its stop
+            stand(drive, 0.0, 1, speed=5.0 if state == DriveState.STOPPING else 0.0, control=CONTROL_ON)
+            if drive.drive_state == state:
+                break
+    assert drive.drive_state == state
+    stand(drive, 0.0, 2, control=0)
+    assert not drive.powered
+    assert drive.drive_state == DriveState.READY
+
+
+def test_a_fault_of_a_drive_whose_power_was_taken_away_can_be_cleared(robot):
+    drive = enabled_drive(robot)
+    stand(drive, 0.0, 5, control=0)
+    for _ in range(2):
+        drive.bridge_cycle(0.0, 0.0, 0.0)
+        drive.run_period(0.0, 0.0, 0.0)
+    assert (drive.drive_state, drive.fault) == (DriveState.FAULT, DriveFault.TELEGRAM)
+    stand(drive, 0.0, 5, control=CONTROL_ON)
+    assert drive.clear_fault()
+    stand(drive, 0.0, 60)
+    assert drive.drive_state == DriveState.ENABLED
+
+
+def test_a_drive_that_is_enabled_far_from_its_command_does_not_jump_there(robot):
+    drive = MC4(robot)
+    stand(drive, 0.0, 5, position=5.0, control=CONTROL_ON)
+    currents = stand(drive, 0.0, 60, position=5.0)
+    assert drive.fault == DriveFault.FOLLOWING_ERROR
+    assert not drive.powered
+    assert np.abs(currents).max() < 2.0
+
+
+def test_a_drive_whose_held_shaft_is_turned_through_the_brake_says_so_and_is_cleared_at_rest(robot):
+    drive = enabled_drive(robot)
+    stand(drive, 0.0, 600, control=CONTROL_ON)
+    assert drive.drive_state == DriveState.READY
+    for n in range(10):
+        stand(drive, 0.0, 1, position=0.1 * n, speed=100.0, control=CONTROL_ON)
+    assert drive.fault == DriveFault.BRAKE
+    assert not drive.clear_fault()  # it turns still
+    stand(drive, 0.0, 5, position=0.9, control=CONTROL_ON)
+    assert drive.clear_fault()

@@ -13,6 +13,7 @@ from delta3_pacdrive.bus.silence import (
 )
 from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON, Status
 from delta3_pacdrive.motion import planning, program
+from delta3_pacdrive.motion.rejoin import rejoin
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.transformation import DISABLE_CYCLES, Transformation
 
@@ -176,3 +177,86 @@ def test_giving_up_forgets_the_stop_as_well(task):
     task.enable_cycle = 60
     _, controls = commands(task, 0, 200)
     assert controls[100] == CONTROL_ENABLE
+
+
+def test_nobody_postpones_the_torque_going_off_by_asking_again(task):
+    task.stop_at(120)
+    commands(task, 0, 121)
+    controls = []
+    for cycle in range(121, 400):
+        task.stop_at(cycle)
+        controls += commands(task, cycle, cycle + 1)[1]
+    assert controls.index(CONTROL_ON) + 121 == task.end_cycle + DISABLE_CYCLES
+
+
+def test_a_stop_cancels_a_way_back_to_the_plan_that_has_not_begun(task):
+    commands(task, 0, 100)
+    task.hold()
+    commands(task, 100, 400)
+    assert task.held
+    way_back = rejoin(task._timeline, 420, 1.0)
+    task.change(way_back)
+    task.stop_at(405)
+    places, controls = commands(task, 400, 900)
+    assert (places == places[0]).all()
+    assert controls[-1] == CONTROL_ON
+
+
+def test_a_stop_cancels_an_enabling_that_has_not_begun(robot):
+    task = Transformation(robot)
+    task.locate(np.zeros(3))
+    task.enable_cycle = 50
+    task.stop_at(10)
+    _, controls = commands(task, 0, 200)
+    assert set(controls) == {CONTROL_ON}
+
+
+def test_a_stop_for_an_axis_that_is_lost_is_as_hard_as_the_robot_can_also_when_another_is_under_way(robot):
+    ends = {}
+    for kind in ('soft', 'hard', 'soft, then hard'):
+        task = Transformation(robot)
+        tcp = task.locate(np.zeros(3))
+        slow = {'to_m': {'by_m': [0.0, 0.0, -0.1]}, 'speed_m_s': 0.5, 'acceleration_m_s2': 2.0}
+        task.load(planning.plan(program.parse({'moves': [{'move_l': slow}]}, robot.motion), tcp, robot).plan)
+        task.enable_cycle = 0
+        task.start(10)
+        commands(task, 0, 190)
+        task.stop_at(190, hard=kind == 'hard')
+        commands(task, 190, 200)
+        if kind == 'soft, then hard':
+            task.stop_at(200, hard=True)
+        commands(task, 200, 205)
+        ends[kind] = task.end_cycle
+    assert ends['hard'] < 200
+    assert ends['soft, then hard'] < 210
+    assert ends['soft'] > 250
+
+
+def test_ten_answers_lost_one_by_one_in_a_window_are_a_fault_nine_are_not(master):
+    said = []
+    for cycle in range(40):
+        if cycle % 2:
+            master.take(1, [0.0, 0.0, 0.0], FOLLOWS)
+        else:
+            master.bridge(1)
+        said.append(master.judge(cycle, 10**6))
+    assert said[:18] == [''] * 18
+    assert said[18] == 'axis2: ten AT lost in a window in bus cycle 18 (8506)'
+    master.forgive_losses()
+    master.take(1, [0.0, 0.0, 0.0], FOLLOWS)
+    assert master.judge(40, 10**6) == ''
+
+
+def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
+    for cycle in range(0, 3000, 101):
+        master.bridge(2)
+        assert master.judge(cycle, 10**6) == ''
+        for _ in range(100):
+            master.take(2, [0.0, 0.0, 0.0], FOLLOWS)
+
+
+@pytest.mark.parametrize(('follows', 'limp'), [(0, True), (int(Status.FOLLOWS_COMMAND), False)])
+def test_an_axis_that_reports_a_fault_is_limp_unless_it_follows_to_the_stop(follows, limp, master):
+    master.take(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
+    assert master.judge(7, 10**6) == 'axis1 reports a fault in bus cycle 7'
+    assert master.limp is limp

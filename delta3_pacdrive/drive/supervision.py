@@ -255,8 +255,11 @@ def _obey(s, c):
             react(BD2, s)
     elif s.state == READY and on and enable and run and s.fault == NO_FAULT:
         s.reaction = NO_REACTION
-        switch_on(s, c)
-        change_state(ENABLING, s)
+        if abs(s.command - s.sampled_position) > TRIP_OVER_WARNING * c.following_error_limit:
+            _latch(FOLLOWING_ERROR, s)  # the arm was moved: the drive would throw it back
+        else:
+            switch_on(s, c)
+            change_state(ENABLING, s)
 
 
 @kernel
