@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from std_msgs.msg import String
 
-from delta3_pacdrive import kinematics
+from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
@@ -32,7 +32,7 @@ STEP_M = (0.2, 0.0, 0.0)  # from home to the other end of the line
 SPEED_M_S = 0.4
 GENTLE_M_S2 = 2.0  # of a move that is held: its stop takes long enough to be hit
 MIDWAY_S = 0.25  # after the start of the way from home, in full speed
-OBSERVED_S = 1.1  # bus time after which a fault that has no effect shows none any more
+OBSERVED_S = 0.7  # bus time after which a fault that has no effect shows none any more
 AHEAD_S = 0.15  # bus time between the request for a fault that has to hit a short state, and the fault
 ENABLED_BEFORE, HELD_BEFORE = 25, 100  # cycles by which the order that leads to that state precedes the fault
 ATTEMPTS = 4  # to hit it
@@ -44,7 +44,7 @@ REFERENCE_LINE_M, REFERENCE_END_M = 0.2e-3, 0.03e-3
 HEAVY_KG = 2.0
 SETTLE_S = 0.1
 THERE_M = 0.01
-PAYLOAD_SHARE = 0.3  # of the coupling torque, at least, that goes with a payload of that mass
+PAYLOAD_KG = 0.3  # by which that what the arms feel may be off
 CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
     axis: f'mc4_drive_{number}' for number, axis in enumerate(DRIVES, 1)
 }
@@ -78,6 +78,7 @@ class Catalogue(Attendant):
         self._home = np.array(robot.motion.home_m)
         self._away = self._home + STEP_M
         self._recorded: dict[str, list[Telegrams]] = {}
+        self._ready = False  # whether the robot stands enabled at home, as the last case has left it
         self._newest = -1  # bus cycle
         self._first: int | None = None  # bus cycle of the newest fault
         self._failed_s: float | None = None  # when the fault of the robot was seen first
@@ -130,7 +131,9 @@ class Catalogue(Attendant):
         for _ in range(ATTEMPTS):
             outcome = Outcome(case)
             try:
-                self.make_ready(self._home.tolist())
+                if not self._ready:
+                    self.make_ready(self._home.tolist())
+                self._ready = False
                 self._run(case, outcome)
                 break
             except _MissedError as error:
@@ -145,6 +148,7 @@ class Catalogue(Attendant):
             if case.kind == 'overload':
                 self.let_pass(COOLING_S)
             outcome.reference_m = self._move_for_reference()
+            self._ready = True
         except Delta3Error as error:
             outcome.problem = outcome.problem or f'not recovered: {error}'
             self.replace_the_machine()
@@ -383,13 +387,19 @@ class Catalogue(Attendant):
     def _static_torque(self) -> float:
         """Sum of the coupling torques [N m] of the three arms, which stand."""
         self._recorded.clear()
-        self.wait(lambda: self._recorded.get(SHAFTS), 'shafts')
-        return float(self._recorded[SHAFTS][-1].values[-1, COUPLING].sum())
+        self.let_pass(SETTLE_S)
+        return float(self._telegrams(SHAFTS).values[:, COUPLING].sum(axis=1).mean())
 
     def _payload_evidence(self, held_n_m: float) -> str:
-        torque = self._static_torque()
-        lost = abs(held_n_m - torque) > PAYLOAD_SHARE * abs(held_n_m)
-        return f'd falls from {held_n_m:.2f} to {torque:.2f} N m' if lost else ''
+        """Say what the arms feel of the payload that was gripped: nothing any more, if it has fallen off."""
+        theta = self._telegrams(SHAFTS).values[-1, :3] / self._robot.dynamics.gear_ratio
+        with_it, without = (
+            float(dynamics.gravity(theta, self._robot.replace(dynamics__payload_mass_kg=mass)).sum())
+            for mass in (HEAVY_KG, 0.0)
+        )
+        ratio = self._robot.dynamics.gear_ratio
+        lost = HEAVY_KG * ratio * abs(self._static_torque() - held_n_m) / abs(with_it - without)
+        return f'{lost:.3f} kg lost' if abs(lost - HEAVY_KG) < PAYLOAD_KG else ''
 
     def _counters(self, case: Case) -> tuple[int, int]:
         """Return how many telegrams of the axis have been lost and how many were late or repeated so far."""
