@@ -73,12 +73,14 @@ def _inject(options: argparse.Namespace) -> int:
     return 0
 
 
-def _columns(cells: Sequence[str]) -> str:
+def columns(cells: Sequence[str]) -> str:
+    """Return a line of the table."""
     texts = [f'{cell:<{width}}' for cell, width in zip(cells, WIDTHS, strict=True)]
     return ' '.join(texts).rstrip()
 
 
-def _line(row: dict[str, Any]) -> str:
+def line_of(row: dict[str, Any]) -> str:
+    """Return the line of a case, and a second one if it did not go as expected."""
     found, silent, recovered = row['detected_s'], row['silent_s'], row['recovered_s']
     cells = (
         row['case'],
@@ -89,7 +91,7 @@ def _line(row: dict[str, Any]) -> str:
         f'{row["deviation_m"] * 1e3:.2f} mm',
         'never' if recovered is None else f'{recovered:.1f} s',
     )
-    text = _columns(cells)
+    text = columns(cells)
     if row['ok']:
         return text
     seen = row['reported'] or row['evidence'] or 'no effect'
@@ -105,12 +107,12 @@ def _run(options: argparse.Namespace) -> int:
     todo = cases(options.short, options.only or '')
     announce_compilation()
     if not options.json:
-        print(_columns(HEADINGS), flush=True)
+        print(columns(HEADINGS), flush=True)
     outcomes: list[Outcome] = []
 
     def show(outcome: Outcome) -> None:
         if not options.json:
-            print(_line(outcome.to_row()), flush=True)
+            print(line_of(outcome.to_row()), flush=True)
         elif sys.stderr.isatty():
             print(f'\r{len(outcomes)} of {len(todo)}', end='', file=sys.stderr, flush=True)
 

@@ -97,7 +97,7 @@ MUTATIONS = [
     (SHAFTS, shifted(4, -2000.0), 'a shaft turns at'),
     (AT[0], shifted(2, 40.0), 'sercos/at/axis1: torque'),
     (AT[0], shifted(2, np.nan), 'sercos/at/axis1: torque'),
-    (MDT, shifted(1, -np.radians(30.0) * RATIO), 'the TCP is commanded to'),
+    (MDT, shifted(1, -np.radians(40.0) * RATIO), 'the TCP is commanded to'),
 ]
 
 
@@ -133,7 +133,7 @@ def test_bus_time_may_go_on_only_where_the_bus_was_phased_up(
 @pytest.mark.parametrize(
     ('topic', 'mutate', 'sentence'),
     [
-        (SHAFTS, shifted(0, np.radians(96.0) * RATIO - ARM), 'an arm is at'),
+        (SHAFTS, shifted(0, np.radians(103.0) * RATIO), 'an arm is at'),
         (SHAFTS, shifted(3, 640.0), 'a shaft turns at'),
         (AT[0], shifted(2, 14.0), 'sercos/at/axis1: torque'),
         (MDT, shifted(0, 0.3), 'the true TCP is'),
