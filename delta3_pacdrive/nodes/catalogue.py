@@ -26,7 +26,7 @@ from delta3_pacdrive.nodes.child import Child
 from delta3_pacdrive.nodes.evidence import COUPLING, OF_AXIS, AxisRecord
 from delta3_pacdrive.nodes.fault_desk import SCHEDULE
 from delta3_pacdrive.nodes.qos import FAULTS, REPORT
-from delta3_pacdrive.nodes.tap import SHAFTS, Tap, Telegrams
+from delta3_pacdrive.nodes.tap import MDT, SHAFTS, Tap, Telegrams
 
 STEP_M = (0.2, 0.0, 0.0)  # from home to the other end of the line
 SPEED_M_S = 0.4
@@ -115,14 +115,13 @@ class Catalogue(Attendant):
     def _telegrams(self, topic: str) -> Telegrams:
         return Telegrams.joined(self._recorded.get(topic, []))
 
-    def _tcp(self) -> Floats:
-        """True TCP [m] of every cycle so far, shape (n, 3)."""
-        shafts = self._telegrams(SHAFTS)
-        if not len(shafts.cycles):
+    def _tcp(self, topic: str = SHAFTS) -> Floats:
+        """TCP [m] of every cycle so far, shape (n, 3): the true one, or that of the commands."""
+        telegrams = self._telegrams(topic)
+        if not len(telegrams.cycles):
             return np.zeros((0, 3))
-        return kinematics.forward(
-            shafts.values[:, :3] / self._robot.dynamics.gear_ratio, self._robot.kinematics
-        )
+        theta = telegrams.values[:, :3] / self._robot.dynamics.gear_ratio
+        return kinematics.forward(theta, self._robot.kinematics)
 
     # one case ---------------------------------------------------------------------------------------------------------
 
@@ -353,7 +352,7 @@ class Catalogue(Attendant):
         self.let_pass(DISABLED_S)
         operator.enable(True)
         self.wait(lambda: self.fresh()['in_torque'] or self.progress['fault'], 'torque')
-        there = float(np.linalg.norm(self._tcp()[-1] - self._away)) < THERE_M
+        there = float(np.linalg.norm(self._tcp(MDT)[-1] - self._away)) < THERE_M
         way = (self._home, self._away, self._home) if there else (self._away, self._home)
         try:
             self.drive(self._moves(*way), **self._program)
