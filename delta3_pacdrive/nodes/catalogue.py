@@ -36,6 +36,7 @@ OBSERVED_S = 0.7  # bus time after which a fault that has no effect shows none a
 AHEAD_S = 0.15  # bus time between the request for a fault that has to hit a short state, and the fault
 ENABLED_BEFORE, HELD_BEFORE = 25, 100  # cycles by which the order that leads to that state precedes the fault
 ATTEMPTS = 4  # to hit it
+HELD_FROM_M, HELD_TO_M = 0.02, 0.18  # on the way, where a hold is ordered
 ROUNDS = 40  # of a program that outlives the silence of its planner
 DISABLED_S = 0.3  # bus time without torque in the exercise
 COOLING_S = 6.0  # bus time in which the I2t monitoring forgets
@@ -205,7 +206,7 @@ class Catalogue(Attendant):
     def _observe(self, case: Case) -> str:
         """Return the sentence about the fault, if it has stopped the robot."""
         if case.state != State.STOPPED_BY_FAULT:
-            return self.observe(OBSERVED_S)
+            return self.observe(OBSERVED_S + case.fault.get('for_s', 0.0))
         self.let_pass(OBSERVED_S)
         self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
         return str(self.progress['fault'])
@@ -285,7 +286,8 @@ class Catalogue(Attendant):
 
     def _while_held(self, case: Case) -> Floats:
         self.drive(self._moves(self._away), **self._program)
-        self.wait(lambda: self.progress['master_m'] > 0.02, 'motion')
+        # before it moves the distance is that of the last program, which ended at the other end
+        self.wait(lambda: HELD_FROM_M < self.progress['master_m'] < HELD_TO_M, 'motion')
         self.operator.call('hold')
         self.wait(lambda: self.operator.state == 'stopped', 'standstill')
         self._inject(case)

@@ -10,7 +10,7 @@ from delta3_pacdrive.nodes.tap import AT, SHAFTS, Telegrams
 
 ENCODER_RAD = 1e-4  # ten times what the grid of the encoder makes
 SAG_RAD_S = 0.5
-EXTRA_N_M = 1.0  # beyond what load, friction and the motor's own inertia ask for
+EXTRA_N_M = 1.0  # beyond what load, friction and the motor's own inertia ask for; arms alone need 0.3 at rest
 POSITION, TORQUE = 0, 2  # columns of an AT
 COUPLING = slice(6, 9)  # of the shafts
 
@@ -61,11 +61,17 @@ def burdened(record: AxisRecord) -> str:
     return f'needs {torque:.2f} N m more than its load' if torque > EXTRA_N_M else ''
 
 
+def loaded(record: AxisRecord) -> str:
+    """Say how much torque the load of the shaft asks for, mostly."""
+    torque = float(np.median(np.abs(record.coupling))) if len(record.coupling) else 0.0
+    return f'carries {torque:.2f} N m' if torque > EXTRA_N_M else ''
+
+
 OF_AXIS: dict[str, Callable[[AxisRecord], str]] = {
     'encoder_jump': misread,
     'encoder_drift': misread,
     'encoder_noise': misread,
     'brake_worn': sagged,
     'brake_stuck': burdened,
-    'overload': burdened,
+    'overload': loaded,
 }
