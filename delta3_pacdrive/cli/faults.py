@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for, print_json
+from delta3_pacdrive.cli.output import (
+    INTERRUPTED,
+    announce_compilation,
+    guarded,
+    parser_for,
+    print_json,
+)
 from delta3_pacdrive.errors import RunError
 
 ACTIONS = {
@@ -15,7 +21,8 @@ ACTIONS = {
     'list': 'the kinds of faults and their values',
     'inject': "one fault, in YAML, into a robot that is up: '{fault: drop_at, axis: axis2}'",
 }
-COLUMNS = f'{"fault":<38} {"state":<9} {"detected":>9} {"reaction":<44} {"TCP":>8} {"recovered":>9}'
+WIDTHS = (31, 16, 7, 8, 14, 9, 9)
+HEADINGS = ('fault', 'state', 'bus', 'wall', 'reaction', 'TCP', 'recovered')
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -25,8 +32,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('action', choices=ACTIONS, nargs='?', default='run', metavar='ACTION')
     parser.add_argument('fault', nargs='?', default='', help='the fault to inject')
-    parser.add_argument('--short', action='store_true', help='run: a dozen faults in motion')
-    parser.add_argument('--only', metavar='TEXT', help='run: only faults whose line holds this text')
+    parser.add_argument('--short', action='store_true', help='run: a dozen faults in various states')
+    parser.add_argument('--only', metavar='TEXT', help='run: only lines that hold this text')
     parser.add_argument('--csv', metavar='FILE', type=Path, help='run: write the table to this file')
     parser.add_argument('--logs', metavar='DIR', type=Path, help='run: keep the logs of the processes here')
     parser.add_argument('--namespace', default='/', help='inject: ROS namespace of the robot')
@@ -66,42 +73,68 @@ def _inject(options: argparse.Namespace) -> int:
     return 0
 
 
-def _line(row: dict[str, Any]) -> str:
-    detected = '-' if row['detected_s'] is None else f'{row["detected_s"] * 1e3:.0f} ms'
-    recovered = 'never' if row['recovered_s'] is None else f'{row["recovered_s"]:.1f} s'
-    said = row['problem'] or row['reported'].partition('bus cycle ')[2] or row['reported'] or 'goes on'
-    said = said.partition(': ')[2] or row['reported'] or said
-    said = said if len(said) <= 44 else said[:41] + '...'
-    deviation = f'{row["deviation_m"] * 1e3:.2f} mm'
-    text = f'{row["case"]:<38} {row["state"]:<9} {detected:>9} {said:<44} {deviation:>8} {recovered:>9}'
-    return text if row['ok'] else f'{text}  NOT AS EXPECTED: {row["expected"] or "goes on"}'
+def columns(cells: Sequence[str]) -> str:
+    """Return a line of the table."""
+    texts = [f'{cell:<{width}}' for cell, width in zip(cells, WIDTHS, strict=True)]
+    return ' '.join(texts).rstrip()
+
+
+def line_of(row: dict[str, Any]) -> str:
+    """Return the line of a case, and a second one if it did not go as expected."""
+    found, silent, recovered = row['detected_s'], row['silent_s'], row['recovered_s']
+    cells = (
+        row['case'],
+        row['state'],
+        '' if found is None else f'{found * 1e3:.0f} ms',
+        '' if silent is None else f'{silent:.1f} s',
+        f'{row["reaction"]}{" *" if row["exercised"] else ""}',
+        f'{row["deviation_m"] * 1e3:.2f} mm',
+        'never' if recovered is None else f'{recovered:.1f} s',
+    )
+    text = columns(cells)
+    if row['ok']:
+        return text
+    seen = row['reported'] or row['evidence'] or 'no effect'
+    what = row['problem'] or f'{seen}, expected: {row["expected"] or "goes on"}'
+    return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
 def _run(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.nodes.catalogue import Outcome, cases, run_catalogue
+    from delta3_pacdrive.nodes.cases import Outcome, cases
+    from delta3_pacdrive.nodes.catalogue import run_catalogue
 
+    todo = cases(options.short, options.only or '')
     announce_compilation()
     if not options.json:
-        print(COLUMNS)
+        print(columns(HEADINGS), flush=True)
+    outcomes: list[Outcome] = []
 
-    def show(outcome: Outcome, number: int, count: int) -> None:
+    def show(outcome: Outcome) -> None:
         if not options.json:
-            print(_line(outcome.to_row()), flush=True)
+            print(line_of(outcome.to_row()), flush=True)
         elif sys.stderr.isatty():
-            print(f'\r{number} of {count}', end='', file=sys.stderr, flush=True)
+            print(f'\r{len(outcomes)} of {len(todo)}', end='', file=sys.stderr, flush=True)
 
-    rows = [
-        outcome.to_row()
-        for outcome in run_catalogue(cases(options.short, options.only or ''), options.logs, show)
-    ]
+    ended = ''
+    try:
+        run_catalogue(todo, options.logs, outcomes, show)
+    except KeyboardInterrupt:
+        ended = 'interrupted'
+    except RunError as error:
+        ended = str(error)
+    rows = [outcome.to_row() for outcome in outcomes]
     bad = [row for row in rows if not row['ok']]
-    if options.csv:
+    if options.csv and rows:
         _write(options.csv, rows, options.command_line)
     if options.json:
-        print_json({'ok': not bad, 'cases': rows}, options, core.load())
+        result = {'ok': not bad and not ended, 'ended': ended, 'cases': rows}
+        print_json(result, options, core.load())
     else:
-        print(f'{len(rows)} cases, {len(rows) - len(bad)} as expected')
+        print(f'{len(rows)} of {len(todo)} cases, {len(rows) - len(bad)} as expected; * in the exercise')
+    if ended:
+        print(f'error: {ended}: the table is not complete', file=sys.stderr)
+        return INTERRUPTED if ended == 'interrupted' else 1
     if bad and not options.json:
         raise RunError(f'{len(bad)} of {len(rows)} cases did not go as expected')
     return int(bool(bad))

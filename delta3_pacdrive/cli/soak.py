@@ -2,16 +2,24 @@
 
 import argparse
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from delta3_pacdrive.cli.output import announce_compilation, guarded, parser_for, print_json
+from delta3_pacdrive.cli.output import (
+    INTERRUPTED,
+    announce_compilation,
+    guarded,
+    parser_for,
+    print_json,
+)
 from delta3_pacdrive.errors import RunError
 
-PACES = {'fast': 0.0, 'real-time': 1.0}
+PACES = {'fast': 0.0, 'real-time': 1.0}  # of the bus, over real time
+END_S = 15.0  # in which a pace that is to end does
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -21,10 +29,15 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--minutes', type=float, default=10.0, metavar='N', help='how long, all in all')
     parser.add_argument('--seed', type=int, default=1, help='of programs and faults')
     parser.add_argument('--pace', choices=PACES, help='only without a clock, or only in real time')
+    parser.add_argument(
+        '--replay', type=int, metavar='N', help='only program N of the sequence of a seed and a pace'
+    )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     options = parser.parse_args(arguments)
     if not 0.0 < options.minutes <= 1e5:
         parser.error(f'--minutes is {options.minutes:g}, but must be between 0 and 100000')
+    if options.replay is not None and (options.replay < 1 or not options.pace):
+        parser.error('--replay takes the number of a program, from 1 on, and needs --pace')
     return options
 
 
@@ -37,32 +50,61 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
 
-    if options.pace:
-        rows = {options.pace: _soak(options, options.pace)}
-    else:
-        rows = {pace: _in_a_process(options, pace) for pace in PACES}
-    ok = all(row['ok'] for row in rows.values())
+    rows: dict[str, dict[str, Any]] = {}
+    interrupted = False
+    for pace in [options.pace] if options.pace else PACES:
+        rows[pace] = _soak(options, pace) if options.pace else _in_a_process(options, pace)
+        interrupted = rows[pace].pop('interrupted')
+        if interrupted:
+            break
+    ok = all(row['ok'] for row in rows.values()) and not interrupted
     if options.json:
-        result = {'ok': ok, 'seed': options.seed, 'minutes': options.minutes, **rows}
-        print_json(result, options, core.load(), seed=options.seed)
+        result = {'ok': ok, 'interrupted': interrupted, 'seed': options.seed, 'minutes': options.minutes}
+        print_json(result | rows, options, core.load(), seed=options.seed)
     else:
         for pace, row in rows.items():
             _print(pace, row)
+    if interrupted:
+        print('interrupted: the figures are those until then', file=sys.stderr)
+        return INTERRUPTED
     if not ok and not options.json:
-        raise RunError('the soak found something: see the violations')
+        raise RunError(_complaint(options, rows))
     return int(not ok)
+
+
+def _complaint(options: argparse.Namespace, rows: dict[str, dict[str, Any]]) -> str:
+    idle = [pace for pace, row in rows.items() if not row['programs']]
+    if idle:
+        return f'no program ran {" and ".join(idle)} within {options.minutes:g} minutes'
+    return 'the soak found something: see the violations'
 
 
 def _in_a_process(options: argparse.Namespace, pace: str) -> dict[str, Any]:
     """Run one pace in a process of its own: a bring-up forks, which a process that had ROS in it must not."""
     arguments = ['--pace', pace, '--minutes', str(options.minutes / len(PACES)), '--seed', str(options.seed)]
     command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.soak', *arguments, '--json']
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
-    result = json.loads(done.stdout.splitlines()[-1]) if done.stdout else {}
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        try:
+            output, _ = child.communicate()
+        except KeyboardInterrupt:
+            output = _end(child)
+    result = json.loads(output.splitlines()[-1]) if output else {}
     if pace not in result:
-        raise RunError(result.get('error', f'the soak {pace} ended with status {done.returncode}'))
+        raise RunError(result.get('error', f'the soak {pace} ended with status {child.returncode}'))
     row: dict[str, Any] = result[pace]
-    return row
+    return row | {'interrupted': result['interrupted']}
+
+
+def _end(child: 'subprocess.Popen[str]') -> str:
+    """Pass an interruption on, and return what the process still says."""
+    child.send_signal(signal.SIGINT)
+    try:
+        output, _ = child.communicate(timeout=END_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        output, _ = child.communicate()
+    return output
 
 
 def _soak(options: argparse.Namespace, pace: str) -> dict[str, Any]:
@@ -74,6 +116,7 @@ def _soak(options: argparse.Namespace, pace: str) -> dict[str, Any]:
     announce_compilation()
     console = Console(stderr=True)
     figures = Figures()
+    interrupted = False
     # a display that refreshes by itself has a thread, which a process that forks must not have
     with Progress(
         TextColumn('{task.description}'), TimeElapsedColumn(), console=console, auto_refresh=False
@@ -86,8 +129,11 @@ def _soak(options: argparse.Namespace, pace: str) -> dict[str, Any]:
                 line, description=f'{text}, {len(now.violations)} violations', refresh=console.is_terminal
             )
 
-        run_soak(60.0 * options.minutes, options.seed, PACES[pace], figures, show)
-    return asdict(figures) | {'ok': figures.ok}
+        try:
+            run_soak(60.0 * options.minutes, options.seed, pace, PACES[pace], figures, show, options.replay)
+        except KeyboardInterrupt:
+            interrupted = True
+    return asdict(figures) | {'ok': figures.ok, 'interrupted': interrupted}
 
 
 def _print(name: str, row: dict[str, Any]) -> None:
@@ -96,15 +142,30 @@ def _print(name: str, row: dict[str, Any]) -> None:
         f'    {row["programs"]} programs in {row["cycles"]} cycles, {row["refused"]} refused by the planner'
     )
     print(
-        f'    {row["injected"]} faults injected, {row["stopped"]} stopped the robot, {row["survived"]} survived'
+        f'    {row["injected"]} faults injected, {row["survived"]} survived; '
+        f'{row["stopped"]} programs stopped by them'
     )
-    print(f'    {row["lost_telegrams"]} AT lost, {row["lost_injected"]} of them at most by injected faults')
-    rss = f'{row["rss_start_mb"]:.1f} MB at the start, {row["rss_end_mb"]:.1f} MB at the end'
-    print(f'    memory of the processes that lived throughout: {rss}')
+    print(
+        f'    {row["undisturbed"]} undisturbed programs: true TCP within {row["error_max_m"] * 1e3:.3f} mm '
+        f'of the command, ends within {row["end_max_m"] * 1e3:.4f} mm'
+    )
+    print(
+        f'    {row["lost_at"]} AT lost of at most {row["lost_at_injected"]} injected, '
+        f'{row["lost_mdt"]} MDT of {row["lost_mdt_injected"]}'
+    )
+    print(
+        f'    memory of the processes that lived on: {row["rss_start_mb"]:.1f} MB, '
+        f'{row["rss_cycles"]} cycles later {row["rss_end_mb"]:.1f} MB'
+    )
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
     print(f'    {kinds or "no faults"}')
-    for sentence in row['violations']:
-        print(f'    VIOLATED: {sentence}')
+    for violation in row['violations']:
+        print(f'    VIOLATED in bus cycle {violation["cycle"]}: {violation["sentence"]}')
+        print(
+            f'        program {violation["number"]}: delta3 soak --seed {violation["seed"]} '
+            f'--pace {violation["pace"]} --replay {violation["number"]}'
+        )
+        print(''.join(f'        {line}\n' for line in violation['program'].splitlines()), end='')
 
 
 if __name__ == '__main__':

@@ -31,14 +31,17 @@ class Attendant:
 
     def __init__(self, bringup: Bringup) -> None:
         self._bringup = bringup
-        self.operator = OperatorNode(self._spin, namespace=bringup.node.get_namespace())
+        self.operator = OperatorNode(self.spin, namespace=bringup.node.get_namespace())
         bringup.add(self.operator)
 
     def look(self) -> None:
         """Look at what was published since the last look; called all the time."""
 
-    def _spin(self, seconds: float) -> None:
+    def spin(self, seconds: float) -> None:
+        """Let everybody work for a while; raises KeyboardInterrupt if a signal asks for the end."""
         self._bringup.look(seconds)
+        if self._bringup.interrupted:
+            raise KeyboardInterrupt
         self.look()
 
     @property
@@ -55,6 +58,17 @@ class Attendant:
     def wait(self, condition: Callable[[], Any], what: str) -> None:
         """Wait for a condition; raises RunError when patience is over."""
         self.operator.wait_until(condition, what, PATIENCE_S)
+
+    def mdt_losses(self, axis: str) -> int:
+        """MDT that a drive has missed since its start (S-0-0029)."""
+        answer = self.operator.drive(f'{axis} read S-0-0029')
+        return int(float(answer.rpartition('= ')[2].split()[0]))
+
+    def stands(self) -> bool:
+        """Whether nothing moves: no program is under way, or a fault has taken the torque off."""
+        if self.progress['fault']:
+            return not self.progress['in_torque']
+        return self.operator.state in ('idle', 'stopped')
 
     def let_pass(self, seconds: float) -> None:
         """Let bus time pass."""
@@ -105,14 +119,14 @@ class Attendant:
         """Let a new machine take the place of one that cannot be moved any more; its process is started again."""
         self.operator.inject(json.dumps({'fault': 'kill', 'node': PLANT}))
 
-    def drive(self, moves: list[dict[str, Any]], faults: Sequence[dict[str, Any]] = ()) -> None:
-        """Send moves, with faults at their times, and start them; raises ProgramError if they are refused."""
+    def drive(self, moves: list[dict[str, Any]], faults: Sequence[dict[str, Any]] = (), **more: Any) -> None:
+        """Send a program of moves, with faults at their times, and start it; raises ProgramError if it is refused."""
         operator = self.operator
-        self.wait(lambda: operator.state == 'idle', 'idle robot')
-        self._send(json.dumps({'moves': moves, 'faults': list(faults)}))
+        self.wait(lambda: operator.state == 'idle' or self.progress['fault'], 'idle robot')
+        self._send(json.dumps({'moves': moves, 'faults': list(faults), **more}))
         before = operator.state_changes
         operator.call('start')
-        self.wait(lambda: operator.state_changes > before, 'start')
+        self.wait(lambda: operator.state_changes > before or self.progress['fault'], 'start')
 
     def _send(self, document: str) -> None:
         """Send a program; a planner that was started again may not have heard of it, or not know the robot yet."""
@@ -145,3 +159,22 @@ class Attendant:
             if passed > seconds and self.operator.state != 'moving':
                 break
         return str(self.progress['fault'])
+
+
+def run_attended(bringup: Bringup, attend: Callable[[], None]) -> None:
+    """Bring a robot up, attend to it and end it; raises KeyboardInterrupt if a signal asks for the end before."""
+    attended = False
+
+    def script(_: dict[str, Any]) -> None:
+        nonlocal attended
+        if not attended:
+            attended = True
+            attend()
+            bringup.stop()
+
+    try:
+        bringup.run(script)
+    except RunError:
+        if bringup.interrupted and not attended:
+            raise KeyboardInterrupt from None
+        raise

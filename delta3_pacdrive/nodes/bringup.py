@@ -348,6 +348,11 @@ class Bringup:
         """The node of this process, for whoever wants to take part."""
         return self._monitor
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal, or ``stop``, asks for the end; whoever operates from within looks at it."""
+        return self._interrupted
+
     def stop(self) -> None:
         """End a bring-up without a program."""
         self._interrupted = True

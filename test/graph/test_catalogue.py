@@ -4,48 +4,131 @@ import csv
 import json
 import signal
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from delta3_pacdrive.injection import KINDS
-from delta3_pacdrive.nodes import catalogue
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.cli import faults
+from delta3_pacdrive.cli.output import INTERRUPTED
+from delta3_pacdrive.injection import KINDS, OF_PROCESSES
+from delta3_pacdrive.nodes import cases
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def test_the_catalogue_holds_every_kind_in_every_state() -> None:
-    tried = {(case.fault['fault'], case.state) for case in catalogue.cases()}
-    assert tried == {(kind, state) for kind in KINDS if kind != 'clear' for state in catalogue.State}
+def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
+    every = cases.cases()
+    tried = {(case.kind, case.state) for case in every}
+    states = set(cases.State) - {cases.State.STARTING}
+    expected = {(kind, state) for kind in KINDS if kind != 'clear' for state in states}
+    assert tried == expected | {(kind, cases.State.STARTING) for kind in OF_PROCESSES}
+    assert {case.target for case in every if case.kind.startswith('encoder')} == set(DRIVES)
+    assert len({case.line for case in every}) == len(every)
+    assert [case.line for case in cases.cases(short=True)] == sorted(
+        cases.SHORT, key=[case.line for case in every].index
+    )
 
 
-def test_every_fault_in_motion_leads_to_what_it_has_to_lead_to(
+def test_faults_lead_to_what_they_have_to_lead_to(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     done = delta3('faults', '--short', '--json', '--csv', tmp_path / 'table.csv', timeout=240.0)
     result = json.loads(done.stdout)
     assert [row for row in result['cases'] if not row['ok']] == []
     assert result['ok'] is True
-    rows = {row['case']: row for row in result['cases']}
+    rows = {f'{row["case"]} {row["state"]}': row for row in result['cases']}
+    assert list(rows) == [case.line for case in cases.cases(short=True)]
+    assert len({row['state'] for row in rows.values()}) >= 7
     # found within two cycles, and millimetres away from the path at most
-    for row in rows.values():
-        if row['reported'] and not row['case'].startswith(('kill', 'emergency')):
-            assert 0.0 <= row['detected_s'] <= 0.003, row
-            assert row['deviation_m'] < 0.01, row
-    assert rows['drop_mdt axis2 cycles=2']['reported'].endswith('reaction BD2)')
+    for line, row in rows.items():
+        assert row['deviation_m'] < 0.01, row
+        assert row['reference_m'] < 0.2e-3, row
+        if row['reported'] and not row['exercised'] and not line.startswith(('kill', 'emergency')):
+            assert 0.0 <= row['detected_s'] <= 0.002, row
+    assert rows['drop_mdt axis2 x2 enabling']['reaction'] == '8112 BD2'
+    assert rows['drop_at axis3 x2 stopping']['reaction'] == '8506 stop'
+    assert rows['drop_mdt axis1 moving']['evidence'] == '1 lost'
+    assert rows['encoder_jump axis1 0.1 standing']['evidence'] == 'reads up to 0.1000 rad wrong'
+    # a shorted winding shows itself as soon as it is fed
+    assert rows['winding_short axis1 disabled']['exercised'] is True
+    assert rows['payload_lost moving']['evidence'].endswith('kg lost')
+    # a dead drive is found by the clock: 2 s without its currents, then half a second without its answers
+    assert 1.0 < rows['kill axis2 moving']['silent_s'] < 10.0
     lines = (tmp_path / 'table.csv').read_text(encoding='utf-8').splitlines()
     table = list(csv.DictReader(line for line in lines if not line.startswith('#')))
-    assert [row['case'] for row in table] == list(rows)
+    assert [f'{row["case"]} {row["state"]}' for row in table] == list(rows)
+
+
+def test_no_line_of_the_table_is_wider_than_100_columns() -> None:
+    sentence = 'axis2 reports a fault in bus cycle 7: 8112 telegram invalid (class 3, reaction BD2)'
+    for case in cases.cases():
+        outcome = cases.Outcome(case, 0.999, None, sentence, True, '', 0.1234, 59.9)
+        for line in (faults.line_of(outcome.to_row() | {'ok': True}), faults.columns(faults.HEADINGS)):
+            assert len(line) <= 100, line
+
+
+def test_an_outcome_must_be_expected_seen_and_overcome() -> None:
+    case = cases.Case({'fault': 'drop_at', 'axis': 'axis1'}, cases.State.MOVING)
+    good = cases.Outcome(case, evidence='1 lost', recovered_s=1.0)
+    assert good.as_expected
+    assert not cases.Outcome(case, recovered_s=1.0).as_expected  # nothing shows that the fault was there
+    assert not cases.Outcome(case, evidence='1 lost').as_expected  # not overcome
+    assert not cases.Outcome(case, evidence='1 lost', reported='8506', recovered_s=1.0).as_expected
+    assert not cases.Outcome(case, evidence='1 lost', recovered_s=1.0, problem='off its line').as_expected
 
 
 def test_a_short_soak_violates_nothing(delta3: Runner, nothing_left_behind: None) -> None:
-    done = delta3('soak', '--minutes', '0.4', '--pace', 'fast', '--seed', '3', '--json', timeout=200.0)
+    done = delta3('soak', '--minutes', '0.3', '--pace', 'fast', '--seed', '3', '--json', timeout=200.0)
     result = json.loads(done.stdout)
     assert result['fast']['violations'] == []
     assert result['ok'] is True
-    assert result['fast']['programs'] > 3
+    assert result['fast']['programs'] > 2
     assert result['fast']['survived'] == result['fast']['injected'] > 0
+
+
+def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_left_behind: None) -> None:
+    done = delta3('soak', '--minutes', '0.001', '--pace', 'fast')
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == 'error: no program ran fast within 0.001 minutes'
+
+
+def test_an_interrupted_catalogue_shows_what_it_has(
+    start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path, nothing_left_behind: None
+) -> None:
+    process = start_delta3('faults', '--only', 'drop_mdt', '--csv', tmp_path / 'table.csv')
+    assert process.stdout is not None
+    header, first = process.stdout.readline(), process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=10.0)
+    assert process.returncode == INTERRUPTED
+    assert header.startswith('fault')
+    assert first.startswith('drop_mdt axis1')
+    assert 'of 14 cases' in output
+    assert errors.splitlines()[-1] == 'error: interrupted: the table is not complete'
+    assert 'drop_mdt axis1,' in (tmp_path / 'table.csv').read_text(encoding='utf-8')
+
+
+def test_an_interruption_reaches_the_pace_that_runs_and_its_figures_are_shown(
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    processes: Callable[[], list[str]],
+    nothing_left_behind: None,
+) -> None:
+    process = start_delta3('soak', '--minutes', '4', '--json')
+    deadline = time.monotonic() + 40.0
+    while len(processes()) < 8:  # both commands, and the six processes of a robot
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=20.0)
+    assert process.returncode == INTERRUPTED
+    result = json.loads(output)
+    assert result['interrupted'] is True
+    assert result['ok'] is False
+    assert 'real-time' not in result
+    assert result['fast']['violations'] == []
 
 
 def test_kinds_are_listed_with_their_values(delta3: Runner) -> None:
@@ -61,6 +144,7 @@ def test_kinds_are_listed_with_their_values(delta3: Runner) -> None:
         (['faults', 'run', 'x'], 2, 'only inject takes a fault'),
         (['faults', '--only', 'rain'], 1, "error: no case of the catalogue holds the text 'rain'"),
         (['soak', '--minutes', '0'], 2, '--minutes is 0, but must be between'),
+        (['soak', '--replay', '3'], 2, '--replay takes the number of a program, from 1 on, and needs --pace'),
     ],
 )
 def test_bad_requests_get_one_sentence(

@@ -1,0 +1,233 @@
+"""What a soak holds telegrams against: a healthy robot passes, and every mutation of its telegrams is seen."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.bus.time import Clock
+from delta3_pacdrive.injection import KINDS, LOSES_AT, LOSES_MDT, parse
+from delta3_pacdrive.motion import program
+from delta3_pacdrive.nodes import invariants, soak_programs
+from delta3_pacdrive.nodes.tap import AT, CODECS, MDT, SHAFTS, Tap, Telegrams
+
+ROBOT = parameters.load()
+RATIO = ROBOT.dynamics.gear_ratio
+FIRST, COUNT = 1000, 50
+START, SPEED = np.array([0.1, 0.0, -0.8]), 1e-4  # m per cycle, along x
+
+
+def healthy() -> dict[str, Any]:
+    """Telegrams of a robot that moves evenly along x."""
+    cycles = np.arange(FIRST, FIRST + COUNT)
+    steps = np.arange(COUNT)[:, None] * np.array([SPEED, 0.0, 0.0])
+    late = np.array([SPEED * ROBOT.set_point_delay_cycles, 0.0, 0.0])
+
+    def made(values: Any) -> Telegrams:
+        return Telegrams(cycles, [b'3fa9'] * COUNT, cycles * 1e-3, np.array(values))
+
+    def shafts(tcp: Any) -> Any:
+        return kinematics.inverse(tcp, ROBOT.kinematics) * RATIO
+
+    still = np.zeros((COUNT, 6))
+    return {
+        SHAFTS: made(np.hstack([shafts(START + steps - late), still])),
+        MDT: made(shafts(START + steps)),
+        **{topic: made(np.zeros((COUNT, 3))) for topic in AT},
+    }
+
+
+def end(recorded: dict[str, Any]) -> Any:
+    return kinematics.forward(recorded[SHAFTS].values[-1, :3] / RATIO, ROBOT.kinematics)
+
+
+@pytest.fixture
+def seen() -> list[tuple[str, int]]:
+    return []
+
+
+@pytest.fixture
+def rules(seen: list[tuple[str, int]]) -> invariants.Invariants:
+    return invariants.Invariants(ROBOT, lambda sentence, cycle: seen.append((sentence, cycle)))
+
+
+def test_a_healthy_robot_violates_nothing(rules: invariants.Invariants, seen: list[tuple[str, int]]) -> None:
+    recorded = healthy()
+    for topic, telegrams in recorded.items():
+        rules.check(topic, telegrams)
+    error, off = rules.check_undisturbed(recorded, end(recorded))
+    rules.check_losses('AT', 2, 2, True, 0)
+    rules.check_memory(invariants.MEMORY_MB, 100_000, 0)
+    assert seen == []
+    assert error < 1e-6
+    assert off < 1e-9
+
+
+def shifted(column: int, amount: float) -> Callable[[Telegrams], None]:
+    """Return a mutation of the values of the twentieth telegram."""
+
+    def mutate(telegrams: Telegrams) -> None:
+        telegrams.values[20, column] += amount
+
+    return mutate
+
+
+def jump_forward(telegrams: Telegrams) -> None:
+    telegrams.cycles[20:] += 1
+
+
+def go_back(telegrams: Telegrams) -> None:
+    telegrams.cycles[20] -= 1
+
+
+def repeat(telegrams: Telegrams) -> None:
+    telegrams.cycles[20:] -= 1
+
+
+MUTATIONS = [
+    (SHAFTS, jump_forward, 'plant/motor_shafts: bus cycle 1021 after 1019'),
+    (MDT, jump_forward, 'sercos/mdt: bus cycle 1021 after 1019'),
+    (AT[1], jump_forward, 'sercos/at/axis2: bus cycle 1021 after 1019'),
+    (AT[2], go_back, 'sercos/at/axis3: bus cycle 1019 after 1019'),
+    (MDT, repeat, 'sercos/mdt: bus cycle 1019 after 1019'),
+    (SHAFTS, shifted(0, np.radians(120.0) * RATIO), 'an arm is at'),
+    (SHAFTS, shifted(4, 2000.0), 'a shaft turns at'),
+    (SHAFTS, shifted(4, -2000.0), 'a shaft turns at'),
+    (AT[0], shifted(2, 40.0), 'sercos/at/axis1: torque'),
+    (AT[0], shifted(2, np.nan), 'sercos/at/axis1: torque'),
+    (MDT, shifted(1, -np.radians(40.0) * RATIO), 'the TCP is commanded to'),
+]
+
+
+@pytest.mark.parametrize(('topic', 'mutate', 'sentence'), MUTATIONS)
+def test_a_mutated_telegram_is_seen_with_its_cycle(
+    topic: str,
+    mutate: Callable[[Telegrams], None],
+    sentence: str,
+    rules: invariants.Invariants,
+    seen: list[tuple[str, int]],
+) -> None:
+    telegrams = healthy()[topic]
+    mutate(telegrams)
+    rules.check(topic, telegrams)
+    assert seen[0][0].startswith(sentence)
+    assert abs(seen[0][1] - FIRST - 20) <= 1
+
+
+def test_bus_time_may_go_on_only_where_the_bus_was_phased_up(
+    rules: invariants.Invariants, seen: list[tuple[str, int]]
+) -> None:
+    telegrams = healthy()[MDT]
+    jump_forward(telegrams)
+    telegrams.sessions[20:] = [b'0815'] * (COUNT - 20)
+    rules.check(MDT, telegrams)
+    assert seen == []
+    telegrams.cycles[:] -= 10  # the next session begins in the past
+    telegrams.sessions[:] = [b'1234'] * COUNT
+    rules.check(MDT, telegrams)
+    assert seen[0][0] == f'sercos/mdt: bus cycle {FIRST - 10} after {FIRST + COUNT}'
+
+
+@pytest.mark.parametrize(
+    ('topic', 'mutate', 'sentence'),
+    [
+        (SHAFTS, shifted(0, np.radians(103.0) * RATIO), 'an arm is at'),
+        (SHAFTS, shifted(3, 640.0), 'a shaft turns at'),
+        (AT[0], shifted(2, 14.0), 'sercos/at/axis1: torque'),
+        (MDT, shifted(0, 0.3), 'the true TCP is'),
+    ],
+)
+def test_what_a_disturbed_robot_may_do_an_undisturbed_one_must_not(
+    topic: str,
+    mutate: Callable[[Telegrams], None],
+    sentence: str,
+    rules: invariants.Invariants,
+    seen: list[tuple[str, int]],
+) -> None:
+    recorded = healthy()
+    mutate(recorded[topic])
+    rules.check(topic, recorded[topic])
+    assert seen == []
+    rules.check_undisturbed(recorded, end(healthy()))
+    assert seen[0][0].startswith(sentence)
+
+
+def test_another_end_point_is_seen(rules: invariants.Invariants, seen: list[tuple[str, int]]) -> None:
+    recorded = healthy()
+    rules.check_undisturbed(recorded, end(recorded) + np.array([0.0, 1e-4, 0.0]))
+    assert seen == [('the program ends 0.1000 mm off', FIRST + COUNT - 1)]
+
+
+@pytest.mark.parametrize(
+    ('lost', 'injected', 'complete', 'wrong'),
+    [(1, 0, False, True), (3, 2, True, True), (1, 2, True, True), (1, 2, False, False), (0, 0, True, False)],
+)
+def test_losses_must_be_those_that_were_injected(
+    lost: int,
+    injected: int,
+    complete: bool,
+    wrong: bool,
+    rules: invariants.Invariants,
+    seen: list[tuple[str, int]],
+) -> None:
+    rules.check_losses('MDT of axis1', lost, injected, complete, 7)
+    assert seen == ([(f'MDT of axis1: {lost} lost, {injected} were injected', 7)] if wrong else [])
+
+
+def test_memory_must_not_grow(rules: invariants.Invariants, seen: list[tuple[str, int]]) -> None:
+    rules.check_memory(invariants.MEMORY_MB * 2.1, 200_000, 9)
+    assert seen[0][0].startswith('memory grew by')
+    rules.check_memory(50.0, 1000, 9)  # too few cycles to judge
+    assert len(seen) == 1
+
+
+def test_a_telegram_that_cannot_be_read_is_refused() -> None:
+    refused: list[str] = []
+    tap = Tap.__new__(Tap)
+    tap._clock, tap._refuse = Clock(1e-3), refused.append
+    data = CODECS[MDT].encode((1, 0), b'x' * 43 + b'3fa9', [1.0, 2.0, 3.0])
+    taken = [(data, 5_000_000_000), (data[:-8], 6_000_000_000), (data, 7_000_000_000)]
+    read = tap.read(MDT, taken)
+    assert read is not None
+    assert read.cycles.tolist() == [1000, 1000]
+    assert read.sessions == [b'3fa9', b'3fa9']
+    assert read.received_s.tolist() == [5.0, 7.0]
+    assert len(refused) == 1
+    assert refused[0].startswith('sercos/mdt: ')
+
+
+def test_programs_follow_from_seed_pace_and_number() -> None:
+    assert soak_programs.draw(3, 'fast', 17) == soak_programs.draw(3, 'fast', 17)
+    others = [
+        soak_programs.draw(3, 'fast', 18),
+        soak_programs.draw(3, 'real-time', 17),
+        soak_programs.draw(4, 'fast', 17),
+    ]
+    assert all(other.moves != soak_programs.draw(3, 'fast', 17).moves for other in others)
+
+
+def test_random_programs_can_be_read_and_hold_every_kind_of_fault() -> None:
+    drawn = [soak_programs.draw(1, 'fast', number) for number in range(600)]
+    for one in drawn:
+        read = program.parse({'moves': one.moves, 'faults': one.faults}, ROBOT.motion, 'random')
+        assert len(read.faults) == len(one.faults) <= 3
+    faults = [fault for one in drawn for fault in one.faults]
+    assert {parse(fault, 'fault').kind for fault in faults} == set(KINDS) - {'clear'}
+    assert max(fault.get('seconds', 0.0) for fault in faults) > 3.0
+    assert {len(one.faults) for one in drawn} == {0, 1, 2, 3}
+
+
+def test_injected_losses_are_counted_by_axis() -> None:
+    faults = [
+        {'fault': 'drop_mdt', 'axis': 'axis1', 'cycles': 2, 'after_s': 0.1},
+        {'fault': 'corrupt_mdt', 'axis': 'axis1', 'cycles': 1, 'after_s': 0.3},
+        {'fault': 'drop_at', 'axis': 'axis3', 'cycles': 5, 'after_s': 0.2},
+        {'fault': 'duplicate_at', 'axis': 'axis3', 'cycles': 5, 'after_s': 0.2},
+    ]
+    drawn = soak_programs.Drawn(1, [], faults)
+    assert drawn.lost(LOSES_MDT, 'axis1') == (3, False)
+    assert drawn.lost(LOSES_MDT, 'axis2') == (0, True)
+    assert drawn.lost(LOSES_AT) == (5, True)
+    assert drawn.last_fault_s == 0.3
