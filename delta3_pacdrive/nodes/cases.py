@@ -126,7 +126,7 @@ class Outcome:
             return 'goes on'
         if self.reported.startswith('emergency stop'):
             return 'emergency stop'
-        number = re.search(r'\b8\d{3}\b', self.reported)
+        number = re.search(r'\b8\d{3}\b', re.sub(r'cycle \d+', '', self.reported))
         reaction = re.search(r'reaction (\w+)', self.reported)
         return f'{number.group() if number else ""} {reaction.group(1) if reaction else "stop"}'.strip()
 
@@ -179,7 +179,7 @@ _OF_AXES: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'winding_short'}, '8905'),
     ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
     ({'fault': 'dc_link', 'voltage_v': 800.0}, '8910'),
-    ({'fault': 'brake_worn', 'lost_share': 1.0, 'for_s': 0.1}, ''),
+    ({'fault': 'brake_worn', 'lost_share': 1.0, 'for_s': 0.1}, '8911'),
     ({'fault': 'brake_stuck'}, ''),
     ({'fault': 'overload', 'torque_n_m': 2.0}, ''),
 ]
@@ -207,7 +207,7 @@ _ROWS = [
     _Row(
         {'fault': 'kill', 'node': UNIT_ROBOT},
         '',
-        _STARTS | {State.MOVING: 'unit_robot was started again while its program ran'},
+        _STARTS | {State.MOVING: 'unit_robot'},  # silent, or started again, whichever comes first
     ),
 ]
 # a load that is over before the brake, which could not hold it, is applied

@@ -352,6 +352,9 @@ class Catalogue(Attendant):
         if again:
             self._inject(case)  # what has lasted a while is over
         self.let_pass(DISABLED_S)
+        if self.fresh()['fault']:
+            self.observe(0.0)
+            return
         operator.enable(True)
         self.wait(lambda: self.fresh()['in_torque'] or self.progress['fault'], 'torque')
         there = float(np.linalg.norm(self._tcp(MDT)[-1] - self._away)) < THERE_M
@@ -368,7 +371,7 @@ class Catalogue(Attendant):
         try:
             self.operator.call('resume')
             self.wait(lambda: self.operator.state != 'stopped', 'motion')
-        except ProgramError:
+        except Delta3Error:
             self.operator.call('abort')
         self.wait(self.stands, 'end of the motion')
 
