@@ -126,7 +126,7 @@ class Outcome:
             return 'goes on'
         if self.reported.startswith('emergency stop'):
             return 'emergency stop'
-        number = re.search(r'\b8\d{3}\b', self.reported)
+        number = re.search(r'(?<=: |.\()8\d{3}\b', self.reported)  # not that of a bus cycle
         reaction = re.search(r'reaction (\w+)', self.reported)
         return f'{number.group() if number else ""} {reaction.group(1) if reaction else "stop"}'.strip()
 

@@ -279,7 +279,11 @@ class Catalogue(Attendant):
         self._first = None
         self.drive(way, [case.fault | {'after_s': MIDWAY_S + AHEAD_S}], **self._program)
         first = self._await_cycle(HELD_BEFORE)
-        begins, ends = (int(number) for number in re.findall(r'\d+', self.operator.call('hold')))
+        try:
+            answer = self.operator.call('hold')
+        except ProgramError as error:
+            raise _MissedError(f'the fault in bus cycle {first} came before the hold: {error}') from None
+        begins, ends = (int(number) for number in re.findall(r'\d+', answer))
         if not begins < first < ends:
             raise _MissedError(f'the fault in bus cycle {first} missed the stop from {begins} to {ends}')
         return self._away
