@@ -34,8 +34,8 @@ GENTLE_M_S2 = 2.0  # of a move that is held: its stop takes long enough to be hi
 MIDWAY_S = 0.25  # after the start of the way from home, in full speed
 OBSERVED_S = 0.7  # bus time after which a fault that has no effect shows none any more
 AHEAD_S = 0.15  # bus time between the request for a fault that has to hit a short state, and the fault
-ENABLED_BEFORE, HELD_BEFORE = 25, 100  # cycles by which the order that leads to that state precedes the fault
-ATTEMPTS = 4  # to hit it
+ENABLED_BEFORE, HELD_BEFORE = 30, 130  # cycles by which the order that leads to that state precedes the fault
+ATTEMPTS = 8  # to hit it
 HELD_FROM_M, HELD_TO_M = 0.02, 0.18  # on the way, where a hold is ordered
 ROUNDS = 40  # of a program that outlives the silence of its planner
 DISABLED_S = 0.3  # bus time without torque in the exercise
@@ -279,7 +279,11 @@ class Catalogue(Attendant):
         self._first = None
         self.drive(way, [case.fault | {'after_s': MIDWAY_S + AHEAD_S}], **self._program)
         first = self._await_cycle(HELD_BEFORE)
-        begins, ends = (int(number) for number in re.findall(r'\d+', self.operator.call('hold')))
+        try:
+            answer = self.operator.call('hold')
+        except ProgramError as error:
+            raise _MissedError(f'the fault in bus cycle {first} came before the hold: {error}') from None
+        begins, ends = (int(number) for number in re.findall(r'\d+', answer))
         if not begins < first < ends:
             raise _MissedError(f'the fault in bus cycle {first} missed the stop from {begins} to {ends}')
         return self._away
