@@ -183,7 +183,8 @@ class UnitRobotNode(PollingNode):
         course = Course.from_array(message.data)
         if self._timeline.course is None:
             self._timeline.start(course.cycle, course.rate)
-        elif course.cycle != self._timeline.course.cycle:
+        elif (course.cycle, course.held) != (self._timeline.course.cycle, self._timeline.course.held):
+            # a program that is held before it begins stops in the cycle of its start
             self._timeline.change(course)
         if self._wanted_rate is not None and not course.held:
             self._wanted_rate = None

@@ -321,3 +321,16 @@ def test_an_override_while_idle_is_that_of_the_next_program(cell: Cell) -> None:
     cell.wait_for('idle')
     speeds = np.diff(cell.path()[:, 0]) / CYCLE_S
     assert speeds.max() == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_program_that_is_held_before_it_begins_can_be_resumed(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
+    starts = cell.task._motion._earliest
+    cell.task._motion._earliest = lambda: starts() + 3000
+    cell.operator.call('start')
+    cell.operator.call('hold')
+    cell.wait_for('stopped')
+    assert cell.operator.call('resume') == 'resumed'
+    cell.wait_for('idle')
+    assert cell.task._task.state['tcp'][0] == pytest.approx([0.1, 0.0, -0.75], abs=1e-6)
