@@ -213,16 +213,13 @@ _ROWS = [
 # a load that is over before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
 SHORT = (
-    'drop_mdt axis1 moving',
     'drop_mdt axis2 x2 enabling',
     'drop_at axis3 x2 stopping',
-    'encoder_failure axis2 moving',
     'encoder_jump axis1 0.1 standing',
     'winding_short axis1 disabled',
     'dc_link axis2 250 held',
     'payload_lost moving',
     'emergency_stop stopped by fault',
-    'kill axis2 moving',
     'kill transformation_task starting',
 )
 

@@ -35,13 +35,13 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
 def test_faults_lead_to_what_they_have_to_lead_to(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    done = delta3('faults', '--short', '--json', '--csv', tmp_path / 'table.csv', timeout=240.0)
+    done = delta3('faults', '--short', '--json', '--csv', tmp_path / 'table.csv', timeout=300.0)
     result = json.loads(done.stdout)
     assert [row for row in result['cases'] if not row['ok']] == []
     assert result['ok'] is True
     rows = {f'{row["case"]} {row["state"]}': row for row in result['cases']}
     assert list(rows) == [case.line for case in cases.cases(short=True)]
-    assert len({row['state'] for row in rows.values()}) >= 7
+    assert {row['state'] for row in rows.values()} == set(cases.State)
     # found within two cycles, and millimetres away from the path at most
     for line, row in rows.items():
         assert row['deviation_m'] < 0.01, row
@@ -50,13 +50,10 @@ def test_faults_lead_to_what_they_have_to_lead_to(
             assert 0.0 <= row['detected_s'] <= 0.002, row
     assert rows['drop_mdt axis2 x2 enabling']['reaction'] == '8112 BD2'
     assert rows['drop_at axis3 x2 stopping']['reaction'] == '8506 stop'
-    assert rows['drop_mdt axis1 moving']['evidence'] == '1 lost'
     assert rows['encoder_jump axis1 0.1 standing']['evidence'] == 'reads up to 0.1000 rad wrong'
     # a shorted winding shows itself as soon as it is fed
     assert rows['winding_short axis1 disabled']['exercised'] is True
     assert rows['payload_lost moving']['evidence'].endswith('kg lost')
-    # a dead drive is found by the clock: 2 s without its currents, then half a second without its answers
-    assert 1.0 < rows['kill axis2 moving']['silent_s'] < 10.0
     lines = (tmp_path / 'table.csv').read_text(encoding='utf-8').splitlines()
     table = list(csv.DictReader(line for line in lines if not line.startswith('#')))
     assert [f'{row["case"]} {row["state"]}' for row in table] == list(rows)
