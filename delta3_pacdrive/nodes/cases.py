@@ -174,7 +174,7 @@ _OF_AXES: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'encoder_failure'}, '8171'),
     ({'fault': 'encoder_jump', 'jump_rad': 2.0}, '8171'),
     ({'fault': 'encoder_jump', 'jump_rad': 0.1}, ''),
-    ({'fault': 'encoder_drift', 'drift_rad_s': 2.0}, ''),
+    ({'fault': 'encoder_drift', 'drift_rad_s': 2.0}, '8911'),  # as if the shaft turned through its brake
     ({'fault': 'encoder_noise', 'noise_rad': 0.0005}, ''),
     ({'fault': 'winding_short'}, '8905'),
     ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
