@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.bus.silence import BOUND_S
+from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
@@ -350,3 +351,16 @@ def test_a_planner_may_die_while_nothing_moves(cell: Cell, graph: Any) -> None:
     progress = cell.task.progress()
     assert (progress['fault'], progress['in_torque']) == ('', True)
     assert progress['cycles'] > cycles
+
+
+def test_partners_answer_a_master_that_calls_again_before_cyclic_operation(graph: Any) -> None:
+    graph.robot(('plant', '1', '2', '3'))
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    for _ in range(2):  # from CP3, and from CP0 where they have left the bus already
+        task._phase_up.begin()
+        task._enter(Phase.CP0)
+        graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3 again')
+    task._wait_for_program = False
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    assert task.progress()['fault'] == ''
