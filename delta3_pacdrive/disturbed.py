@@ -40,6 +40,8 @@ class Disturbed:
     ----------
     stopped
         Why the program was given up, empty while it was not.
+    lost
+        AT that did not reach the master.
 
     """
 
@@ -56,6 +58,7 @@ class Disturbed:
         self._master = Master(parameters)
         self._answers = np.empty((3, 3))
         self.stopped = ''
+        self.lost = 0
 
     def run(self) -> dict[str, Floats]:
         """Run to the end; return the signals, torques [N m] in place of currents."""
@@ -89,6 +92,7 @@ class Disturbed:
                 master.take(index, answers[:, index].tolist(), status[index])
             else:
                 master.bridge(index)
+                self.lost += 1
         answer = task.receive(cycle, master.positions, master.torques).copy()
         reason = master.judge(cycle, NEVER if self.stopped else self._start)
         if reason and (master.limp or not self.stopped):
@@ -114,8 +118,8 @@ class Disturbed:
 
 def run_disturbed(
     faults: Sequence[Fault], robot: Robot, task: Transformation, parameters: Parameters
-) -> tuple[dict[str, Floats], str]:
-    """Run a loaded and started program with faults; return signals and why it was stopped.
+) -> tuple[dict[str, Floats], str, int]:
+    """Run a loaded and started program with faults; return signals, why it was stopped, and how many AT were lost.
 
     Raises
     ------
@@ -124,4 +128,4 @@ def run_disturbed(
 
     """
     disturbed = Disturbed(faults, robot, task, parameters)
-    return disturbed.run(), disturbed.stopped
+    return disturbed.run(), disturbed.stopped, disturbed.lost

@@ -90,6 +90,7 @@ NAMES = tuple(KINDS)
 # whoever receives a telegram injects what befalls it; one that comes later than its cycle is as good as lost
 LOSES_MDT = frozenset({'drop_mdt', 'delay_mdt', 'corrupt_mdt'})
 LOSES_AT = frozenset({'drop_at', 'delay_at', 'corrupt_at'})
+DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
 MDT_FAULTS, AT_FAULTS = LOSES_MDT | {'duplicate_mdt'}, LOSES_AT | {'duplicate_at'}
 OF_PROCESSES = frozenset({'freeze', 'kill'})
 _PLACES = ('', *NODES)  # by number, in messages
@@ -297,6 +298,9 @@ class Schedule:
         """Take a fault in."""
         if KINDS[scheduled.fault.kind].telegram:
             self._telegrams.append(scheduled)
+            self._telegrams.sort(
+                key=lambda one: one.fault.kind in DUPLICATES
+            )  # what is lost cannot come twice
             return
         self._changes.append((scheduled.first, True, scheduled))
         if scheduled.end < NEVER:

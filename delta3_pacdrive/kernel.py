@@ -93,6 +93,11 @@ def kernel(function: _Function) -> _Function:
         numba.config.CACHE_DIR = configured
 
 
+def interpreted(function: _Function) -> _Function:
+    """Return the Python function of a kernel, for plain objects instead of records."""
+    return function.py_func  # type: ignore[attr-defined, no-any-return]
+
+
 @kernel
 def row_at(value, table, first, last):
     """Last row of a table, between two rows, whose first column does not exceed a value; bisection."""

@@ -125,15 +125,15 @@ def run(program: Program, parameters: Parameters) -> Trace:
     task.enable_cycle = motion.enable_cycle
     task.start(motion.start_cycle)
     if program.faults:
-        signals, stopped = run_disturbed(program.faults, robot, task, parameters)
+        signals, stopped, lost = run_disturbed(program.faults, robot, task, parameters)
     else:
-        columns, stopped = _run_undisturbed(robot, task, motion.start_cycle), ''
+        columns, stopped, lost = _run_undisturbed(robot, task, motion.start_cycle), '', 0
         signals = dict(zip((*SIGNALS, *TRUE_SIGNALS), columns, strict=True))
     signals['current'] /= parameters.motor.torque_constant_n_m_a
     return Trace(
         np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s,
         signals,
-        _meta(planned, parameters, task) | {'stopped': stopped},
+        _meta(planned, parameters, task) | {'stopped': stopped, 'lost_telegrams': lost},
     )
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from delta3_pacdrive.bus.inbox import Inbox
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.silence import (
     ANSWER_SILENT_S,
@@ -260,3 +261,55 @@ def test_an_axis_that_reports_a_fault_is_limp_unless_it_follows_to_the_stop(foll
     master.take(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
     assert master.judge(7, 10**6) == 'axis1 reports a fault in bus cycle 7'
     assert master.limp is limp
+
+
+# inbox ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def inbox():
+    result = Inbox()
+    result.begin(100)
+    return result
+
+
+def test_a_cycle_is_complete_when_the_answers_of_all_three_drives_are_there(inbox):
+    for index in range(3):
+        assert not inbox.is_complete(100)
+        assert inbox.behind(100) == list(range(index, 3))
+        assert inbox.put(index, 100, f'of {index}')
+    assert inbox.is_complete(100)
+    assert not inbox.is_complete(101)
+    assert inbox.get(100) == ['of 0', 'of 1', 'of 2']
+    assert inbox.lost == inbox.repeated == 0
+
+
+def test_a_later_answer_of_a_drive_says_that_those_before_are_lost(inbox):
+    inbox.put(0, 102, 'later')
+    inbox.put(1, 100, None)
+    assert inbox.lost == 3
+    assert inbox.expected == [103, 101, 100]
+    assert inbox.ahead(100) == 3
+    inbox.put(2, 100, 'c')
+    assert inbox.get(100) == [None, None, 'c']
+
+
+def test_the_same_answer_twice_is_counted_and_a_different_one_contradicts(inbox):
+    assert inbox.put(0, 100, 'a')
+    assert inbox.put(0, 100, 'a')
+    assert inbox.repeated == 1
+    assert not inbox.put(0, 100, 'another')
+    assert inbox.put(0, 99, 'of a cycle that is over')
+    for index in (1, 2):
+        inbox.put(index, 100, 'b')
+    assert inbox.get(100)[0] == 'a'
+
+
+def test_nobody_waits_for_an_axis_that_is_given_up(inbox):
+    for index in (0, 2):
+        inbox.put(index, 100, 'x')
+    inbox.lose(1)
+    assert inbox.is_complete(100)
+    assert inbox.get(100) == ['x', None, 'x']
+    assert inbox.ahead(100) == 1
+    assert inbox.lost == 0

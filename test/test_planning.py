@@ -563,6 +563,36 @@ def test_a_path_that_touches_the_workspaces_edge_is_allowed(robot):
     assert len(planned.plan) == 4
 
 
+OUTSIDE = (0.63, 0.0, -0.8)  # 30 mm
+
+
+@pytest.mark.parametrize(
+    'move',
+    [
+        to(0.5, 0, -0.8),
+        to(0.62, 0, -0.8),
+        to(0.5, 0.3, -0.8),
+        {'cubic': {'to_m': [0.5, 0, -0.8], 'duration_s': 1.0}},
+    ],
+)
+def test_a_robot_that_was_pushed_out_of_the_workspace_may_come_back(move, robot):
+    assert len(plan(robot, [move], OUTSIDE).plan) == 1
+
+
+@pytest.mark.parametrize(
+    ('moves', 'what'),
+    [
+        ([to(0.64, 0, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.64 m'),
+        ([to(0, 0.65, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.65 m'),
+        ([to(-0.61, 0, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.61 m'),
+        ([to(0.62, 0, -0.8), to(0.63, 0, -0.8)], 'moves[1].move_l: the distance from the z axis is 0.63 m'),
+        ([to(0.5, 0, -0.65)], 'moves[0].move_l: z is -0.65 m'),
+    ],
+)
+def test_from_outside_the_workspace_no_path_leads_further_out_or_out_again(moves, what, robot):
+    assert refusal(plan, robot, moves, OUTSIDE).startswith(what)
+
+
 def test_a_move_to_where_the_robot_stands_is_refused(robot):
     assert refusal(plan, robot, [to(*HOME)]) == 'moves[0].move_l: the robot already stands at (0, 0, -0.75) m'
     assert 'moves[1].move_l: the robot already stands' in refusal(

@@ -9,14 +9,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from delta3_pacdrive.bus.losses import FORGIVING_CYCLES, LOSSES_IN_A_ROW, LOSSES_IN_WINDOW
+from delta3_pacdrive.bus import losses
+from delta3_pacdrive.bus.losses import LOSSES_IN_A_ROW, Losses
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.words import Status, in_torque
+from delta3_pacdrive.kernel import interpreted
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
 
 FOLLOWS = int(Status.FOLLOWS_COMMAND)
 ERROR = int(Status.ERROR)  # operations on flags are 20 times slower
+count_telegram, count_loss, too_many = (
+    interpreted(function) for function in (losses.count_telegram, losses.count_loss, losses.too_many)
+)
 
 
 class Master:
@@ -49,9 +54,7 @@ class Master:
         self.losses = [0] * 3
         self.absent: set[int] = set()
         self.limp = False
-        self._in_a_row = [0] * 3
-        self._in_window = [0] * 3
-        self._good = [0] * 3
+        self._recent = [Losses() for _ in DRIVES]
         self._judged: list[int] = []
 
     def begin(self) -> None:
@@ -59,34 +62,26 @@ class Master:
         self.absent.clear()
         self.speeds = [0.0] * 3
         self.status = [0] * 3
-        self._in_a_row = [0] * 3
-        self.forgive_losses()
+        self._recent = [Losses() for _ in DRIVES]
         self._judged = []
 
     def forgive_losses(self) -> None:
         """Begin a new window."""
-        self._in_window = [0] * 3
-        self._good = [0] * 3
+        for recent in self._recent:
+            recent.losses_in_window = 0
 
     def take(self, axis: int, values: Sequence[float], status: int) -> None:
         """Take the answer of an axis: position, speed, torque."""
         self.positions[axis], self.speeds[axis], self.torques[axis] = values
         self.status[axis] = status
-        self._in_a_row[axis] = 0
-        if self._in_window[axis]:
-            self._good[axis] += 1
-            if self._good[axis] >= FORGIVING_CYCLES:
-                self._good[axis] = 0
-                self._in_window[axis] -= 1
+        count_telegram(self._recent[axis])
 
     def bridge(self, axis: int) -> None:
         """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
         if axis in self.absent:
             return
         self.losses[axis] += 1
-        self._in_a_row[axis] += 1
-        self._in_window[axis] += 1
-        self._good[axis] = 0
+        count_loss(self._recent[axis])
         self.positions[axis] += self.speeds[axis] * self._cycle_time_s
 
     def lose(self, axis: int) -> None:
@@ -103,10 +98,10 @@ class Master:
         """Return what is wrong in a cycle whose answers are all there, as a sentence; empty if nothing is."""
         self.limp = False
         for index, axis in enumerate(DRIVES):
-            if self._in_a_row[index] >= LOSSES_IN_A_ROW:
-                return f'{axis}: two AT lost in a row in bus cycle {cycle} (8506)'
-            if self._in_window[index] >= LOSSES_IN_WINDOW:
-                return f'{axis}: ten AT lost in a window in bus cycle {cycle} (8506)'
+            if too_many(self._recent[index]):
+                in_a_row = self._recent[index].losses_in_a_row >= LOSSES_IN_A_ROW
+                many = 'two AT lost in a row' if in_a_row else 'ten AT lost in a window'
+                return f'{axis}: {many} in bus cycle {cycle} (8506)'
         if self.status == self._judged and cycle != program_starts:
             return ''
         self._judged = list(self.status)

@@ -10,13 +10,13 @@ class BusStatistics:
 
     Attributes
     ----------
-    lost, refused
-        AT that never came, and those that were not what they should be.
+    refused
+        AT that were not what they should be.
 
     """
 
     def __init__(self, outstanding_cycles_max: int) -> None:
-        self.lost = self.refused = 0
+        self.refused = 0
         self._lateness, self._round_trip = Histogram(), Histogram()
         self._outstanding = [0] * (outstanding_cycles_max + 1)
         self._sent_ns = [0] * (4 * outstanding_cycles_max)

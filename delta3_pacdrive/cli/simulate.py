@@ -55,8 +55,8 @@ def _simulate(options: argparse.Namespace) -> int:
         'cycles': cycles,
         'bus_time_s': cycles * robot.bus.cycle_time_s,
         'wall_time_s': wall,
-        'overruns': 0,
-        'lost_telegrams': 0,
+        'overruns': 0,  # there is no clock
+        'lost_telegrams': trace.meta['lost_telegrams'],
         **trace.meta['figures'],
     }
     stopped = trace.meta['stopped']

@@ -418,6 +418,11 @@ class Register:
         self._on_change(changed)
         return Answer(idn, value=value)
 
+    def restore(self, parameters: Parameters) -> None:
+        """Go back to parameters that were valid before."""
+        self.parameters = parameters
+        self._on_change(parameters)
+
     def command(self, idn: int, phase: Phase) -> Answer:
         """Execute a procedure command in a phase that has it.
 

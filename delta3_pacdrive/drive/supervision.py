@@ -2,7 +2,7 @@
 
 import math
 
-from delta3_pacdrive.bus.losses import FORGIVING_CYCLES, LOSSES_IN_A_ROW, LOSSES_IN_WINDOW
+from delta3_pacdrive.bus.losses import count_loss, count_telegram, too_many
 from delta3_pacdrive.bus.words import Control, Status
 from delta3_pacdrive.drive.cascade import clamp
 from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
@@ -66,11 +66,7 @@ def take_telegram(command, control, s):
     _validate_last(s)
     s.next_command = command
     s.next_control = control
-    s.losses_in_a_row = 0
-    s.good_cycles += 1
-    if s.good_cycles >= FORGIVING_CYCLES:
-        s.good_cycles = 0
-        s.losses_in_window = max(0, s.losses_in_window - 1)
+    count_telegram(s)
 
 
 @kernel
@@ -97,9 +93,7 @@ def bridge_telegram(s):
     _validate_last(s)
     s.next_command = s.command + (s.command - s.command_before)
     s.mdt_losses += 1
-    s.losses_in_a_row += 1
-    s.losses_in_window += 1
-    s.good_cycles = 0
+    count_loss(s)
 
 
 @kernel
@@ -115,7 +109,7 @@ def detect_fault(s, c):
         return OVER_VOLTAGE
     if s.silent != 0:
         return MASTER_SILENT
-    if s.losses_in_a_row >= LOSSES_IN_A_ROW or s.losses_in_window >= LOSSES_IN_WINDOW:
+    if too_many(s):
         return TELEGRAM
     if abs(s.speed) > c.speed_trip:
         return OVERSPEED

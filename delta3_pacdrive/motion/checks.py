@@ -1,4 +1,8 @@
-"""Checks of a path and of a timed motion against the robot's limits, before anything moves."""
+"""Checks of a path and of a timed motion against the robot's limits, before anything moves.
+
+A robot that was pushed beyond a limit may come back: a path that begins there must come nearer to the limit all the
+way, and keep it from where it has reached it.
+"""
 
 from dataclasses import dataclass
 
@@ -94,14 +98,18 @@ def _check_angles(distance_m: Floats, position_m: Floats, theta_deg: Floats, par
 
 
 def _require_below(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
-    """Raise if a value (n,) or (n, 3) exceeds its limit anywhere; report the worst place."""
+    """Raise if a value (n,) or (n, 3) exceeds its limit anywhere but on the way back; report the worst place."""
     if not (values <= limit + ROUNDING).all():
-        _refuse(values, int(np.nanargmax(values)), limit, what, unit, s, p)
+        wrong = ~(values <= np.maximum(limit, np.minimum.accumulate(values)) + ROUNDING)
+        if wrong.any():
+            _refuse(values, int(np.nanargmax(np.where(wrong, values, -np.inf))), limit, what, unit, s, p)
 
 
 def _require_above(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
     if not (values >= limit - ROUNDING).all():
-        _refuse(values, int(np.nanargmin(values)), limit, what, unit, s, p)
+        wrong = ~(values >= np.minimum(limit, np.maximum.accumulate(values)) - ROUNDING)
+        if wrong.any():
+            _refuse(values, int(np.nanargmin(np.where(wrong, values, np.inf))), limit, what, unit, s, p)
 
 
 def _refuse(values: Floats, worst: int, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:

@@ -142,9 +142,15 @@ def _whole(program: Program, drafts: list[Draft], order: list[int], parameters: 
     while rate_max > 1.0 and effort.rms(rate, rate_max).max() > nominal:
         rate_max = max(1.0, rate_max - 0.01)
     rms = effort.rms(rate).tolist()
+    plan_ = Plan.of(moves, order)
+    notices += [
+        f'{fault.text} is due {fault.after_s:g} s after the start, the program takes {plan_.duration_s:.4g} s'
+        for fault in program.faults
+        if fault.after_s > plan_.duration_s
+    ]
     return Planned(
         program.name,
-        Plan.of(moves, order),
+        plan_,
         tuple(notices),
         (rms[0], rms[1], rms[2]),
         rate_max,

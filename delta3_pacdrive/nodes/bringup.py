@@ -6,7 +6,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,6 +35,7 @@ from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
 from delta3_pacdrive.nodes.recorder import RecorderNode
+from delta3_pacdrive.nodes.strain import Strain
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 
@@ -42,10 +43,6 @@ READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
-STRAIN_S, STRAIN_SHARE = (
-    2.0,
-    0.25,
-)  # cycles held back, of those in that time, of a robot too much for the machine
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 
 
@@ -100,7 +97,7 @@ class Bringup:
         self.notes: list[str] = []
         self._interrupted = False
         self._in_real_time = False
-        self._strain_seen = (0.0, 0.0)  # when [s], and processor time [s] of the processes until then
+        self._strain = Strain()
         self._monitor: _Monitor
         self._process: runtime.Process
         self.ready_s = 0.0
@@ -255,8 +252,7 @@ class Bringup:
         for child in self._children:
             if child.poll() is not None:
                 self._replace(child)
-        in_operation = monitor.progress.get('phase') == 'CP4'
-        if self._in_real_time and in_operation and time.monotonic() - self._strain_seen[0] > STRAIN_S:
+        if self._in_real_time and monitor.progress.get('phase') == 'CP4':
             self._look_for_strain()
         if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
             self._await_standstill()
@@ -267,10 +263,8 @@ class Bringup:
 
     def _look_for_strain(self) -> None:
         """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
-        now, spent = time.monotonic(), _processor_time_s(self._children)
-        (then, before), self._strain_seen = self._strain_seen, (now, spent)
-        cores = (spent - before) / (now - then)
-        if then and cores > STRAIN_SHARE * len(os.sched_getaffinity(0)):
+        cores = self._strain.cores(self._children)
+        if cores:
             self._in_real_time = False
             for child in self._children:
                 relent(child)
@@ -360,16 +354,6 @@ class Bringup:
     def processes(self) -> list[Child]:
         """Child processes, for whoever measures them."""
         return list(self._children)
-
-
-def _processor_time_s(children: list[Child]) -> float:
-    """Processor time [s] that processes have taken so far; none for those that have ended."""
-    spent = 0.0
-    for child in children:
-        with suppress(psutil.NoSuchProcess):
-            times = psutil.Process(child.pid).cpu_times()
-            spent += times.user + times.system
-    return spent
 
 
 def _process_age_s() -> float:

@@ -5,12 +5,11 @@ In: ``sercos/phase``, ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true sh
 on request), ``/diagnostics`` (1 Hz).
 """
 
-import json
 import math
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -18,9 +17,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.service import Access, Answer, Operation, ServiceSlave
+from delta3_pacdrive.bus.service import ServiceSlave
 from delta3_pacdrive.bus.silence import BUS_SILENT_S, MASTER_SILENT_S, Watch
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.bus.transit import Transit
 from delta3_pacdrive.bus.words import Phase, Status
 from delta3_pacdrive.drive.diagnostics import (
     WARNINGS,
@@ -29,25 +29,26 @@ from delta3_pacdrive.drive.diagnostics import (
     class_2_diagnostic,
     fault_text,
 )
-from delta3_pacdrive.drive.idn import OF_PARAMETER, TABLE, Register, refusal, writing_error
+from delta3_pacdrive.drive.idn import Register
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.injection import MDT_FAULTS, change_drive
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.drive_parameters import WRITABLE, DriveParameters
 from delta3_pacdrive.nodes.fault_desk import Faults
+from delta3_pacdrive.nodes.health import Health
 from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
-from delta3_pacdrive.parameters import Parameters, flatten
+from delta3_pacdrive.parameters import Parameters
 
 HOUSEKEEPING_S = 0.25
-DIAGNOSTICS_EVERY = 4
+HEALTH_EVERY = 4
 AHEAD = 2  # cycles by which a drive may be behind the others
 PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
 RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
-# what may change in cyclic operation, by the name of the parameter: ROS parameters of the drive and IDNs of the bus
-WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in}
+_Command = tuple[float, int, int, float]  # position, control word, service channel, payload
 
 
 class MC4DriveNode(Node):
@@ -79,13 +80,12 @@ class MC4DriveNode(Node):
             0,
             0.0,
         )  # phase, control, service channel, payload
-        self._setting = False
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._ahead_max = (
             bus.outstanding_cycles_max + AHEAD
         )  # cycles by which an MDT may come before its time
-        self._commands: dict[int, tuple[float, int, int, float]] = {}
-        self._last_taken: tuple[int, tuple[float, int, int, float] | None] = -1, None
+        self._commands: dict[int, _Command] = {}
+        self._last_taken: tuple[int, _Command | None] = -1, None
         self._shafts: dict[int, tuple[float, float, float]] = {}
         self._resting_position: float | None = None
         self._reported_fault = DriveFault.NONE
@@ -96,7 +96,7 @@ class MC4DriveNode(Node):
 
         self._register = Register(parameters, self._actual, self._configure, self._drive.clear_fault)
         self._service = self._new_service()
-        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self._settings = DriveParameters(self, axis, self._register)
         self._mdt = telegram.mdt_codec()
         self._at = telegram.at_codec(axis)
         self._current = telegram.current_codec(axis, len(self._drive.currents))
@@ -115,19 +115,19 @@ class MC4DriveNode(Node):
         )
         self._participant = Participant(self, axis, parameters)
         self._faults = Faults(self, axis, lambda: self._cycle)
-        # what injected faults do to MDT: cycles whose telegram is lost; telegrams that come later, and when
+        # cycles whose MDT an injected fault has taken away
         self._lost: set[int] = set()
-        self._held_back: list[tuple[int, int, tuple[float, int, int, float]]] = []
+        self._transit: Transit[_Command] = Transit(self._faults, MDT_FAULTS, self._refuse)
         self._dc_link_v = parameters.drive.dc_link_voltage_v
-        self._diagnostics = Output(self, DiagnosticArray, '/diagnostics', REPORT)
+        self._health = Health(self, axis)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
     def _new_service(self) -> ServiceSlave:
         return ServiceSlave(lambda access: self._register.serve(access, self._words[0]))
 
-    def _refuse(self, error: TelegramError) -> None:
+    def _refuse(self, reason: str) -> None:
         self._refused += 1
-        self.get_logger().warning(f'{self._axis}: {error}', throttle_duration_sec=1.0)
+        self.get_logger().warning(reason, throttle_duration_sec=1.0)
 
     # phases of the bus ------------------------------------------------------------------------------------------------
 
@@ -136,7 +136,7 @@ class MC4DriveNode(Node):
             phase, session, stamp = telegram.parse_phase(message)
             cycle = self._cycles.count(*stamp)
         except TelegramError as error:
-            self._refuse(error)
+            self._refuse(f'{self._axis}: {error}')
             return
         if self._cyclic and self.count_publishers('sercos/phase') > 1:
             return  # a second master, or a stranger; a new master announces itself again when the last one has gone
@@ -179,7 +179,7 @@ class MC4DriveNode(Node):
         """Leave the bus without torque; a fault stays latched."""
         self._commands.clear()
         self._lost.clear()
-        self._held_back.clear()
+        self._transit.clear()
         self._shafts.clear()
         self._resting_position = None
         self._frame = b''
@@ -205,27 +205,29 @@ class MC4DriveNode(Node):
                 self._words = telegram.parse_mdt_frame(frame, self._index, self._session)
                 self._frame = frame
         except TelegramError as error:
-            self._refuse(error)
+            self._refuse(f'{self._axis}: {error}')
             return
         if cycle >= 0:
             if self._cyclic and cycle > self._cycle + self._ahead_max:
                 self._refuse(
-                    TelegramError(f'an MDT of bus cycle {cycle} in cycle {self._cycle} is ahead of bus time')
+                    f'{self._axis}: an MDT of bus cycle {cycle} in cycle {self._cycle} is ahead of bus time'
                 )
                 return
             self._master.heard(time.monotonic())
             command = (values[self._index], *self._words[1:])
-            if self._faults.disturbs_telegrams:
-                self._disturb_mdt(cycle, command, data)
-            else:
-                self._take_mdt(cycle, command)
+            for arrived, what in self._transit.arrivals(self._axis, cycle, command):
+                self._take_mdt(arrived, what)
         elif self._resting_position is not None and not self._cyclic:
             position = self._drive.encoder_position(self._resting_position)
             self._service.received(self._words[2])
             frame = telegram.at_frame(RESTING, self._service.to_send(), self._session)
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
 
-    def _take_mdt(self, cycle: int, command: tuple[float, int, int, float]) -> None:
+    def _take_mdt(self, cycle: int, command: _Command | None) -> None:
+        if command is None:
+            self._lost.add(cycle)
+            self._advance()
+            return
         due = cycle * self._exchanges_per_cycle >= self._exchange and cycle not in self._lost
         taken = self._commands.get(cycle)
         if due and taken is None:
@@ -239,29 +241,6 @@ class MC4DriveNode(Node):
         if taken is not None and taken != command and self._cyclic:
             self._part(f'two different MDT of bus cycle {cycle}, is there a second master? (8506)')
 
-    def _disturb_mdt(self, cycle: int, command: tuple[float, int, int, float], data: bytes) -> None:
-        """Take an MDT, unless an injected fault befalls it."""
-        fault = self._faults.telegram(MDT_FAULTS, self._axis, cycle)
-        if fault is None:
-            self._take_mdt(cycle, command)
-        elif fault.kind == 'duplicate_mdt':
-            self._take_mdt(cycle, command)
-            self._take_mdt(cycle, command)
-        else:
-            self._lost.add(cycle)
-            if fault.kind == 'delay_mdt':
-                self._held_back.append((cycle + int(fault.value), cycle, command))
-            elif fault.kind == 'corrupt_mdt':
-                try:
-                    self._mdt.decode(data[: len(data) // 2])
-                except TelegramError as error:
-                    self._refuse(error)
-            self._advance()
-        late = [item for item in self._held_back if item[0] <= cycle]
-        self._held_back = [item for item in self._held_back if item[0] > cycle]
-        for _, late_cycle, late_command in late:
-            self._take_mdt(late_cycle, late_command)
-
     def _on_shafts(self, data: bytes) -> None:
         if self._session == telegram.NO_SESSION:
             return
@@ -270,7 +249,7 @@ class MC4DriveNode(Node):
             telegram.require_session(frame, self._session)
             exchange = self._exchanges.count(sec, nanosec)
         except TelegramError as error:
-            self._refuse(error)
+            self._refuse(f'{self._axis}: {error}')
             return
         i = self._index
         if exchange >= 0:
@@ -339,61 +318,16 @@ class MC4DriveNode(Node):
         return float(self._drive.state[name][0])
 
     def _configure(self, parameters: Parameters) -> None:
-        """Take over parameters that were written, and keep those of ROS equal to them."""
+        """Take over parameters that were written."""
         self._drive.configure(parameters)
-        mine = flatten(parameters)
-        changed = [
-            Parameter(name, value=mine[name])
-            for name in WRITABLE
-            if self.get_parameter(name).value != mine[name]
-        ]
-        for parameter in changed:
-            self.get_logger().info(
-                f'{self._axis}: {parameter.name} = {parameter.value:g} from bus cycle {self._cycle} on'
-            )
-        if not self._setting:
-            self._setting = True
-            self.set_parameters(changed)
-            self._setting = False
+        self._settings.follow(parameters, self._cycle)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set what a ROS service asks for: whole numbers are numbers too, refusals are those of the service channel."""
-        given = [_as_float(parameter) for parameter in parameter_list]
-        for parameter in given:
-            reason = self._refusal(parameter)
-            if reason:
-                return SetParametersResult(successful=False, reason=reason)
-        return super().set_parameters_atomically(given)
-
-    def _refusal(self, parameter: Parameter) -> str:
-        """Say what forbids to set a parameter, whatever the others are; empty if nothing, or if ROS can tell."""
-        if not self.has_parameter(parameter.name):
-            return f'{self._axis} has no parameter {parameter.name}'
-        idn = OF_PARAMETER.get(parameter.name)
-        if idn is None or parameter.type_ != Parameter.Type.DOUBLE:
-            return ''
-        access = Access(idn, Operation.WRITE, parameter.value)
-        return refusal(access, Answer(idn, writing_error(access, Phase.CP4)))
-
-    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Write parameters that ROS sets into the register, which knows what is allowed."""
-        if self._setting:
-            return SetParametersResult(successful=True)
-        before = self._register.parameters
-        self._setting = True
-        try:
-            for parameter in parameters:
-                if parameter.name not in WRITABLE:
-                    continue
-                answer = self._register.write(WRITABLE[parameter.name], float(parameter.value), Phase.CP4)
-                if answer.error:
-                    # all of them or none
-                    self._register.parameters = before
-                    self._drive.configure(before)
-                    return SetParametersResult(successful=False, reason=self._register.refusal)
-        finally:
-            self._setting = False
-        return SetParametersResult(successful=True)
+        """Set what a ROS service asks for."""
+        accepted, reason = self._settings.accepted(parameter_list)
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(accepted)
 
     def _publish_phase_currents(self, cycle: int) -> None:
         message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self._drive.phase_currents())
@@ -409,8 +343,8 @@ class MC4DriveNode(Node):
             else:
                 self.get_logger().info(f'{self._axis}: fault cleared')
         self._looks += 1
-        if self._looks % DIAGNOSTICS_EVERY == 0 and self._diagnostics.wanted:
-            self._publish_diagnostics()
+        if self._looks % HEALTH_EVERY == 0 and self._health.wanted:
+            self._send_health()
         if self._cyclic:
             self._check_silence()
             return
@@ -452,27 +386,12 @@ class MC4DriveNode(Node):
             'refused_telegrams': self._refused,
         }
 
-    def _publish_diagnostics(self) -> None:
+    def _send_health(self) -> None:
         drive = self._drive
         level = DiagnosticStatus.ERROR if drive.fault else DiagnosticStatus.OK
         if not drive.fault and drive.warning:
             level = DiagnosticStatus.WARN
-        facts = self.diagnostics()
-        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), hardware_id=self._axis)
-        status.message = facts['diagnostic']
-        status.values = [
-            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
-            for key, value in facts.items()
-        ]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
-
-
-def _as_float(parameter: Parameter) -> Parameter:
-    if parameter.name in WRITABLE and parameter.type_ == Parameter.Type.INTEGER:
-        return Parameter(parameter.name, value=float(parameter.value))
-    return parameter
+        self._health.send(level, fault_text(drive.fault), self.diagnostics())
 
 
 def main() -> int:

@@ -10,7 +10,10 @@ import time
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from delta3_pacdrive.bus.phases import Identity, disagreements
 from delta3_pacdrive.bus.silence import PLANNER_SILENT_S, Watch
+from delta3_pacdrive.injection import UNIT_ROBOT
+from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.qos import REPORT
 
 ALIVE = 'unit_robot/alive'
@@ -34,9 +37,10 @@ class Heartbeat:
 
 
 class PlannerWatch:
-    """Of a transformation task, which looks every ``period_s``."""
+    """Of a transformation task, which looks every ``period_s``, knows who is there, and has an identity itself."""
 
-    def __init__(self, node: Node, period_s: float) -> None:
+    def __init__(self, node: Node, period_s: float, roll: Roll, identity: Identity) -> None:
+        self._roll, self._identity = roll, identity
         self._watch = Watch(period_s)
         self._others = ''  # identity of another planner than that of the program
         self._planner = ''  # of the program that runs
@@ -47,6 +51,11 @@ class PlannerWatch:
             self._watch.heard(time.monotonic())
         else:
             self._others = message.frame_id
+
+    def misplans(self) -> str:
+        """Say in what the planner disagrees with this master, empty if in nothing or none is known."""
+        planner = self._roll.planner
+        return '' if planner is None else '; '.join(disagreements(self._identity, {UNIT_ROBOT: planner}))
 
     def lost(self, planner: str) -> str:
         """Look: say why the planner of the program that runs is lost; empty if it is not, or none runs (``''``)."""

@@ -4,10 +4,11 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from delta3_pacdrive.nodes.health import Health
 from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.phase_up import doubled
 from delta3_pacdrive.nodes.qos import REPORT
@@ -38,8 +39,8 @@ class ProgressReport:
     ) -> None:
         self._node, self._facts, self._statistics = node, progress, statistics
         self._progress = Output(node, String, 'motion/progress', REPORT)
-        self._diagnostics = Output(node, DiagnosticArray, '/diagnostics', REPORT)
-        self._diagnostics_every = round(DIAGNOSTICS_S / period_s)
+        self._health = Health(node)
+        self._health_every = round(DIAGNOSTICS_S / period_s)
         self._reports = 0
 
     def publish(self) -> None:
@@ -50,23 +51,15 @@ class ProgressReport:
                 facts |= self._statistics()
             self._progress.publish(String(data=json.dumps(facts)))
         self._reports += 1
-        if self._reports % self._diagnostics_every == 0 and self._diagnostics.wanted:
-            self._publish_diagnostics()
+        if self._reports % self._health_every == 0 and self._health.wanted:
+            self._send_health()
 
-    def _publish_diagnostics(self) -> None:
+    def _send_health(self) -> None:
         facts = self._facts()
         level = DiagnosticStatus.ERROR if facts['fault'] else DiagnosticStatus.OK
-        status = DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name())
         twice = doubled(self._node)
         if twice:
             self._node.get_logger().warning(twice, throttle_duration_sec=10.0)
-            status.level = max(status.level, DiagnosticStatus.WARN)
-        status.message = facts['fault'] or facts['waiting'] or twice or facts['phase']
-        facts |= self._statistics() | {'strangers': twice}
-        status.values = [
-            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
-            for key, value in facts.items()
-        ]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+            level = max(level, DiagnosticStatus.WARN)
+        sentence = facts['fault'] or facts['waiting'] or twice or facts['phase']
+        self._health.send(level, sentence, facts | self._statistics() | {'strangers': twice})

@@ -8,33 +8,34 @@ the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from delta3_pacdrive.bus.inbox import Inbox
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.pacing import Pacing
-from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity, disagreements
+from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity
 from delta3_pacdrive.bus.silence import ANSWER_SILENT_S, BUS_SILENT_S, Watch
 from delta3_pacdrive.bus.statistics import BusStatistics
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.bus.transit import Transit
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
-from delta3_pacdrive.errors import ParameterError, RunError, TelegramError, UnreachableError
-from delta3_pacdrive.injection import AT_FAULTS, TASK, UNIT_ROBOT
+from delta3_pacdrive.errors import ParameterError, RunError, UnreachableError
+from delta3_pacdrive.injection import AT_FAULTS, TASK
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.at_receiver import AtReceiver, Content
 from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults
 from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
 from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.phase_up import PhaseUp
 from delta3_pacdrive.nodes.planner_watch import PlannerWatch
-from delta3_pacdrive.nodes.polling import PollingNode, Taken
+from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.progress_report import ProgressReport
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.nodes.safety_desk import SafetyDesk
 from delta3_pacdrive.nodes.service_desk import ServiceDesk
@@ -79,22 +80,17 @@ class TransformationTaskNode(PollingNode):
         self._factor = factor
         self._pacing = Pacing(bus.cycle_time_s / factor if factor else 0.0, bus.outstanding_cycles_max)
         self._phase = Phase.CP0
-        self._session = telegram.NO_SESSION
         self._ticker: Any = None
         self._calls = 0
 
         self.next_cycle = 0  # to start
         self.answered = 0  # the next to be complete
-        self._inbox: list[dict[int, tuple[Any, int, int]]] = [{}, {}, {}]
-        # AT that an injected fault holds back: until which cycle, axis, cycle, content
-        self._held_back: list[tuple[int, int, int, tuple[Any, int, int]]] = []
+        self._inbox: Inbox[Content] = Inbox()
         self._master = Master(parameters)
-        self._expected = [0] * 3
         self._statistics = BusStatistics(bus.outstanding_cycles_max)
         self._last_answer_s = 0.0
         self._report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
         self._watch = Watch(self._report_s)
-        self._planner = PlannerWatch(self, self._report_s)
         self._wall_start_s = 0.0
         self._frames: dict[tuple[int, float], bytes] = {}
 
@@ -103,14 +99,17 @@ class TransformationTaskNode(PollingNode):
         self._publish_mdt = telegram.raw_publish(mdt)
         self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
         self._outputs = TaskOutputs(self, parameters)
-        self._create_inputs(poll=factor > 0.0)
+        self._receiver = AtReceiver(self, self._cycles, factor > 0.0, self._statistics, self._on_at)
         self._roll = Roll(self, self._on_newcomer)
-        self._phase_up = PhaseUp(self, self._roll, Identity.of(parameters))
+        identity = Identity.of(parameters)
+        self._phase_up = PhaseUp(self, self._roll, identity)
+        self._planner = PlannerWatch(self, self._report_s, self._roll, identity)
         self._desk = ServiceDesk(self, self._channel_closed)
         self._faults = Faults(self, TASK, lambda: self.next_cycle)
+        self._transit: Transit[Content] = Transit(self._faults, AT_FAULTS, self._receiver.refuse)
         fault_desk = FaultDesk(self, bus.cycle_time_s, self.closed, lambda: self.next_cycle)
         self._motion = MotionServer(
-            self, self._task, parameters, self._earliest, fault_desk, self._misplanned
+            self, self._task, parameters, self._earliest, fault_desk, self._planner.misplans
         )
         self._safety = SafetyDesk(
             self, self, self._task, self._master, self._motion, self._desk, self._report
@@ -118,19 +117,6 @@ class TransformationTaskNode(PollingNode):
         self._reports = ProgressReport(self, self._report_s, self.progress, self.statistics)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(self._report_s, self._report)
-
-    def _create_inputs(self, poll: bool) -> None:
-        self._pollers: list[tuple[Callable[[], Taken | None], Callable[..., None]]] = []
-        for index, axis in enumerate(DRIVES):
-            topic, receive = f'sercos/at/{axis}', self._on_at(index, telegram.at_codec(axis))
-            if poll:
-                # The clock drives this task, so that an answer need not wake it: it is read at the next tick.
-                take = self.create_polled_subscription(JointState, topic, CYCLIC_SUBSCRIPTION)
-                self._pollers.append((take, receive))
-            else:
-                self.create_subscription(
-                    JointState, topic, partial(receive, received_ns=0), CYCLIC_SUBSCRIPTION, raw=True
-                )
 
     # start-up ---------------------------------------------------------------------------------------------------------
 
@@ -157,13 +143,13 @@ class TransformationTaskNode(PollingNode):
     def _enter(self, phase: Phase) -> None:
         self._phase = phase
         stamp = self._cycles.stamp(self.next_cycle)
-        self._phase_publisher.publish(telegram.phase_message(phase, self._session, stamp))
+        self._phase_publisher.publish(telegram.phase_message(phase, self._receiver.session, stamp))
         if phase != Phase.CP0 or self._safety.fault:
             self.get_logger().info(f'bus phase {phase.name}')
 
     def _start_up(self) -> None:
         """Advance the phases of the bus; a greeting MDT goes out until every partner has answered."""
-        self._poll()
+        self._receiver.poll(self._due)
         self._call()
         if self._phase != Phase.CP0 and (self._phase != Phase.CP2 or not self._safety.fault):
             self._greet()
@@ -172,14 +158,14 @@ class TransformationTaskNode(PollingNode):
                 self._begin_cyclic_operation()
             return
         try:
-            phase = self._phase_up.next(self._phase, self._session)
+            phase = self._phase_up.next(self._phase, self._receiver.session)
         except RunError as error:
             self._safety.note(str(error))
             return
         if phase == self._phase:
             return
         if phase == Phase.CP1:
-            self._session = telegram.new_session()
+            self._receiver.session = telegram.new_session()
             self._frames.clear()
         if phase == Phase.CP3:
             self._prepare()
@@ -190,12 +176,12 @@ class TransformationTaskNode(PollingNode):
         """Announce the phase again and again: a participant does not obey while the last master may still be there."""
         if self._calls % CALL_EVERY == 0:
             stamp = self._cycles.stamp(self.next_cycle)
-            self._phase_publisher.publish(telegram.phase_message(self._phase, self._session, stamp))
+            self._phase_publisher.publish(telegram.phase_message(self._phase, self._receiver.session, stamp))
         self._calls += 1
 
     def _greet(self) -> None:
         words = self._desk.to_send()
-        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0, self._session, words)
+        frame = telegram.mdt_frame(self._phase, CONTROL_OFF, 0.0, self._receiver.session, words)
         self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
         self._outputs.greet()
 
@@ -219,10 +205,8 @@ class TransformationTaskNode(PollingNode):
         self.next_cycle = self.answered = self._first_cycle()
         if self.next_cycle or self._safety.fault:
             self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
-        self._expected = [self.next_cycle] * 3
-        for inbox in self._inbox:
-            inbox.clear()
-        self._held_back.clear()
+        self._inbox.begin(self.next_cycle)
+        self._transit.clear()
         self._master.begin()
         self._pacing.restart()
         self._roll.close()
@@ -254,7 +238,7 @@ class TransformationTaskNode(PollingNode):
         self._safety.give_up_reset()
         self._task.give_up()
         self._wait_for_program = False
-        self._session = telegram.NO_SESSION
+        self._receiver.session = telegram.NO_SESSION
         self._calls = 0
         self._phase_up.begin()
         self._enter(Phase.CP0)
@@ -262,17 +246,12 @@ class TransformationTaskNode(PollingNode):
 
     # cyclic operation -------------------------------------------------------------------------------------------------
 
-    def _poll(self) -> None:
-        for index, (take, receive) in enumerate(self._pollers):
-            # before cyclic operation nobody knows how many answers there are; then it is one per cycle
-            while not self._cyclic or self._expected[index] < self.next_cycle:
-                taken = take()
-                if taken is None:
-                    break
-                receive(taken[0], taken[1]['received_timestamp'])
+    def _due(self, index: int) -> bool:
+        """Whether an axis may have more to say; before cyclic operation nobody knows how often it answers."""
+        return not self._cyclic or self._inbox.expected[index] < self.next_cycle
 
     def _tick(self) -> None:
-        self._poll()
+        self._receiver.poll(self._due)
         self._start_cycles()
 
     def _start_cycles(self) -> None:
@@ -305,84 +284,40 @@ class TransformationTaskNode(PollingNode):
         """Frame of the MDT of a cycle."""
         control, payload = self._task.control(cycle), self._task.payload
         if self._desk.busy:
-            return telegram.mdt_frame(Phase.CP4, control, payload, self._session, self._desk.to_send())
+            return telegram.mdt_frame(
+                Phase.CP4, control, payload, self._receiver.session, self._desk.to_send()
+            )
         frame = self._frames.get((control, payload))
         if frame is None:
-            frame = telegram.mdt_frame(Phase.CP4, control, payload, self._session)
+            frame = telegram.mdt_frame(Phase.CP4, control, payload, self._receiver.session)
             self._frames[control, payload] = frame
         return frame
 
-    def _on_at(self, index: int, codec: telegram.JointStateCodec) -> Callable[..., None]:
-        def receive(data: bytes, received_ns: int) -> None:
-            if self._session is telegram.NO_SESSION:
-                return
-            try:
-                sec, nanosec, frame, values = codec.decode(data)
-                cycle = self._cycles.count(sec, nanosec)
-                status, service = telegram.parse_at_frame(frame, self._session)
-            except TelegramError as error:
-                self._statistics.refused += 1
-                self.get_logger().warning(f'{DRIVES[index]}: {error}', throttle_duration_sec=1.0)
-                return
-            if cycle < 0:
-                if not self._cyclic:
-                    self._phase_up.resting[index] = values[0]
-                    self._desk.received(index, service)
-            elif not self._cyclic:
-                return
-            elif cycle >= self.next_cycle:
-                self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
-            elif self._faults.disturbs_telegrams:
-                self._disturb_at(index, cycle, (values, status, service), received_ns)
-            else:
-                self._take_at(index, cycle, (values, status, service), received_ns)
-
-        return receive
-
-    def _take_at(
-        self, index: int, cycle: int, content: tuple[Any, int, int] | None, received_ns: int
-    ) -> None:
-        """Take an AT in, or note that it is lost (``None``); what is repeated or late says nothing."""
-        if cycle < self._expected[index]:
-            waiting = self._inbox[index].get(cycle)
-            if waiting is not None and content is not None and waiting != content:
-                self._safety.stop(
-                    f'{DRIVES[index]}: two different AT of bus cycle {cycle}: who is the second writer?'
-                )
+    def _on_at(self, index: int, cycle: int, content: Content, received_ns: int) -> None:
+        if cycle < 0:
+            if not self._cyclic:
+                self._phase_up.resting[index] = content[0][0]
+                self._desk.received(index, content[2])
             return
-        self._statistics.lost += cycle - self._expected[index] + (content is None)
-        self._expected[index] = cycle + 1
-        if content is not None:
-            self._inbox[index][cycle] = content
-        self._complete(received_ns)
-
-    def _disturb_at(self, index: int, cycle: int, content: tuple[Any, int, int], received_ns: int) -> None:
-        """Take an AT in, unless an injected fault befalls it."""
-        fault = self._faults.telegram(AT_FAULTS, DRIVES[index], cycle)
-        if fault is None or fault.kind == 'duplicate_at':
-            self._take_at(index, cycle, content, received_ns)
-        if fault is not None and fault.kind == 'duplicate_at':
-            self._take_at(index, cycle, content, received_ns)
-        elif fault is not None:
-            self._take_at(index, cycle, None, received_ns)
-            if fault.kind == 'delay_at':
-                self._held_back.append((cycle + int(fault.value), index, cycle, content))
-            elif fault.kind == 'corrupt_at':
-                self._statistics.refused += 1
-        late = [item for item in self._held_back if item[0] <= cycle and item[1] == index]
-        self._held_back = [item for item in self._held_back if item not in late]
-        for _, _, late_cycle, late_content in late:
-            self._take_at(index, late_cycle, late_content, received_ns)
+        if not self._cyclic:
+            return
+        if cycle >= self.next_cycle:
+            self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
+            return
+        for arrived, what in self._transit.arrivals(DRIVES[index], cycle, content):
+            if self._inbox.put(index, arrived, what):
+                self._complete(received_ns)
+            else:
+                self._safety.stop(
+                    f'{DRIVES[index]}: two different AT of bus cycle {arrived}: who is the second writer?'
+                )
 
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
-        first, second, third = self._expected
-        master, motion, desk, safety = self._master, self._motion, self._desk, self._safety
-        while (
-            (cycle := self.answered) < first and cycle < second and cycle < third and cycle < self.next_cycle
-        ):
-            for index, inbox in enumerate(self._inbox):
-                answer_ = inbox.pop(cycle, None)
+        inbox, master, motion = self._inbox, self._master, self._motion
+        desk, safety = self._desk, self._safety
+        while (cycle := self.answered) < self.next_cycle and inbox.is_complete(cycle):
+            for index, answer_ in enumerate(inbox.get(cycle)):
                 if answer_ is None:
                     master.bridge(index)
                 else:
@@ -410,8 +345,7 @@ class TransformationTaskNode(PollingNode):
     def _lose(self, index: int, reason: str) -> None:
         """Go on without a drive, to a stop; then the phase falls."""
         self._master.lose(index)
-        self._expected[index] = NEVER
-        self._inbox[index].clear()
+        self._inbox.lose(index)
         self._safety.stop(reason, hard=True)
         if len(self._master.absent) == len(DRIVES):
             self._go_down(reason)
@@ -429,12 +363,6 @@ class TransformationTaskNode(PollingNode):
 
     # reports ----------------------------------------------------------------------------------------------------------
 
-    def _misplanned(self) -> str:
-        """Say in what the planner disagrees with this master, empty if in nothing or none is known."""
-        if self._roll.planner is None:
-            return ''
-        return '; '.join(disagreements(self._phase_up.identity, {UNIT_ROBOT: self._roll.planner}))
-
     def _check_planner(self) -> None:
         """Stop a program whose planner is lost: nobody could change its course any more."""
         moving = self._motion.state in (MotionState.MOVING, MotionState.STOPPING)
@@ -447,15 +375,14 @@ class TransformationTaskNode(PollingNode):
         if not self._cyclic or self.next_cycle == self.answered:
             self._watch.heard(time.monotonic())
             return
-        silent = [index for index in range(len(DRIVES)) if self._expected[index] <= self.answered]
+        silent = self._inbox.behind(self.answered)
         names = ', '.join(DRIVES[index] for index in silent)
         reason = f'no AT of {names} for {silence:.1f} s in bus cycle {self.answered} (8506)'
-        ahead = max(-1 if end == NEVER else end for end in self._expected) - self.answered
-        if silence > ANSWER_SILENT_S and ahead > AHEAD:
+        if silence > ANSWER_SILENT_S and self._inbox.ahead(self.answered) > AHEAD:
             for index in silent:
                 self._lose(index, reason)
         elif silence > BUS_SILENT_S:
-            self._go_down(f'{reason}: is the plant running?' if len(silent) == len(DRIVES) else reason)
+            self._go_down(f'{reason}: is the plant running?')  # nobody could go on, so it is not one drive
 
     def progress(self) -> dict[str, Any]:
         """Return the present state of bus and program, as published in ``motion/progress``."""
@@ -486,7 +413,8 @@ class TransformationTaskNode(PollingNode):
             'following_error_rad': max(abs(value) for value in self._task.answer[FOLLOWING_ERROR].tolist()),
             'overruns': self._pacing.overruns,
             'slip_s': self._pacing.slip_s,
-            'lost_telegrams': self._statistics.lost,
+            'lost_telegrams': self._inbox.lost,
+            'repeated_telegrams': self._inbox.repeated,
         }
 
     def statistics(self) -> dict[str, Any]:

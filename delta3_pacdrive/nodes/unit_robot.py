@@ -372,6 +372,9 @@ def _point_of(point: Any) -> list[float]:
 
 def _points_of(message: Path) -> list[list[float]]:
     _require_base(message.header.frame_id)
+    for pose in message.poses:
+        if pose.header.frame_id:  # empty: that of the path
+            _require_base(pose.header.frame_id)
     return [_point_of(pose.pose.position) for pose in message.poses]
 
 

@@ -262,6 +262,17 @@ def test_a_point_in_another_frame_is_refused(cell: Cell) -> None:
     assert cell.answers[-1].data == 'refused: frame_id is \'world\', but must be "base"'
 
 
+def test_a_path_with_a_pose_in_another_frame_is_refused(cell: Cell) -> None:
+    publisher = cell.graph.listener.create_publisher(Path, 'unit_robot/move_c', REQUEST)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the planner')
+    stranger = Path(poses=[PoseStamped(), PoseStamped()])
+    stranger.header.frame_id = 'base'
+    stranger.poses[1].header.frame_id = 'world'
+    publisher.publish(stranger)
+    cell.graph.spin_until(lambda: cell.answers, 'the answer')
+    assert cell.answers[-1].data == 'refused: frame_id is \'world\', but must be "base"'
+
+
 def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> None:
     refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
     plan = cell.graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN)

@@ -13,7 +13,8 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.nodes.mc4_drive import WRITABLE, MC4DriveNode
+from delta3_pacdrive.nodes.drive_parameters import WRITABLE
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import LATCHED
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode

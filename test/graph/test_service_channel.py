@@ -14,7 +14,8 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.cli import drive as drive_command
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.nodes.mc4_drive import WRITABLE, MC4DriveNode
+from delta3_pacdrive.nodes.drive_parameters import WRITABLE
+from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.operator import OperatorNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, REQUEST
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode

@@ -89,7 +89,7 @@ SHAFTS = {'position': [0.0] * 3, 'velocity': [0.0] * 3, 'effort': [0.0] * 3}
 def test_numbers_that_no_machine_has_are_refused_although_everything_else_is_right(
     huge: float, cell: Cell
 ) -> None:
-    session = cell.task._session.decode()
+    session = cell.task._receiver.session.decode()
     make = forged(cell, effort=[huge] * 16)
     cell.publish(
         JointState, 'axis1/motor_current', CYCLIC_PUBLISHER, make(f'free 000.0000 {session}', ['axis1'])

@@ -1,0 +1,38 @@
+"""Whether a robot in real time is too much for the machine that it runs on."""
+
+import os
+import time
+from contextlib import suppress
+
+import psutil
+
+from delta3_pacdrive.nodes.child import Child
+
+LOOK_S = 2.0
+SHARE = 0.25  # of the machine's cores, above which nothing else could run beside a robot in real time
+
+
+class Strain:
+    """Looks at the processor time of processes every ``LOOK_S``."""
+
+    def __init__(self) -> None:
+        self._seen = (0.0, 0.0)  # when [s], and processor time [s] of the processes until then
+
+    def cores(self, children: list[Child]) -> float:
+        """Look: how many cores the processes take, if it is time to look and they take too many; else 0."""
+        now = time.monotonic()
+        if now - self._seen[0] < LOOK_S:
+            return 0.0
+        (then, before), self._seen = self._seen, (now, _processor_time_s(children))
+        cores = (self._seen[1] - before) / (now - then)
+        return cores if then and cores > SHARE * len(os.sched_getaffinity(0)) else 0.0
+
+
+def _processor_time_s(children: list[Child]) -> float:
+    """Processor time [s] that processes have taken so far; none for those that have ended."""
+    spent = 0.0
+    for child in children:
+        with suppress(psutil.NoSuchProcess):
+            times = psutil.Process(child.pid).cpu_times()
+            spent += times.user + times.system
+    return spent
