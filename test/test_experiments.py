@@ -11,7 +11,7 @@ import pytest
 
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.cli import experiment, experiment_graph
-from delta3_pacdrive.errors import RunError, TraceError
+from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.experiments import report
 from delta3_pacdrive.experiments.attribution import EFFECTS, attribute, effects_of, shapley, with_effects
 from delta3_pacdrive.experiments.comparison import QUANTITIES, Comparison, Run, delayed
@@ -365,16 +365,6 @@ def test_a_bag_is_never_overwritten(tmp_path):
     (tmp_path / 'report.json').write_text('old')
     assert experiment.main(['1', '--graph', '--output', str(tmp_path)]) == 1
     assert (tmp_path / 'report.json').read_text() == 'old'
-
-
-def test_nodes_that_cannot_run_are_one_sentence_and_leave_no_bag(tmp_path):
-    pytest.importorskip('rclpy')
-    program = tmp_path / 'far.yaml'
-    program.write_text('moves: [{move_l: {to_m: [3.0, 0.0, -0.8]}}]')
-    robots = {'model': parameters.config_directory() / parameters.DEFAULT_FILE}
-    with pytest.raises(RunError, match=r'^nodes of the model: .*move_l'):
-        experiment_graph.record(program, robots, tmp_path, 0.0, lambda *_: None)
-    assert {path.name for path in tmp_path.iterdir()} == {'far.yaml'}
 
 
 def test_one_changed_bit_is_no_agreement(robot, short_program):

@@ -16,7 +16,7 @@ PATIENCE_S = (
 ATTEMPTS = 3  # a fault may be injected while the last one is overcome
 RESET_S = 1.0  # wall time after which a reset is tried again
 RECOVERY_M_S = 1.0
-EXPLANATION_S = 0.05  # bus time in which the master asks the drives for the number of their faults
+EXPLANATION_S = 0.1  # bus time in which the master asks the drives for the number of their faults
 
 
 class Attendant:

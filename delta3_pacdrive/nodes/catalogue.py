@@ -15,7 +15,7 @@ from delta3_pacdrive.bus.phases import DRIVES, PLANT
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
 from delta3_pacdrive.injection import KINDS, OF_PROCESSES, UNIT_ROBOT
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.nodes.attendant import run_attended
+from delta3_pacdrive.nodes.attendant import EXPLANATION_S, run_attended
 from delta3_pacdrive.nodes.bringup import Bringup, Options
 from delta3_pacdrive.nodes.cases import Case, Outcome, State
 from delta3_pacdrive.nodes.evidence import COUPLING, OF_AXIS, AxisRecord
@@ -156,6 +156,7 @@ class Catalogue(Witness):
             return self.observe(OBSERVED_S + case.fault.get('for_s', 0.0))
         self.let_pass(OBSERVED_S)
         self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
+        self.let_pass(EXPLANATION_S)
         return str(self.progress['fault'])
 
     def _time_detection(self, case: Case, outcome: Outcome) -> None:

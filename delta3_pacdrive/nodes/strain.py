@@ -9,7 +9,7 @@ import psutil
 from delta3_pacdrive.nodes.child import Child
 
 LOOK_S = 2.0
-SHARE = 0.25  # of the machine's cores, above which nothing else could run beside a robot in real time
+SHARE = 0.85  # of the cores, above which nothing else could run beside a robot in real time
 
 
 class Strain:

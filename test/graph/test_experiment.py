@@ -5,6 +5,12 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.cli import experiment_graph
+from delta3_pacdrive.errors import RunError
+
 
 def test_nodes_give_the_report_of_the_simulation_but_for_what_no_topic_tells(
     tmp_path: Path, delta3: Callable[..., subprocess.CompletedProcess[str]], nothing_left_behind: None
@@ -20,3 +26,12 @@ def test_nodes_give_the_report_of_the_simulation_but_for_what_no_topic_tells(
     agreeing = [note for note in document['notes'] if 'agree to the last bit in 11 signals' in note]
     assert len(agreeing) == 2
     assert {'bag_model', 'bag_robot', 'signals.csv'} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_nodes_that_cannot_run_are_one_sentence_and_leave_no_bag(tmp_path: Path) -> None:
+    program = tmp_path / 'far.yaml'
+    program.write_text('moves: [{move_l: {to_m: [3.0, 0.0, -0.8]}}]')
+    robots = {'model': parameters.config_directory() / parameters.DEFAULT_FILE}
+    with pytest.raises(RunError, match=r'^nodes of the model: .*move_l'):
+        experiment_graph.record(program, robots, tmp_path, 0.0, lambda *_: None)
+    assert {path.name for path in tmp_path.iterdir()} == {'far.yaml'}
