@@ -154,8 +154,9 @@ def _print(name: str, row: dict[str, Any]) -> None:
         f'{row["lost_mdt"]} MDT of {row["lost_mdt_injected"]}'
     )
     print(
-        f'    memory of the processes that lived on: {row["rss_start_mb"]:.1f} MB, '
-        f'{row["rss_cycles"]} cycles later {row["rss_end_mb"]:.1f} MB'
+        f'    RSS of the processes that lived on: {row["rss_start_mb"]:.1f} MB, '
+        f'{row["rss_cycles"]} cycles later {row["rss_end_mb"]:.1f} MB; '
+        f'their own memory grew by {row["grown_mb"]:.1f} MB'
     )
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
     print(f'    {kinds or "no faults"}')

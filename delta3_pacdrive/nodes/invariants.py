@@ -18,7 +18,9 @@ ARM_DEG = 0.5  # by which an arm may exceed its control limits
 # of an undisturbed program; random programs have 0.41 mm and 0.5 um
 TCP_ERROR_M = 1.5e-3
 END_M = 0.01e-3
-MEMORY_MB = 10.0  # by which the processes of a robot may grow in 100,000 cycles; it is 8 while they warm up
+MEMORY_MB = (
+    5.0  # by which the own memory of a robot's processes may grow in 100,000 cycles, mostly the planner's
+)
 MEMORY_CYCLES = 100_000  # below which a growth says nothing
 
 
@@ -143,7 +145,7 @@ class Invariants:
             self._violate(f'{what}: {lost} lost, {injected} were injected', cycle)
 
     def check_memory(self, growth_mb: float, cycles: int, now: int) -> None:
-        """Judge how much the processes of the robot have grown within some cycles."""
+        """Judge by how much the processes' own memory has grown within some cycles."""
         limit = MEMORY_MB * cycles / 1e5
         if cycles >= MEMORY_CYCLES and growth_mb > limit:
             self._violate(

@@ -58,7 +58,9 @@ class Figures:
     error_max_m, end_max_m
         Of undisturbed programs: distance of the true TCP from its command, and of their ends from their last points.
     rss_start_mb, rss_end_mb, rss_cycles
-        Memory of the processes that lived from the first quarter to the end, and the cycles in between.
+        Resident memory of the processes that lived from the first quarter to the end, and the cycles in between.
+    grown_mb
+        By how much their own memory grew meanwhile; the rest of the resident memory are pages of program files.
     kinds
         How many faults of each kind were injected.
 
@@ -80,6 +82,7 @@ class Figures:
     rss_start_mb: float = 0.0
     rss_end_mb: float = 0.0
     rss_cycles: int = 0
+    grown_mb: float = 0.0
     kinds: dict[str, int] = field(default_factory=dict)
     violations: list[Violation] = field(default_factory=list)
 
@@ -121,7 +124,9 @@ class Soak(Attendant):
         self._invariants = Invariants(robot, self._violate)
         self._session = b''
         self._recorded: dict[str, list[Telegrams]] | None = None
-        self._memory: list[tuple[int, dict[int, float]]] = []
+        self._memory: list[
+            tuple[int, dict[int, tuple[float, float]]]
+        ] = []  # resident and own [MB], by process
         self._tap = Tap(self.operator, robot.bus.cycle_time_s, lambda text: self._violate(text, -1))
 
     def _violate(self, sentence: str, cycle: int) -> None:
@@ -156,22 +161,22 @@ class Soak(Attendant):
             if len(self.figures.violations) >= VIOLATIONS_SHOWN:
                 break
         figures = self.figures
-        self._invariants.check_memory(
-            figures.rss_end_mb - figures.rss_start_mb, figures.rss_cycles, self.progress['cycles']
-        )
+        self._invariants.check_memory(figures.grown_mb, figures.rss_cycles, self.progress['cycles'])
 
     def _measure_memory(self) -> None:
-        """Compare the resident memory of the processes with that after the first quarter."""
+        """Compare the memory of the processes with that after the first quarter."""
         now = {}
         for child in self._bringup.processes():
             with suppress(psutil.NoSuchProcess):
-                now[child.pid] = psutil.Process(child.pid).memory_info().rss / 1e6
+                memory = psutil.Process(child.pid).memory_info()
+                now[child.pid] = memory.rss / 1e6, (memory.rss - memory.shared) / 1e6
         figures = self.figures
         self._memory.append((figures.cycles, now))
         cycles, then = next(sample for sample in self._memory if sample[0] >= figures.cycles / 4)
         survivors = then.keys() & now.keys()
-        figures.rss_start_mb = sum(then[pid] for pid in survivors)
-        figures.rss_end_mb = sum(now[pid] for pid in survivors)
+        figures.rss_start_mb = sum(then[pid][0] for pid in survivors)
+        figures.rss_end_mb = sum(now[pid][0] for pid in survivors)
+        figures.grown_mb = sum(now[pid][1] - then[pid][1] for pid in survivors)
         figures.rss_cycles = figures.cycles - cycles
 
     def _run_program(self, drawn: Drawn) -> None:
