@@ -141,15 +141,14 @@ def _act(options: argparse.Namespace, operator: Any, document: str, percent: flo
     if document:
         tell(operator.send_program(document))
         if not options.queue:
-            tell(operator.call('start'))
-            _wait_for_the_end(options, operator, tell)
+            _set_off('start', options, operator, tell)
     elif options.action == 'reset':
         tell(operator.call('reset'))
         tell(operator.await_reset())
+    elif options.action in ('start', 'resume'):
+        _set_off(options.action, options, operator, tell)
     elif options.action in SERVICES:
         tell(operator.call(options.action))
-        if options.action in ('start', 'resume'):
-            _wait_for_the_end(options, operator, tell)
     elif options.action == 'override':
         tell(operator.override(percent))
     elif options.action in ('enable', 'disable'):
@@ -172,12 +171,16 @@ def _state_text(progress: dict[str, Any]) -> str:
     return text
 
 
-def _wait_for_the_end(options: argparse.Namespace, operator: Any, tell: Callable[[str], None]) -> None:
-    """Wait until the motion is over; Ctrl-C holds the robot."""
+def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Callable[[str], None]) -> None:
+    """Start or resume a motion, and wait until it is over; Ctrl-C holds the robot."""
+    operator.wait_until(lambda: operator.state, 'motion/state')
+    before = operator.state_changes
+    tell(operator.call(service))
     if options.no_wait:
         return
     try:
-        operator.wait_until(lambda: operator.state == 'moving', 'start of the motion')
+        # whoever looks late finds a short motion over already
+        operator.wait_until(lambda: operator.state_changes > before, 'start of the motion')
         while operator.state == 'moving':
             operator.spin_for(0.05)
     except KeyboardInterrupt:

@@ -15,6 +15,7 @@ WRITTEN_BY_ONE = (
     *(f'{axis}/motor_current' for axis in DRIVES),
     'plant/motor_shafts',
 )
+PATIENCE = 50  # looks in vain after which a guess at the reason is told
 
 
 def doubled(node: Node) -> str:
@@ -46,11 +47,13 @@ class PhaseUp:
     def __init__(self, node: Node, roll: Roll, identity: Identity) -> None:
         self._node, self._roll, self.identity = node, roll, identity
         self.waiting = ''
+        self._looks_in_vain = 0  # in this phase
         self.resting: dict[int, float] = {}
 
     def begin(self) -> None:
         """Begin anew: whoever answered before has to do so again."""
         self.resting.clear()
+        self._looks_in_vain = 0
         self._roll.call_again()
 
     def next(self, phase: Phase, session: bytes) -> Phase:
@@ -68,7 +71,11 @@ class PhaseUp:
             self._wait_for(self._answers())
         else:
             self._wait_for(self._agreement(session))
-        return phase if self.waiting else Phase(phase + 1)
+        if self.waiting:
+            self._looks_in_vain += 1
+            return phase
+        self._looks_in_vain = 0
+        return Phase(phase + 1)
 
     def _presence(self) -> str:
         absent = missing(self._roll.identities)
@@ -79,7 +86,13 @@ class PhaseUp:
 
     def _answers(self) -> str:
         silent = [axis for index, axis in enumerate(DRIVES) if index not in self.resting]
-        return f'waiting for an answer of {", ".join(silent)}' if silent else ''
+        if not silent:
+            return ''
+        # a drive answers with the shaft position that the plant tells it
+        doubt = (
+            ': is the plant running?' if len(silent) == len(DRIVES) and self._looks_in_vain > PATIENCE else ''
+        )
+        return f'waiting for an answer of {", ".join(silent)}{doubt}'
 
     def _agreement(self, session: bytes) -> str:
         present = {name: self._roll.identities[name] for name in PARTICIPANTS}

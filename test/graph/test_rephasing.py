@@ -295,6 +295,33 @@ def test_a_drive_that_comes_back_before_cyclic_operation_costs_nothing(graph: An
     assert task.progress()['fault'] == ''
 
 
+@pytest.mark.parametrize('partner', ['axis2', 'plant'])
+@pytest.mark.parametrize('phase', [Phase.CP1, Phase.CP2, Phase.CP3])
+def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_back(
+    phase: Phase, partner: str, graph: Any
+) -> None:
+    task = graph.robot(**ON_REQUEST)
+    graph.spin_until(lambda: task._phase == phase, phase.name)
+    kind = PlantNode if partner == 'plant' else MC4DriveNode
+    graph.remove(next(n for n in graph.nodes if type(n) is kind and n.get_name() in ('plant', 'mc4_drive_2')))
+    # the order of events decides whether the start-up waits for it, or cyclic operation misses it
+    graph.spin_until(
+        lambda: partner in task.progress()['waiting'] or partner in task.progress()['fault'],
+        'the name',
+        2 * BOUND_S,
+    )
+    graph.spin_until(lambda: task.progress()['phase'] != 'CP4', 'the fall of the phase', BOUND_S)
+    graph.add(kind, **ON_REQUEST, **({'axis': 2} if partner == 'axis2' else {}))
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP4', 'cyclic operation', 4 * BOUND_S)
+    graph.spin_until(lambda: task.progress()['fault'] or task.progress()['in_torque'], 'fault or torque')
+    if task.progress()['fault']:
+        assert graph.call(Trigger, 'reset', Trigger.Request()).success
+        graph.spin_until(lambda: not task.progress()['fault'], 'the reset')
+        assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    assert task.progress()['fault'] == ''
+
+
 def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None:
     task = prepared(graph)
     phases = graph.listen(Header, 'sercos/phase', LATCHED)
