@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from delta3_pacdrive import parameters
 from delta3_pacdrive.bus.phases import DRIVES, Identity
 from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
@@ -147,6 +148,35 @@ def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) ->
         abs(drive._drive.answer[0] - home) for drive, home in zip(cell.drives, last.position, strict=True)
     )
     assert moved < 0.5  # motor side: a degree of the arm
+
+
+def test_an_at_that_contradicts_the_one_of_the_drive_stops_the_robot(cell: Cell) -> None:
+    publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the master')
+
+    def contradict(message: JointState) -> None:
+        message.position = [message.position[0] + 1e-3]
+        publisher.publish(message)
+
+    cell.graph.listener.create_subscription(JointState, 'sercos/at/axis1', contradict, CYCLIC_PUBLISHER)
+    cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the stop')
+    assert cell.task.progress()['fault'].startswith('axis1: two different AT of bus cycle ')
+    cell.graph.spin_until(lambda: not any(drive._drive.powered for drive in cell.drives), 'no torque')
+
+
+def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cell: Cell) -> None:
+    operator = cell.operator
+    operator.inject('{fault: encoder_failure, axis: axis2}')
+    cell.graph.spin_until(lambda: operator.progress.get('fault'), 'the fault')
+    cell.graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'no torque')
+    operator.call('reset')
+    with pytest.raises(ProgramError, match=r'^reset: axis2: .*S-0-0099'):
+        operator.await_reset()
+    operator.inject('fault: clear')
+    cell.go_on(100)
+    operator.call('reset')
+    assert operator.await_reset() == 'faults cleared'
+    assert cell.task.progress()['fault'] == ''
 
 
 NO_FAULTS = ['1' * 5000, '[' * 200_000, '', 'null', '{"fault": "kill"}', '{"fault": 1e999}']
