@@ -127,12 +127,12 @@ class OperatorNode(PollingNode):
 
     def call(self, name: str) -> str:
         """Call one of ``SERVICES``; raises ProgramError if it is refused."""
+        self._refusals.clear()
         return self._result(self._triggers[name], Trigger.Request(), name)
 
     def await_reset(self) -> str:
-        """Wait for what becomes of a reset; raises ProgramError with the cause that is still there."""
+        """Wait for what becomes of a reset that was called; raises ProgramError with the cause that is still there."""
         before = self.progress
-        self._refusals.clear()
         self.wait_until(
             lambda: self._refusals or (self.progress is not before and not self.progress['fault']),
             'end of the fault',
