@@ -95,7 +95,7 @@ def kernel(function: _Function) -> _Function:
 
 def interpreted(function: _Function) -> _Function:
     """Return the Python function of a kernel, for plain objects instead of records."""
-    return function.py_func  # type: ignore[attr-defined, no-any-return]
+    return getattr(function, 'py_func', function)  # itself where numba is switched off
 
 
 @kernel

@@ -305,3 +305,37 @@ def test_a_strangers_move_beyond_the_angles_of_the_arms_is_refused_and_another_i
     check_reach(move, robot)
     with pytest.raises(ProgramError, match=r'the angle of arm 1 is .* the limit is 20 deg'):
         check_reach(move, robot.replace(kinematics__arm_angle_max_deg=20.0))
+
+
+OUTSIDE, INSIDE, HOME = (0.7, 0.0, -0.8), (0.5, 0.0, -0.8), (0.0, 0.0, -0.75)
+
+
+def straight(start, end):
+    path = curves.line(start, end)
+    return Move(MoveKind.LINE, plan_master(path.length_m, 1.0, 10.0, math.inf), path.segments)
+
+
+def test_a_strangers_move_that_begins_outside_is_refused_unless_it_brings_a_robot_back(robot):
+    with pytest.raises(ProgramError, match=r'the distance from the z axis is 0\.7 m'):
+        check_reach(straight(OUTSIDE, INSIDE), robot)
+    check_reach(straight(OUTSIDE, INSIDE), robot, returning=True)
+    with pytest.raises(ProgramError, match=r'the distance from the z axis is 0\.7 m'):
+        check_reach(straight(INSIDE, OUTSIDE), robot, returning=True)
+
+
+def test_a_master_that_runs_backwards_is_refused():
+    forwards = straight(OUTSIDE, HOME)
+    master = forwards.master.copy()
+    master[:, 1] = forwards.length_m - master[:, 1]
+    master[:, 2:] *= -1.0
+    with pytest.raises(ProgramError, match='its master runs backwards'):
+        Move.from_array(replace(forwards, master=master).to_array(0, 1))
+
+
+def test_moves_that_do_not_begin_where_the_last_one_ends_are_no_plan():
+    there, elsewhere = straight(HOME, INSIDE), straight((0.4, 0.0, -0.8), HOME)
+    with pytest.raises(ProgramError, match=r'move 1 of the plan begins 100\.000 mm away'):
+        Plan.of([there, elsewhere]).require_joined()
+    with pytest.raises(ProgramError, match='move 2 of the plan begins'):
+        Plan.of([there, straight(INSIDE, HOME)], [0, 1, 1]).require_joined()
+    Plan.of([there, straight(INSIDE, HOME)], [0, 1, 0, 1]).require_joined()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves, planning
 from delta3_pacdrive.motion import program as programs
@@ -566,17 +566,34 @@ def test_a_path_that_touches_the_workspaces_edge_is_allowed(robot):
 OUTSIDE = (0.63, 0.0, -0.8)  # 30 mm
 
 
+def plan_back(robot, moves, position=OUTSIDE, **fields):
+    """Plan for a robot that was pushed to a position."""
+    return planning.plan(parse(robot, moves, **fields), position, robot, returning=True)
+
+
 @pytest.mark.parametrize(
-    'move',
+    'moves',
     [
-        to(0.5, 0, -0.8),
-        to(0.62, 0, -0.8),
-        to(0.5, 0.3, -0.8),
-        {'cubic': {'to_m': [0.5, 0, -0.8], 'duration_s': 1.0}},
+        [to(0.5, 0, -0.8)],
+        [to(0.5, 0.3, -0.8), to(0.6, 0, -0.9)],
+        [to(0.58, 0, -0.8, blend_m=0.01), to(0.2, 0, -0.75)],
+        [output(), to(0.5, 0, -0.8)],
+        [{'cubic': {'to_m': [0.5, 0, -0.8], 'duration_s': 1.0}}, dwell(0.1)],
     ],
 )
-def test_a_robot_that_was_pushed_out_of_the_workspace_may_come_back(move, robot):
-    assert len(plan(robot, [move], OUTSIDE).plan) == 1
+def test_a_robot_that_was_pushed_out_of_the_workspace_may_come_back(moves, robot):
+    p, _, _ = sample_plan(plan_back(robot, moves).plan, np.linspace(0.0, 2.0, 400))
+    assert p[0] == pytest.approx(OUTSIDE)
+    assert np.hypot(p[-1, 0], p[-1, 1]) <= 0.6
+    assert 'the distance from the z axis is 0.6' in refusal(plan, robot, moves, OUTSIDE)
+
+
+def test_an_arm_that_was_pushed_beyond_its_angle_may_come_back(robot):
+    narrow = robot.replace(kinematics__arm_angle_max_deg=15.0)
+    low = (0.0, 0.0, -0.93)
+    assert len(plan_back(narrow, [to(0, 0, -0.8)], low).plan) == 1
+    assert 'the angle of arm' in refusal(plan_back, narrow, [to(0, 0, -0.94)], low)
+    assert 'the angle of arm' in refusal(plan, narrow, [to(0, 0, -0.8)], low)
 
 
 @pytest.mark.parametrize(
@@ -585,12 +602,25 @@ def test_a_robot_that_was_pushed_out_of_the_workspace_may_come_back(move, robot)
         ([to(0.64, 0, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.64 m'),
         ([to(0, 0.65, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.65 m'),
         ([to(-0.61, 0, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.61 m'),
-        ([to(0.62, 0, -0.8), to(0.63, 0, -0.8)], 'moves[1].move_l: the distance from the z axis is 0.63 m'),
+        ([to(0.62, 0, -0.8)], 'moves[0].move_l: the distance from the z axis is 0.62 m'),
+        ([to(0.63, 0, -0.85)], 'moves[0].move_l: the distance from the z axis is 0.63 m'),
+        (
+            [around((0.5, 0.3, -0.8), (0.62, 0.02, -0.8))],
+            'moves[0].move_c: the distance from the z axis is ',
+        ),
+        ([dwell(0.1), to(0.5, 0, -0.8)], 'moves[0].dwell: the distance from the z axis is 0.63 m'),
+        ([to(0.5, 0, -0.8), to(0.61, 0, -0.8)], 'moves[1].move_l: the distance from the z axis is 0.61 m'),
         ([to(0.5, 0, -0.65)], 'moves[0].move_l: z is -0.65 m'),
     ],
 )
-def test_from_outside_the_workspace_no_path_leads_further_out_or_out_again(moves, what, robot):
-    assert refusal(plan, robot, moves, OUTSIDE).startswith(what)
+def test_from_outside_the_workspace_only_the_first_move_leads_back_and_to_the_inside(moves, what, robot):
+    assert refusal(plan_back, robot, moves).startswith(what)
+
+
+def test_no_program_starts_outside_the_workspace_by_itself(robot):
+    program = parse(robot, [to(0.5, 0, -0.8)], start_m=list(OUTSIDE))
+    with pytest.raises(ProgramError, match=r'the distance from the z axis is 0\.63 m'):
+        simulation.run(program, robot)
 
 
 def test_a_move_to_where_the_robot_stands_is_refused(robot):

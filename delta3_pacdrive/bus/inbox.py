@@ -16,7 +16,7 @@ class Inbox(Generic[Content]):
     expected
         First cycle whose answer may still come, by axis; answers of one drive keep their order.
     lost, repeated
-        Answers that never came, and those that came again or too late.
+        Answers that never came, and those that came again, too late, or from an axis that was given up.
 
     """
 

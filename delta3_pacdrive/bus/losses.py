@@ -19,7 +19,7 @@ class Losses:
 
     losses_in_a_row: int = 0
     losses_in_window: int = 0
-    good_cycles: int = 0  # since a loss was forgotten
+    good_cycles: int = 0  # since the last loss, or since one was forgotten
 
 
 @kernel

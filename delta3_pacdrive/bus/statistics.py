@@ -1,4 +1,4 @@
-"""What a master counts of its bus: how late cycles start, how long answers take, what was lost or refused."""
+"""What a master counts of its bus: how late cycles start, how long answers take, how many were refused."""
 
 from typing import Any
 

@@ -38,13 +38,11 @@ class Transit(Generic[Content]):
         """
         fault = self._faults.telegram(self._kinds, axis, cycle) if self._faults.disturbs_telegrams else None
         what, _, telegram = ('', '', '') if fault is None else fault.kind.partition('_')
-        yield cycle, content if what in ('', 'duplicate') else None
-        if fault is None:
-            pass
-        elif what == 'duplicate':
-            yield cycle, content
-        elif what == 'delay':
+        if what == 'delay' and fault is not None:
             self._held_back.append((cycle + int(fault.value), axis, cycle, content))
+        yield cycle, content if what in ('', 'duplicate') else None
+        if what == 'duplicate':
+            yield cycle, content
         elif what == 'corrupt':
             self._refuse(f'{axis}: the {telegram.upper()} of bus cycle {cycle} is garbled')
         if self._held_back:

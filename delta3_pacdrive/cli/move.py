@@ -27,7 +27,7 @@ ACTIONS = {
     'disable': 'disable the drives',
     'state': 'say what the robot does',
 }
-SERVICES = {'start', 'hold', 'resume', 'abort', 'clear', 'emergency_stop'}
+SERVICES = {'hold', 'abort', 'clear', 'emergency_stop'}
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 
@@ -122,6 +122,9 @@ def _run(options: argparse.Namespace) -> int:
     try:
         with operating(options.namespace) as operator:
             sentences = _act(options, operator, document, percent)
+            if options.json:
+                seen = operator.progress
+                operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
     except KeyboardInterrupt:
         raise RunError('interrupted') from None
     if options.json:
@@ -173,11 +176,12 @@ def _state_text(progress: dict[str, Any]) -> str:
 
 def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Callable[[str], None]) -> None:
     """Start or resume a motion, and wait until it is over; Ctrl-C holds the robot."""
-    operator.wait_until(lambda: operator.state, 'motion/state')
+    if options.no_wait:
+        tell(operator.call(service))
+        return
+    operator.wait_until(lambda: operator.state and operator.progress, 'motion/state')
     before = operator.state_changes
     tell(operator.call(service))
-    if options.no_wait:
-        return
     try:
         # whoever looks late finds a short motion over already
         operator.wait_until(lambda: operator.state_changes > before, 'start of the motion')

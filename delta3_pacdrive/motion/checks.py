@@ -1,7 +1,7 @@
 """Checks of a path and of a timed motion against the robot's limits, before anything moves.
 
-A robot that was pushed beyond a limit may come back: a path that begins there must come nearer to the limit all the
-way, and keep it from where it has reached it.
+A robot that was pushed beyond a limit may come back by its first move: a path that is ``returning`` and begins beyond a
+limit must come nearer to it, without a step back, and keep it from where it has reached it to its end.
 """
 
 from dataclasses import dataclass
@@ -32,23 +32,30 @@ class Limits:
     jerk_m_s3: float
 
 
-def check_workspace(distance_m: Floats, position_m: Floats, parameters: Parameters) -> None:
+def check_workspace(
+    distance_m: Floats, position_m: Floats, parameters: Parameters, returning: bool = False
+) -> None:
     """Refuse a path that leaves the workspace cylinder; shapes (n,), (n, 3); raises ProgramError."""
     k = parameters.kinematics
     radius = np.hypot(position_m[:, 0], position_m[:, 1])
     z = position_m[:, 2]
-    _require_below(
-        radius, 0.5 * k.workspace_diameter_m, 'the distance from the z axis', 'm', distance_m, position_m
-    )
-    _require_below(z, k.workspace_top_m, 'z', 'm', distance_m, position_m)
-    _require_above(z, k.workspace_bottom_m, 'z', 'm', distance_m, position_m)
+    place = (distance_m, position_m, returning)
+    _require_below(radius, 0.5 * k.workspace_diameter_m, 'the distance from the z axis', 'm', *place)
+    _require_below(z, k.workspace_top_m, 'z', 'm', *place)
+    _require_above(z, k.workspace_bottom_m, 'z', 'm', *place)
 
 
-def check_arms(distance_m: Floats, position_m: Floats, coefficients: Floats, parameters: Parameters) -> None:
+def check_arms(
+    distance_m: Floats,
+    position_m: Floats,
+    coefficients: Floats,
+    parameters: Parameters,
+    returning: bool = False,
+) -> None:
     """Refuse a path on which an arm leaves its limits; raises ProgramError with axis, value, limit and place."""
     k = parameters.kinematics
-    place = (distance_m, position_m)
-    _check_angles(distance_m, position_m, np.degrees(coefficients[:, THETA]), parameters)
+    place = (distance_m, position_m, returning)
+    _check_angles(np.degrees(coefficients[:, THETA]), parameters, *place)
     swing = np.degrees(coefficients[:, SWING])
     _require_below(swing, k.forearm_swing_max_deg, 'the forearm swing of arm', 'deg', *place)
     _require_above(
@@ -67,16 +74,16 @@ def check_arms(distance_m: Floats, position_m: Floats, coefficients: Floats, par
     )
 
 
-def check_reach(move: Move, parameters: Parameters) -> None:
+def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> None:
     """Refuse a move from a stranger whose path leaves the workspace or the range of the arms; raises ProgramError."""
-    distance = np.linspace(0.0, move.length_m, REACH_SAMPLES)
+    distance = np.linspace(move.master[0, 1], move.length_m, REACH_SAMPLES)
     position = sample_path(distance, move.segments)[:, 0]
-    check_workspace(distance, position, parameters)
+    check_workspace(distance, position, parameters, returning)
     try:
         theta = np.degrees(kinematics.inverse(position, parameters.kinematics))
     except UnreachableError as error:
         raise ProgramError(str(error)) from None
-    _check_angles(distance, position, theta, parameters)
+    _check_angles(theta, parameters, distance, position, returning)
 
 
 def check_speed(move: Move, rate: float, parameters: Parameters) -> None:
@@ -90,29 +97,47 @@ def check_speed(move: Move, rate: float, parameters: Parameters) -> None:
     _require_below(np.abs(speed), limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
 
 
-def _check_angles(distance_m: Floats, position_m: Floats, theta_deg: Floats, parameters: Parameters) -> None:
+def _check_angles(
+    theta_deg: Floats, parameters: Parameters, distance_m: Floats, position_m: Floats, returning: bool
+) -> None:
     k = parameters.kinematics
-    what = 'the angle of arm'
-    _require_below(theta_deg, k.arm_angle_max_deg, what, 'deg', distance_m, position_m)
-    _require_above(theta_deg, k.arm_angle_min_deg, what, 'deg', distance_m, position_m)
+    place = (distance_m, position_m, returning)
+    _require_below(theta_deg, k.arm_angle_max_deg, 'the angle of arm', 'deg', *place)
+    _require_above(theta_deg, k.arm_angle_min_deg, 'the angle of arm', 'deg', *place)
 
 
-def _require_below(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
+def _require_below(
+    values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats, returning: bool = False
+) -> None:
     """Raise if a value (n,) or (n, 3) exceeds its limit anywhere but on the way back; report the worst place."""
     if not (values <= limit + ROUNDING).all():
-        wrong = ~(values <= np.maximum(limit, np.minimum.accumulate(values)) + ROUNDING)
-        if wrong.any():
-            _refuse(values, int(np.nanargmax(np.where(wrong, values, -np.inf))), limit, what, unit, s, p)
+        _refuse(values, _worst(values, limit, returning), limit, what, unit, s, p)
 
 
-def _require_above(values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
+def _require_above(
+    values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats, returning: bool = False
+) -> None:
     if not (values >= limit - ROUNDING).all():
-        wrong = ~(values >= np.minimum(limit, np.maximum.accumulate(values)) - ROUNDING)
-        if wrong.any():
-            _refuse(values, int(np.nanargmin(np.where(wrong, values, np.inf))), limit, what, unit, s, p)
+        _refuse(values, _worst(-values, -limit, returning), limit, what, unit, s, p)
 
 
-def _refuse(values: Floats, worst: int, limit: float, what: str, unit: str, s: Floats, p: Floats) -> None:
+def _worst(values: Floats, limit: float, returning: bool) -> int | None:
+    """Return the flat index of the largest value that must not be; None if all are on a way back below a limit."""
+    wrong = ~(values <= limit + ROUNDING)
+    if returning:
+        bound = np.maximum(limit, np.minimum.accumulate(values))
+        bound[-1] = limit
+        wrong = ~(values <= bound + ROUNDING)
+        if not wrong.any():
+            return None
+    return int(np.nanargmax(np.where(wrong, values, -np.inf)))
+
+
+def _refuse(
+    values: Floats, worst: int | None, limit: float, what: str, unit: str, s: Floats, p: Floats
+) -> None:
+    if worst is None:
+        return
     index = np.unravel_index(worst, values.shape)
     axis = f' {int(index[1]) + 1}' if len(index) > 1 else ''
     unit = f' {unit}' if unit else ''

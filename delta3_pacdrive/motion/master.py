@@ -150,3 +150,11 @@ def master_at_distances(distances_m: ArrayLike, phases: Floats) -> Floats:
     out = np.empty((len(distances), 5))
     _sample_at_distances(distances, phases, out)
     return out
+
+
+def slowest(phases: Floats) -> float:
+    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
+    _, _, v, a, j = phases[:-1].T
+    with np.errstate(divide='ignore', invalid='ignore'):
+        turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
+    return float((v + turn * (a + 0.5 * turn * j)).min(initial=float(phases[:, 2].min())))

@@ -121,13 +121,15 @@ def grid(curve: Curve) -> Floats:
     return np.concatenate([edges[:1], refined, inner, curve.length_m - refined[::-1], edges[-1:]])
 
 
-def check_legal_samples(distance: Floats, samples: Floats, parameters: Parameters) -> None:
+def check_legal_samples(
+    distance: Floats, samples: Floats, parameters: Parameters, returning: bool = False
+) -> None:
     """Refuse path samples that leave the workspace or the range of the arms; raises ProgramError."""
-    check_workspace(distance, samples[:, 0], parameters)
+    check_workspace(distance, samples[:, 0], parameters, returning)
     coefficients = path_demand(
         samples, np.zeros(len(samples), np.int64), (parameters.dynamics.payload_mass_kg,), parameters
     )
-    check_arms(distance, samples[:, 0], coefficients, parameters)
+    check_arms(distance, samples[:, 0], coefficients, parameters, returning)
 
 
 NO_TCP_LIMITS = (np.array(np.inf), np.array(np.inf), np.array(np.inf))
@@ -174,6 +176,7 @@ class Timing:
         events: list[Event],
         payload_kg: float,
         parameters: Parameters,
+        returning: bool = False,
     ) -> None:
         self.curve, self._parameters = curve, parameters
         self.distance = grid(curve)
@@ -182,9 +185,9 @@ class Timing:
         changes = [e for e in sorted(events, key=lambda e: e.distance_m) if e.payload_kg is not None]
         self._payloads = (payload_kg, *[float(e.payload_kg) for e in changes if e.payload_kg is not None])
         index = np.searchsorted([e.distance_m for e in changes], self.places, side='right')
-        check_workspace(self.places, self.samples[:, 0], parameters)
+        check_workspace(self.places, self.samples[:, 0], parameters, returning)
         self._coefficients = path_demand(self.samples, index, self._payloads, parameters)
-        check_arms(self.places, self.samples[:, 0], self._coefficients, parameters)
+        check_arms(self.places, self.samples[:, 0], self._coefficients, parameters, returning)
         where = np.searchsorted([end for end, _ in stretches], self.places, side='left')
         each = [stretches[min(n, len(stretches) - 1)][1] for n in where]
         self.speed = np.array([limits.speed_m_s for limits in each])
@@ -386,11 +389,12 @@ def plan_move(
     events: list[Event],
     payload_kg: float,
     parameters: Parameters,
+    returning: bool = False,
 ) -> Draft:
-    """Time one move and check it."""
+    """Time one move and check it; one that is ``returning`` may begin beyond limits."""
     name = legs[0].name if len(legs) == 1 else f'{legs[0].name} to {legs[-1].name}'
     try:
-        plan_ = Timing(curve, stretches, events, payload_kg, parameters)
+        plan_ = Timing(curve, stretches, events, payload_kg, parameters, returning)
         wish = legs[0].limits
         if len(legs) == 1:
             phases = plan_master(curve.length_m, wish.speed_m_s, wish.acceleration_m_s2, wish.jerk_m_s3)
@@ -421,13 +425,20 @@ def plan_move(
     return Draft(move, plan_.effort(phases), notices)
 
 
-def plan_cubic(curve: Curve, limits: Limits, payload_kg: float, name: str, parameters: Parameters) -> Draft:
+def plan_cubic(
+    curve: Curve,
+    limits: Limits,
+    payload_kg: float,
+    name: str,
+    parameters: Parameters,
+    returning: bool = False,
+) -> Draft:
     """Check a sequence of cubics in time (chapter 5), and slow it down as a whole if a motor asks for that."""
     duration = curve.length_m
     times = np.linspace(0.0, duration, min(max(GRID_MIN, int(duration / 2e-3)), GRID_MAX))
     samples = sample_path(times, curve.segments)
     try:
-        check_legal_samples(times, samples, parameters)
+        check_legal_samples(times, samples, parameters, returning)
         master = np.zeros((len(times), 4))
         master[:, 0], master[:, 1] = times, 1.0
         d = demand_at(times, master, samples, np.zeros(len(times), np.int64), (payload_kg,), parameters)

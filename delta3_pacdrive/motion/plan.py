@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, sample_master
+from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, sample_master, slowest
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
 
 VERSION = 2
@@ -24,6 +24,8 @@ HEADER = 10
 MOVES_MAX = 20_000
 ROWS_MAX = 200_000  # phases, segments or events of one move
 COUNT_MAX = 10**9  # larger numbers in a header are not worth printing
+BACKWARDS_M_S = 1e-6  # below it a speed is rounding
+JOINED_M = 1e-5  # largest distance between the end of a move and the start of the next
 CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
 OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')
 
@@ -98,6 +100,10 @@ class Move:
         """Last point of the path [m], shape (3,)."""
         return np.asarray(sample_path([self.length_m], self.segments)[0, 0])
 
+    def start_m(self) -> Floats:
+        """Point at which the move begins, shape (3,)."""
+        return np.asarray(sample_path([self.master[0, 1]], self.segments)[0, 0])
+
     def to_array(self, number: int, count: int) -> Floats:
         """Return the move as one row of numbers, the ``number``-th of ``count`` different ones (for a message)."""
         jerk = self.stop_jerk if np.isfinite(self.stop_jerk) else 0.0
@@ -157,6 +163,8 @@ class Move:
         if not runs_evenly and (master[0, 2] != 0.0 or master[-1, 2:].any()):
             raise ProgramError(f'{what}: its master is not at rest at both ends')
         check_phases(master, what)
+        if master[0, 1] < 0.0 or slowest(master) < -BACKWARDS_M_S:
+            raise ProgramError(f'{what}: its master runs backwards')
         u = np.diff(path[:, 0])[:, None] ** np.arange(6)
         ends = np.einsum('nap,np->na', path[:-1, 1:].reshape(-1, 3, 6), u)
         jumps = np.abs(ends - path[1:, 1::6]).max(initial=0.0)
@@ -249,8 +257,18 @@ class Plan:
 
     def start_m(self) -> Floats:
         """Point at which the plan begins, shape (3,)."""
-        first = self.move(0)
-        return np.asarray(sample_path([first.master[0, 1]], first.segments)[0, 0])
+        return self.move(0).start_m()
+
+    def require_joined(self) -> None:
+        """Refuse moves that do not begin where the ones before them end; raises ProgramError."""
+        starts = np.array([move.start_m() for move in self.moves])[self.tables.order[1:]]
+        ends = np.array([move.end_m() for move in self.moves])[self.tables.order[:-1]]
+        gaps = np.linalg.norm(starts - ends, axis=1)
+        if gaps.max(initial=0.0) > JOINED_M:
+            number = int(np.argmax(gaps)) + 1
+            raise ProgramError(
+                f'move {number} of the plan begins {gaps.max() * 1e3:.3f} mm away from the end of the one before'
+            )
 
 
 @kernel

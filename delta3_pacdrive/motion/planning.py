@@ -61,7 +61,8 @@ class Planned:
     plan
         Moves in the order in which they are driven.
     notices
-        Sentences about moves that were slowed down: by how much, where, and by which limit.
+        Sentences about moves that were slowed down (by how much, where, and by which limit) and about faults that
+        are due after the end.
     rms_current_a
         Of each motor over the whole program.
     rate_max
@@ -79,8 +80,10 @@ class Planned:
     repeat: int
 
 
-def plan(program: Program, position_m: ArrayLike, parameters: Parameters) -> Planned:
+def plan(program: Program, position_m: ArrayLike, parameters: Parameters, returning: bool = False) -> Planned:
     """Plan and check every move of a program for a robot that stands at ``position_m``.
+
+    With ``returning`` the first move may begin beyond limits, if it leads back (see ``checks``).
 
     Raises
     ------
@@ -104,7 +107,7 @@ def plan(program: Program, position_m: ArrayLike, parameters: Parameters) -> Pla
         # rounds that begin a rounding error apart are the same
         key = (tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
         if key not in known:
-            round_ = _Round(program.statements, here, payload, parameters)
+            round_ = _Round(program.statements, here, payload, parameters, returning and not order)
             numbers = []
             for draft in round_.drafts():
                 numbers.append(len(drafts))
@@ -144,7 +147,7 @@ def _whole(program: Program, drafts: list[Draft], order: list[int], parameters: 
     rms = effort.rms(rate).tolist()
     plan_ = Plan.of(moves, order)
     notices += [
-        f'{fault.text} is due {fault.after_s:g} s after the start, the program takes {plan_.duration_s:.4g} s'
+        f'{fault.text} is due {fault.after_s:g} s after the start, the program takes {plan_.duration_s:.4g} s at 100 %'
         for fault in program.faults
         if fault.after_s > plan_.duration_s
     ]
@@ -185,9 +188,15 @@ class _Round:
     """Planning of a program's statements once through."""
 
     def __init__(
-        self, statements: tuple[Statement, ...], here: Floats, payload_kg: float, parameters: Parameters
+        self,
+        statements: tuple[Statement, ...],
+        here: Floats,
+        payload_kg: float,
+        parameters: Parameters,
+        returning: bool,
     ) -> None:
         self._statements = statements
+        self._returning = returning  # whether the first move may begin beyond limits
         self._parameters = parameters
         self.here, self.payload = here, payload_kg
         self._drafts: list[Draft] = []
@@ -268,7 +277,9 @@ class _Round:
         limits = self._parameters.motion
         bounds = Limits(limits.speed_max_m_s, limits.acceleration_max_m_s2, math.inf)
         events = self._take_outputs(0.0)
-        self._append(plan_cubic(curve, bounds, self.payload, name, self._parameters), events)
+        returning = self._returning and not self._drafts
+        draft = plan_cubic(curve, bounds, self.payload, name, self._parameters, returning)
+        self._append(draft, events)
 
     def _dwell(self, time_s: float) -> None:
         curve = curves.point(self.here)
@@ -297,7 +308,8 @@ class _Round:
         for event in sorted(events, key=lambda event: event.distance_m):
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
-        draft = plan_move(legs, curve, stretches, events, payload, self._parameters)
+        returning = self._returning and not self._drafts
+        draft = plan_move(legs, curve, stretches, events, payload, self._parameters, returning)
         self._drafts.append(draft)
 
     def _event(self, output: Output, count: int, ends: list[float], curve: Curve, legs: list[Leg]) -> Event:

@@ -23,6 +23,7 @@ from delta3_pacdrive.motion.master import (
     master_at_distances,
     profile_rows,
     sample_master,
+    slowest,
 )
 from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
 
@@ -273,14 +274,6 @@ class Timeline:
         # rounding may carry a stop that ends with the move a little beyond it
         table[:, 1] = np.minimum(table[:, 1], move.length_m)
         return Course(cycle, now.number, table, rate, held=True)
-
-
-def slowest(phases: Floats) -> float:
-    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
-    _, _, v, a, j = phases[:-1].T
-    with np.errstate(divide='ignore', invalid='ignore'):
-        turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
-    return float((v + turn * (a + 0.5 * turn * j)).min(initial=float(phases[:, 2].min())))
 
 
 def never_faster(table: Floats, other: Floats) -> bool:

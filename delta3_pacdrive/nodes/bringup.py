@@ -263,7 +263,7 @@ class Bringup:
 
     def _look_for_strain(self) -> None:
         """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
-        cores = self._strain.cores(self._children)
+        cores = self._strain.excess(self._children)
         if cores:
             self._in_real_time = False
             for child in self._children:

@@ -196,7 +196,7 @@ class MotionServer:
                 self._planned_faults.append(Fault.from_row(row.tolist()))
                 return
             move, number, count = Move.from_array(row)
-            check_reach(move, self._robot)
+            check_reach(move, self._robot, returning=number == 0)
             check_speed(move, 1.0, self._robot)
             if number == 0:
                 self._parts, self._planned_faults = [], []
@@ -231,6 +231,9 @@ class MotionServer:
         if not moves:
             raise ProgramError('an order came without moves')
         plan = Plan.of(moves, row[ORDER_HEADER:])
+        plan.require_joined()
+        if plan.tables.order[0] != 0 or not plan.tables.order[1:].all():
+            check_reach(moves[0], self._robot)  # only what is driven first, and once, may begin beyond limits
         away = float(np.linalg.norm(plan.start_m() - self._task.state['tcp'][0]))
         if away > STANDING_M:
             raise ProgramError(f'it starts {away * 1e3:.3f} mm away from where the robot stands')

@@ -37,15 +37,13 @@ class PhaseUp:
     ----------
     waiting
         What the present phase waits for, empty if it waits for nothing.
-    identity
-        What the master has been configured with.
     resting
         Shaft positions [rad] that the drives have answered with, by number of the axis.
 
     """
 
     def __init__(self, node: Node, roll: Roll, identity: Identity) -> None:
-        self._node, self._roll, self.identity = node, roll, identity
+        self._node, self._roll, self._identity = node, roll, identity
         self.waiting = ''
         self._looks_in_vain = 0  # in this phase
         self.resting: dict[int, float] = {}
@@ -96,7 +94,7 @@ class PhaseUp:
 
     def _agreement(self, session: bytes) -> str:
         present = {name: self._roll.identities[name] for name in PARTICIPANTS}
-        sentences = disagreements(self.identity, present)
+        sentences = disagreements(self._identity, present)
         if sentences:
             raise RunError('; '.join(sentences))
         heard_in, heard = self._roll.links.get(PLANT, (b'', ()))

@@ -18,8 +18,8 @@ class Strain:
     def __init__(self) -> None:
         self._seen = (0.0, 0.0)  # when [s], and processor time [s] of the processes until then
 
-    def cores(self, children: list[Child]) -> float:
-        """Look: how many cores the processes take, if it is time to look and they take too many; else 0."""
+    def excess(self, children: list[Child]) -> float:
+        """Return how many cores the processes take, if that is too many; 0 if not, or if it is not time to look."""
         now = time.monotonic()
         if now - self._seen[0] < LOOK_S:
             return 0.0

@@ -305,6 +305,8 @@ class TransformationTaskNode(PollingNode):
             self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
             return
         for arrived, what in self._transit.arrivals(DRIVES[index], cycle, content):
+            if not self._cyclic:
+                return
             if self._inbox.put(index, arrived, what):
                 self._complete(received_ns)
             else:
@@ -382,7 +384,8 @@ class TransformationTaskNode(PollingNode):
             for index in silent:
                 self._lose(index, reason)
         elif silence > BUS_SILENT_S:
-            self._go_down(f'{reason}: is the plant running?')  # nobody could go on, so it is not one drive
+            # where nobody can go on, or nobody may, the plant is as good a guess as the drives
+            self._go_down(f'{reason}: is the plant running?')
 
     def progress(self) -> dict[str, Any]:
         """Return the present state of bus and program, as published in ``motion/progress``."""

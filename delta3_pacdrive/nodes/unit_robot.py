@@ -210,7 +210,7 @@ class UnitRobotNode(PollingNode):
 
     def _plan_queue(self, program: Program) -> str:
         """Plan and check a queue, which replaces the present one only if all of it is possible."""
-        planned = planning.plan(program, self._require_rest(), self._robot)
+        planned = planning.plan(program, self._require_rest(), self._robot, returning=True)
         self._queue, self._planned = program, planned
         for notice in planned.notices:
             self.get_logger().warning(notice)
@@ -271,7 +271,8 @@ class UnitRobotNode(PollingNode):
         if not self._change.get_subscription_count():
             raise ProgramError('the transformation task does not listen yet')
         program = self._queue
-        planned = self._planned or planning.plan(program, self._require_rest(), self._robot)
+        here = self._require_rest()
+        planned = self._planned or planning.plan(program, here, self._robot, returning=True)
         self._queue = self._planned = None
         self._rate_max = planned.rate_max
         self._running = program
@@ -309,7 +310,8 @@ class UnitRobotNode(PollingNode):
         if float(np.linalg.norm(here - on_path)) > STANDING_M:
             x, y, z = on_path.tolist()
             document = {'moves': [{'move_l': {'to_m': [x, y, z]}}]}
-            way_back = planning.plan(programs.parse(document, self._robot.motion), here, self._robot)
+            program = programs.parse(document, self._robot.motion)
+            way_back = planning.plan(program, here, self._robot, returning=True)
             moves = [*way_back.plan.moves, *moves]
         self._queue = self._planned = None
         duration = self._send(Plan.of(moves), -1)
