@@ -142,6 +142,6 @@ def print_figures(result: dict[str, Any]) -> None:
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
     rows += [('note', notice) for notice in result.get('notices', ())]
     if 'overruns' in result:
-        rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost telegrams'))
+        rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
     for name, text in rows:
         print(f'{name:>14}  {text}')

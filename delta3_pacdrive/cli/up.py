@@ -72,7 +72,7 @@ def _run(options: argparse.Namespace) -> int:
     else:
         print(
             f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
-            f'{result["lost_telegrams"]} lost telegrams'
+            f'{result["lost_telegrams"]} lost AT'
         )
     return 0
 

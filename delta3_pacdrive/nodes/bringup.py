@@ -1,6 +1,5 @@
 """Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
 
-import json
 import os
 import signal
 import tempfile
@@ -33,6 +32,7 @@ from delta3_pacdrive.nodes.child import Child, Schedule, end_all, relent, respaw
 from delta3_pacdrive.nodes.lock import only_one
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
+from delta3_pacdrive.nodes.progress_report import read_progress
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
 from delta3_pacdrive.nodes.recorder import RecorderNode
 from delta3_pacdrive.nodes.strain import Strain
@@ -76,7 +76,7 @@ class _Monitor(Node):
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
     def _on_progress(self, message: String) -> None:
-        self.progress = json.loads(message.data)
+        self.progress = read_progress(message.data) or self.progress
 
     def _on_planner(self, message: String) -> None:
         self.planner = message.data

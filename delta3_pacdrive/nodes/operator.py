@@ -1,6 +1,5 @@
 """Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
 
-import json
 import secrets
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.polling import PollingNode
+from delta3_pacdrive.nodes.progress_report import read_progress
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT, REQUEST
 from delta3_pacdrive.nodes.service_desk import split_mark
 
@@ -63,7 +63,7 @@ class OperatorNode(PollingNode):
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
     def _on_progress(self, message: String) -> None:
-        self.progress = json.loads(message.data)
+        self.progress = read_progress(message.data) or self.progress
 
     def _on_service_answer(self, message: String) -> None:
         mark, answer = split_mark(message.data)

@@ -12,12 +12,17 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive.bus.phases import Identity, disagreements
 from delta3_pacdrive.bus.silence import PLANNER_SILENT_S, Watch
+from delta3_pacdrive.errors import shown
 from delta3_pacdrive.injection import UNIT_ROBOT
 from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.qos import REPORT
 
 ALIVE = 'unit_robot/alive'
+IDENTITY_DIGITS = 8
 ALIVE_S = 0.2
+RESTARTED_S = (
+    1.0  # without a heartbeat of the planner of the program, after which another one has taken its place
+)
 
 
 class Heartbeat:
@@ -31,7 +36,7 @@ class Heartbeat:
     """
 
     def __init__(self, node: Node) -> None:
-        self.identity = secrets.token_hex(4)
+        self.identity = secrets.token_hex(IDENTITY_DIGITS // 2)
         self._publisher = node.create_publisher(Header, ALIVE, REPORT)
         node.create_timer(ALIVE_S, lambda: self._publisher.publish(Header(frame_id=self.identity)))
 
@@ -40,7 +45,7 @@ class PlannerWatch:
     """Of a transformation task, which looks every ``period_s``, knows who is there, and has an identity itself."""
 
     def __init__(self, node: Node, period_s: float, roll: Roll, identity: Identity) -> None:
-        self._roll, self._identity = roll, identity
+        self._roll, self._identity, self._log = roll, identity, node.get_logger()
         self._watch = Watch(period_s)
         self._others = ''  # identity of another planner than that of the program
         self._planner = ''  # of the program that runs
@@ -49,8 +54,10 @@ class PlannerWatch:
     def _on_alive(self, message: Header) -> None:
         if message.frame_id == self._planner:
             self._watch.heard(time.monotonic())
-        else:
-            self._others = message.frame_id
+        elif not self._others:
+            self._others = message.frame_id[:IDENTITY_DIGITS]
+            if self._planner:
+                self._log.warning(f'{ALIVE}: heartbeat of another planner ({shown(self._others)})')
 
     def misplans(self) -> str:
         """Say in what the planner disagrees with this master, empty if in nothing or none is known."""
@@ -66,6 +73,6 @@ class PlannerWatch:
         silence = self._watch.silence_s(now)
         if not planner:
             return ''
-        if self._others:
+        if self._others and silence > RESTARTED_S:
             return 'unit_robot was started again while its program ran'
         return f'unit_robot silent for {silence:.1f} s' if silence > PLANNER_SILENT_S else ''

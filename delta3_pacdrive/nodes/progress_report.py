@@ -14,6 +14,28 @@ from delta3_pacdrive.nodes.phase_up import doubled
 from delta3_pacdrive.nodes.qos import REPORT
 
 DIAGNOSTICS_S = 1.0
+# what ``motion/progress`` tells at least
+_TEXTS = ('phase', 'waiting', 'fault', 'state')
+_FLAGS = ('finished', 'in_torque')
+_NUMBERS = (
+    'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s', 'master_m',
+    'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
+    'lost_telegrams', 'repeated_telegrams',
+)  # fmt: skip
+_TYPES: dict[str, tuple[type, ...]] = (
+    dict.fromkeys(_TEXTS, (str,)) | dict.fromkeys(_FLAGS, (bool,)) | dict.fromkeys(_NUMBERS, (int, float))
+)
+
+
+def read_progress(text: str) -> dict[str, Any] | None:
+    """Read a report of ``motion/progress``; None if it is none, whoever may have published it."""
+    try:
+        facts = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(facts, dict):
+        return None
+    return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None
 
 
 class ProgressReport:

@@ -210,7 +210,8 @@ class SafetyDesk:
         if self._resets:
             return
         if self._reset_errors:
-            self._motion.refuse('reset', ProgramError('; '.join(self._reset_errors)))
+            errors = '; '.join(self._reset_errors)
+            self._motion.refuse('reset', ProgramError(f'{errors}; the cause may last: {self.fault}'))
             return
         if self.in_torque():
             self._motion.refuse('reset', ProgramError('a drive is in torque still'))

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
@@ -22,7 +22,8 @@ from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.motion_server import ORDER, numbers
 from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REQUEST
+from delta3_pacdrive.nodes.progress_report import read_progress
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 
 HOME = (0.0, 0.0, -0.75)
@@ -173,7 +174,9 @@ def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cel
     cell.graph.spin_until(lambda: operator.progress.get('fault'), 'the fault')
     cell.graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'no torque')
     operator.call('reset')
-    with pytest.raises(ProgramError, match=r'^reset refused: axis2: .*S-0-0099'):
+    with pytest.raises(
+        ProgramError, match=r'^reset refused: axis2: .*S-0-0099.*; the cause may last: .* 8171 '
+    ):
         operator.await_reset()
     operator.inject('fault: clear')
     cell.go_on(100)
@@ -210,6 +213,25 @@ def test_states_and_places_of_strangers_do_not_end_the_planner(cell: Cell) -> No
     cell.publish(JointState, 'joint_states', CYCLIC_PUBLISHER, JointState(name=['wheel'], position=[1.0]))
     assert 'planned' in cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
     cell.assert_untouched()
+
+
+@pytest.mark.parametrize('text', ['garbage', '{', 'null', '[1]', '{}', '{"phase": 4}', '[' * 200_000])
+def test_no_text_on_the_progress_ends_or_misleads_a_client(text: str, cell: Cell) -> None:
+    assert read_progress(text) is None
+    cell.publish(String, 'motion/progress', REPORT, String(data=text))
+    cell.assert_untouched()
+    assert cell.operator.progress['phase'] == 'CP4'
+
+
+def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_lives(cell: Cell) -> None:
+    cell.operator.send_program('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.02}}]')
+    cell.operator.call('start')
+    cell.graph.spin_until(lambda: cell.operator.state == 'moving', 'the motion')
+    strangers = [Header(frame_id='deadbeef'), Header(frame_id='x' * 100_000)]
+    cell.publish(Header, 'unit_robot/alive', REPORT, *strangers)
+    cell.go_on(1000)
+    facts = cell.task.progress()
+    assert (facts['state'], facts['fault']) == ('moving', '')
 
 
 def test_an_announcement_with_a_number_of_thousands_of_digits_is_ignored(cell: Cell) -> None:
