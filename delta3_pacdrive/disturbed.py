@@ -40,8 +40,6 @@ class Disturbed:
     ----------
     stopped
         Why the program was given up, empty while it was not.
-    lost
-        AT that did not reach the master.
 
     """
 
@@ -58,7 +56,11 @@ class Disturbed:
         self._master = Master(parameters)
         self._answers = np.empty((3, 3))
         self.stopped = ''
-        self.lost = 0
+
+    @property
+    def lost(self) -> int:
+        """AT that did not reach the master."""
+        return sum(self._master.losses)
 
     def run(self) -> dict[str, Floats]:
         """Run to the end; return the signals, torques [N m] in place of currents."""
@@ -92,7 +94,6 @@ class Disturbed:
                 master.take(index, answers[:, index].tolist(), status[index])
             else:
                 master.bridge(index)
-                self.lost += 1
         answer = task.receive(cycle, master.positions, master.torques).copy()
         reason = master.judge(cycle, NEVER if self.stopped else self._start)
         if reason and (master.limp or not self.stopped):

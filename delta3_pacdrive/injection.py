@@ -298,9 +298,8 @@ class Schedule:
         """Take a fault in."""
         if KINDS[scheduled.fault.kind].telegram:
             self._telegrams.append(scheduled)
-            self._telegrams.sort(
-                key=lambda one: one.fault.kind in DUPLICATES
-            )  # what is lost cannot come twice
+            # what is lost cannot come twice
+            self._telegrams.sort(key=lambda one: one.fault.kind in DUPLICATES)
             return
         self._changes.append((scheduled.first, True, scheduled))
         if scheduled.end < NEVER:

