@@ -11,13 +11,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
+from delta3_pacdrive import parameters
+from delta3_pacdrive.bus.phases import Identity
 from delta3_pacdrive.bus.silence import BOUND_S
 from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.phase_up import doubled
+from delta3_pacdrive.nodes.participant import Roll
+from delta3_pacdrive.nodes.phase_up import PATIENCE, PhaseUp, doubled
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
@@ -328,6 +331,19 @@ def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_
         assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
     graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
     assert task.progress()['fault'] == ''
+
+
+def test_in_cp1_the_plant_is_suspected_after_a_while_if_no_drive_at_all_answers(graph: Any) -> None:
+    robot = parameters.load()
+    phase_up = PhaseUp(graph.listener, Roll(graph.listener, lambda _: None), Identity.of(robot))
+    for _ in range(PATIENCE + 1):
+        assert phase_up.next(Phase.CP1, b'3fa9') == Phase.CP1
+        assert phase_up.waiting == 'waiting for an answer of axis1, axis2, axis3'
+    phase_up.next(Phase.CP1, b'3fa9')
+    assert phase_up.waiting == 'waiting for an answer of axis1, axis2, axis3: is the plant running?'
+    phase_up.resting[0] = 0.0
+    phase_up.next(Phase.CP1, b'3fa9')
+    assert phase_up.waiting == 'waiting for an answer of axis2, axis3'
 
 
 def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None:
