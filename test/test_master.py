@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.bus.inbox import Inbox
+from delta3_pacdrive.bus.losses import FORGIVING_CYCLES
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.silence import (
     ANSWER_SILENT_S,
@@ -246,6 +247,16 @@ def test_ten_answers_lost_one_by_one_in_a_window_are_a_fault_nine_are_not(master
     master.forgive_losses()
     master.take(1, [0.0, 0.0, 0.0], FOLLOWS)
     assert master.judge(40, 10**6) == ''
+
+
+def test_only_answers_in_a_row_make_a_loss_forgotten(master):
+    for _ in range(9):
+        master.bridge(1)
+        for _ in range(FORGIVING_CYCLES - 1):
+            master.take(1, (1.0, 2.0, 3.0), FOLLOWS)
+        assert master.judge(7, NEVER) == ''
+    master.bridge(1)
+    assert master.judge(8, NEVER) == 'axis2: ten AT lost in a window in bus cycle 8 (8506)'
 
 
 def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
