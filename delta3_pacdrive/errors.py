@@ -1,5 +1,7 @@
 """The package's exceptions: one family, each member also a built-in exception."""
 
+import signal
+
 
 class Delta3Error(Exception):
     """Base of everything this package raises on purpose; the message is one sentence for the user."""
@@ -47,6 +49,16 @@ class ReportError(Delta3Error, OSError):
 
 class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
+
+
+class InterruptedRunError(RunError):
+    """A signal asks for the end of what was under way."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(
+            'interrupted' if number == signal.SIGINT else f'ended by {signal.Signals(number).name}'
+        )
+        self.number = number
 
 
 def shown(value: object) -> str:

@@ -54,6 +54,8 @@ class Pacing:
         Wall-clock time per cycle [s]; 0 = as fast as possible.
     outstanding_max
         Most cycles that may wait for answers.
+    late_s
+        How long after its due time the last cycle has started [s]; 0 without a clock.
 
     """
 
@@ -61,6 +63,7 @@ class Pacing:
     outstanding_max: int
     overruns: int = 0
     slip_s: float = 0.0
+    late_s: float = 0.0
     _origin_s: float | None = None
     _held: bool = False
 
@@ -82,14 +85,9 @@ class Pacing:
                 self.overruns += 1
             return False
         self._held = False
+        self.late_s = now_s - due if self.period_s else 0.0
         lag = now_s - due - self.outstanding_max * self.period_s
         if self.period_s and lag > 0.0:
             self._origin_s += lag
             self.slip_s += lag
         return True
-
-    def lateness_s(self, cycle: int, now_s: float) -> float:
-        """How long after its due time a cycle starts [s]; 0 without a clock."""
-        if not self.period_s or self._origin_s is None:
-            return 0.0
-        return now_s - self._origin_s - cycle * self.period_s

@@ -11,6 +11,7 @@ DRIVE_SILENT_S = 2.0  # the plant without the currents of a drive: its motor is 
 ANSWER_SILENT_S = 0.5  # the master without the AT of one axis, while the others answer later cycles
 BUS_SILENT_S = 3.0  # the master without any AT
 PLANNER_SILENT_S = 3.0  # the master without a heartbeat of UnitRobot, whose program runs
+OPERATOR_SILENT_S = 1.5  # the master without a heartbeat of the operator who has control
 PARTING_S = 0.3  # the plant without currents, once the phase has fallen
 ATTENTION_S = 0.25  # between two looks at a partner: what is more is the watcher's own absence
 BOUND_S = BUS_SILENT_S + 0.5

@@ -4,11 +4,12 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import guarded, parser_for
-from delta3_pacdrive.errors import ProgramError, RunError
+from delta3_pacdrive.cli.output import finite_number, guarded, parser_for
+from delta3_pacdrive.errors import InterruptedRunError, ProgramError, RunError, shown
 
 ACTIONS = {
     'l': 'straight line to X Y Z [m]',
@@ -27,7 +28,21 @@ ACTIONS = {
     'disable': 'disable the drives',
     'state': 'say what the robot does',
 }
-SERVICES = {'hold', 'abort', 'clear', 'emergency_stop'}
+MOVES = ('l', 'c', 'sb', 'program')
+STOPS = ('hold', 'abort', 'emergency_stop', 'disable')  # free for all, whoever has control
+# options that only some actions obey; the others refuse them by name
+ONLY_FOR = {
+    'speed': MOVES,
+    'acceleration': MOVES,
+    'jerk': MOVES,
+    'blend': ('l', 'c', 'sb'),
+    'strict': ('l', 'c', 'sb'),
+    'relative': ('l', 'c', 'sb'),
+    'queue': MOVES,
+    'detach': (*MOVES, 'start', 'resume'),
+    'take_over': tuple(action for action in ACTIONS if action not in (*STOPS, 'state')),
+}
+COUNTS = {'override': 1, 'program': 1}  # of values, besides those of the moves; all others take none
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 
@@ -40,11 +55,22 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('values', nargs='*', metavar='VALUE', help='numbers, or a file')
     parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
     parser.add_argument('--queue', action='store_true', help='only append to the queue, do not start')
-    parser.add_argument('--no-wait', action='store_true', help='do not wait for the end of the motion')
-    parser.add_argument('--speed', type=float, metavar='V', help='largest TCP speed [m/s]')
-    parser.add_argument('--acceleration', type=float, metavar='A', help='largest TCP acceleration [m/s2]')
-    parser.add_argument('--jerk', type=float, metavar='J', help='largest TCP jerk [m/s3]')
-    parser.add_argument('--blend', type=float, metavar='R', help='blend radius at the end of the move [m]')
+    parser.add_argument(
+        '--detach', '--no-wait', action='store_true', help='leave the robot moving, and do not watch it'
+    )
+    parser.add_argument(
+        '--take-over', action='store_true', help='take control of the robot even if somebody else has it'
+    )
+    parser.add_argument(
+        '--speed', type=finite_number, metavar='V', help='largest TCP speed [m/s], of a program too'
+    )
+    parser.add_argument(
+        '--acceleration', type=finite_number, metavar='A', help='largest TCP acceleration [m/s2], likewise'
+    )
+    parser.add_argument('--jerk', type=finite_number, metavar='J', help='largest TCP jerk [m/s3], likewise')
+    parser.add_argument(
+        '--blend', type=finite_number, metavar='R', help='blend radius towards the move that follows [m]'
+    )
     parser.add_argument('--strict', action='store_true', help='refuse the move instead of slowing it down')
     parser.add_argument(
         '--relative', action='store_true', help='points are steps from where the robot stands'
@@ -59,11 +85,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return guarded(lambda: _run(options), options.json)
 
 
+def _check(options: argparse.Namespace) -> None:
+    """Refuse by name what the action does not obey; raises ProgramError."""
+    for name, actions in ONLY_FOR.items():
+        if getattr(options, name) not in (None, False) and options.action not in actions:
+            raise ProgramError(f'move {options.action} does not take --{name.replace("_", "-")}')
+    for name in ('speed', 'acceleration', 'jerk'):
+        value = getattr(options, name)
+        if value is not None and not value > 0.0:
+            raise ProgramError(f'--{name} is {value:g}, but must be positive')
+    if options.action not in MOVES and len(options.values) != COUNTS.get(options.action, 0):
+        wanted = 'one number' if options.action == 'override' else 'no values'
+        raise ProgramError(f'move {options.action} takes {wanted}, not {len(options.values)}')
+
+
 def _numbers(values: list[str], what: str) -> list[float]:
-    try:
-        return [float(value) for value in values]
-    except ValueError as error:
-        raise ProgramError(f'{what}: {error}') from None
+    numbers = []
+    for value in values:
+        try:
+            numbers.append(float(value))
+        except ValueError:
+            raise ProgramError(f'{what}: {shown(value)} is no number') from None
+    return numbers
 
 
 def _points(options: argparse.Namespace, count: int | None) -> list[Any]:
@@ -109,26 +152,27 @@ def _program_text(values: list[str]) -> str:
         ) from None
 
 
+def _caps(options: argparse.Namespace) -> tuple[float, float, float]:
+    """Return largest speed, acceleration and jerk of a program, 0 without a cap; moves have them in their text."""
+    if options.action != 'program':
+        return 0.0, 0.0, 0.0
+    return options.speed or 0.0, options.acceleration or 0.0, options.jerk or 0.0
+
+
 def _run(options: argparse.Namespace) -> int:
-    document = _document(options) if options.action in ('l', 'c', 'sb', 'program') else ''
-    percent = 0.0
-    if options.action == 'override':
-        values = _numbers(options.values, 'move override')
-        if len(values) != 1:
-            raise ProgramError(f'move override takes one number, not {len(values)}')
-        percent = values[0]
+    _check(options)
+    document = _document(options) if options.action in MOVES else ''
+    percent = _numbers(options.values, 'move override')[0] if options.action == 'override' else 0.0
     from delta3_pacdrive.nodes.operator import operating
 
-    try:
-        with operating(options.namespace) as operator:
-            sentences = _act(options, operator, document, percent)
-            if options.json:
-                seen = operator.progress
-                operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
-    except KeyboardInterrupt:
-        raise RunError('interrupted') from None
+    facts: dict[str, Any] = {}
+    with operating(options.namespace) as operator:
+        if not options.json and sys.stderr.isatty():
+            operator.show = lambda sentence: print(sentence, file=sys.stderr)
+        sentences = _act(options, operator, document, percent)
+        if options.json:
+            facts = _state_facts(operator)
     if options.json:
-        facts = {key: operator.progress.get(key) for key in ('state', 'bus_time_s', 'move', 'moves', 'rate')}
         print(json.dumps({'ok': True, 'answers': sentences, **facts}))
     return 0
 
@@ -139,56 +183,105 @@ def _act(options: argparse.Namespace, operator: Any, document: str, percent: flo
     def tell(sentence: str) -> None:
         sentences.append(sentence)
         if not options.json:
-            print(sentence)
+            print(sentence, flush=True)
 
-    if document:
-        tell(operator.send_program(document))
-        if not options.queue:
-            _set_off('start', options, operator, tell)
-    elif options.action == 'reset':
-        tell(operator.call('reset'))
-        tell(operator.await_reset())
-    elif options.action in ('start', 'resume'):
-        _set_off(options.action, options, operator, tell)
-    elif options.action in SERVICES:
-        tell(operator.call(options.action))
-    elif options.action == 'override':
-        tell(operator.override(percent))
-    elif options.action in ('enable', 'disable'):
-        tell(operator.enable(options.action == 'enable'))
+    if options.action == 'state':
+        tell(_state_text(_state_facts(operator)))
+    elif options.action in STOPS:
+        tell(operator.enable(False) if options.action == 'disable' else operator.call(options.action))
     else:
-        operator.wait_until(lambda: operator.progress, 'motion/progress')
-        tell(_state_text(operator.progress))
+        operator.take_control(f'delta3 move {options.action}', options.take_over)
+        try:
+            if document:
+                tell(operator.send_program(document, _caps(options)))
+            if (document and not options.queue) or options.action == 'start':
+                _set_off('start', options, operator, tell)
+            elif options.action == 'resume':
+                _set_off('resume', options, operator, tell)
+            elif options.action == 'override':
+                tell(operator.override(percent))
+            elif options.action == 'enable':
+                tell(operator.enable(True))
+            elif not document:
+                tell(operator.call(options.action))
+        finally:
+            operator.interruptible = False
+            with suppress(RunError, ProgramError):  # who has lost control need not release it
+                operator.release_control()
     return sentences
 
 
-def _state_text(progress: dict[str, Any]) -> str:
-    text = f'{progress["state"]}, bus phase {progress["phase"]}, bus time {progress["bus_time_s"]:.3f} s'
-    if progress['moves']:
-        text += (
-            f', move {progress["move"] + 1} of {progress["moves"]}, master at {progress["master_m"]:.4f} m, '
-            f'{progress["remaining_s"]:.2f} s left, override {100 * progress["rate"]:g} %'
-        )
-    for key in ('waiting', 'fault'):
-        text += f', {"fault: " if key == "fault" else ""}{progress[key]}' if progress[key] else ''
-    return text
+def _state_facts(operator: Any) -> dict[str, Any]:
+    """Return what is known of the robot now."""
+    seen = operator.progress
+    operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
+    facts = {key: operator.progress.get(key) for key in STATE_FACTS}
+    if operator.count_publishers('unit_robot/queue'):
+        operator.wait_until(lambda: operator.queue, 'unit_robot/queue')
+        queue = json.loads(operator.queue)
+        facts |= {'queue': queue['moves'], 'override': queue['override'], 'planning': queue['working']}
+    else:
+        facts |= {'queue': 0, 'override': None, 'planning': 'there is no planner'}
+    return facts
+
+
+STATE_FACTS = (
+    'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m',
+    'remaining_s', 'payload_kg', 'outputs', 'operator',
+)  # fmt: skip
+
+
+def _state_text(facts: dict[str, Any]) -> str:
+    enabled = 'enabled' if facts['enabled'] else 'not enabled'
+    parts = [
+        str(facts['state']),
+        enabled,
+        f'bus phase {facts["phase"]}',
+        f'bus time {facts["bus_time_s"]:.3f} s',
+    ]
+    if facts['state'] in ('moving', 'stopping', 'stopped'):
+        parts.append(f'move {facts["move"] + 1} of {facts["moves"]}, master at {facts["master_m"]:.4f} m')
+        parts.append(f'{facts["remaining_s"]:.2f} s left')
+    if facts['override'] is not None:
+        parts.append(f'override {100 * facts["override"]:g} %')
+    x, y, z = (1e3 * value for value in facts['tcp_m'])
+    parts.append(f'TCP at ({x:.3f}, {y:.3f}, {z:.3f}) mm')
+    parts.append(f'{facts["queue"]} moves in the queue')
+    if facts['planning']:
+        parts.append(str(facts['planning']))
+    outputs = [str(n) for n in range(8) if int(facts['outputs']) >> n & 1]
+    parts.append(f'outputs on: {" ".join(outputs) or "none"}')
+    parts.append(f'payload {facts["payload_kg"]:g} kg')
+    if facts['operator']:
+        parts.append(f'{facts["operator"]} has control')
+    if facts['waiting']:
+        parts.append(str(facts['waiting']))
+    if facts['fault']:
+        parts.append(f'fault: {facts["fault"]}')
+    return ', '.join(parts)
 
 
 def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Callable[[str], None]) -> None:
-    """Start or resume a motion, and wait until it is over; Ctrl-C holds the robot."""
-    if options.no_wait:
-        tell(operator.call(service))
-        return
+    """Start or resume a motion, and wait until it is over; whoever ends this command holds the robot."""
     operator.wait_until(lambda: operator.state and operator.progress, 'motion/state')
     before = operator.state_changes
-    tell(operator.call(service))
     try:
+        tell(operator.call(service))
+        if options.detach:
+            return
         # whoever looks late finds a short motion over already
         operator.wait_until(lambda: operator.state_changes > before, 'start of the motion')
         while operator.state == 'moving':
             operator.spin_for(0.05)
-    except KeyboardInterrupt:
-        tell(operator.call('hold'))
+            if not operator.in_control:
+                raise RunError(
+                    f'{operator.progress["operator"] or "nobody"} has control now: this command does not watch the '
+                    'motion any more'
+                )
+    except InterruptedRunError:
+        operator.interruptible = False
+        with suppress(ProgramError):  # a motion that is over need not be held
+            tell(operator.call('hold'))
         raise
     if operator.state == 'error':
         operator.wait_until(lambda: operator.progress.get('fault'), 'sentence about the fault')

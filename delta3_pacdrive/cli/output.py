@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.errors import Delta3Error, InterruptedRunError
 
 INTERRUPTED = 130  # exit status after Ctrl-C
 
@@ -27,6 +27,9 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
     """Run a command; every error of this package becomes one sentence and exit status 1."""
     try:
         return action()
+    except InterruptedRunError as error:
+        fail(error, as_json)
+        return 128 + error.number
     except Delta3Error as error:
         return fail(error, as_json)
     except BrokenPipeError:

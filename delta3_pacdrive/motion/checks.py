@@ -4,6 +4,7 @@ A robot that was pushed beyond a limit may come back by its first move: a path t
 limit must come nearer to it, without a step back, and keep it from where it has reached it to its end.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,15 +87,20 @@ def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> 
     _check_angles(theta, parameters, distance, position, returning)
 
 
-def check_speed(move: Move, rate: float, parameters: Parameters) -> None:
-    """Refuse a move from a stranger in which a motor turns too fast at a rate; raises ProgramError."""
+def check_speed(move: Move, rate: float, parameters: Parameters) -> float:
+    """Refuse a move from a stranger in which a motor turns too fast at a rate; raises ProgramError.
+
+    Returns the largest rate at which it would not be refused.
+    """
     times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
     master = sample_master(times, move.master)
     samples = sample_path(master[:, 0], move.segments)
     coefficients = path_demand(samples, np.zeros(len(samples), np.int64), (move.payload_kg,), parameters)
-    speed = coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * rate
+    speed = np.abs(coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * rate)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
-    _require_below(np.abs(speed), limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
+    _require_below(speed, limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
+    fastest = float(speed.max())
+    return rate * limit / fastest if fastest > 0.0 else math.inf
 
 
 def _check_angles(

@@ -5,6 +5,7 @@ on the path. A plan is a set of different moves and the order in which they are 
 starts where and when the one before it ends, between bus cycles if need be.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -205,7 +206,7 @@ class Plan:
     tables: Tables
 
     @staticmethod
-    def of(moves: list[Move], order: ArrayLike | None = None) -> 'Plan':
+    def of(moves: Sequence[Move], order: ArrayLike | None = None) -> 'Plan':
         """Join moves; the next one starts at the time at which the last one ends.
 
         Raises
@@ -214,33 +215,10 @@ class Plan:
             There is no move, too many, or the order names one that does not exist.
 
         """
-        numbers = np.arange(len(moves)) if order is None else np.asarray(order, dtype=np.int64)
-        if not len(moves) or not len(numbers):
-            raise ProgramError('a program needs at least one move')
-        if numbers.min() < 0 or numbers.max() >= len(moves):
-            raise ProgramError('the order of a plan names a move that does not exist')
-        table = np.zeros(len(moves), MOVE)
-        table['duration'] = [move.duration_s for move in moves]
-        for name, sizes in (
-            ('phase', [len(move.master) for move in moves]),
-            ('segment', [len(move.segments) for move in moves]),
-            ('event', [len(move.events) for move in moves]),
-        ):
-            table[f'{name}s'] = sizes
-            table[f'first_{name}'] = np.cumsum([0, *sizes[:-1]])
-        durations = table['duration'][numbers]
-        starts = np.concatenate([[0.0], np.cumsum(durations)])
-        return Plan(
-            tuple(moves),
-            Tables(
-                numbers.astype(np.int64),
-                starts,
-                table,
-                np.concatenate([move.master for move in moves]),
-                np.concatenate([move.segments for move in moves]),
-                np.concatenate([move.events for move in moves]),
-            ),
-        )
+        builder = PlanBuilder()
+        for move in moves:
+            builder.add(move)
+        return builder.build(np.arange(len(moves)) if order is None else order)
 
     @property
     def duration_s(self) -> float:
@@ -259,16 +237,108 @@ class Plan:
         """Point at which the plan begins, shape (3,)."""
         return self.move(0).start_m()
 
-    def require_joined(self) -> None:
+
+class _Rows:
+    """A table that grows row by row without being copied each time."""
+
+    def __init__(self, columns: int | None, dtype: Any = np.float64) -> None:
+        self._table = np.zeros(16 if columns is None else (16, columns), dtype)
+        self.count = 0
+
+    def extend(self, rows: Any) -> int:
+        """Append rows; return the number of the first of them."""
+        first, self.count = self.count, self.count + len(rows)
+        if self.count > len(self._table):
+            larger = np.zeros((2 * self.count, *self._table.shape[1:]), self._table.dtype)
+            larger[:first] = self._table[:first]
+            self._table = larger
+        self._table[first : self.count] = rows
+        return first
+
+    def table(self) -> Any:
+        """Return the rows so far."""
+        return self._table[: self.count]
+
+
+class PlanBuilder:
+    """A plan that grows move by move; what a move costs is done when it is added.
+
+    Attributes
+    ----------
+    moves
+        Added so far.
+
+    """
+
+    def __init__(self) -> None:
+        self.moves: list[Move] = []
+        self._table = _Rows(None, MOVE)
+        self._phases = _Rows(PHASE_COLUMNS)
+        self._segments = _Rows(SEGMENT_COLUMNS)
+        self._events = _Rows(EVENT_COLUMNS)
+        self._ends = _Rows(6)  # first and last point of each move [m]
+
+    def add(self, move: Move) -> None:
+        """Append a different move."""
+        self.moves.append(move)
+        self._ends.extend([[*move.start_m(), *move.end_m()]])
+        row = np.zeros(1, MOVE)
+        row['duration'] = move.duration_s
+        for name, table, rows in (
+            ('phase', self._phases, move.master),
+            ('segment', self._segments, move.segments),
+            ('event', self._events, move.events),
+        ):
+            row[f'first_{name}'] = table.extend(rows)
+            row[f'{name}s'] = len(rows)
+        self._table.extend(row)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers the moves hold."""
+        return sum(t.count * t.table().shape[1] for t in (self._phases, self._segments, self._events))
+
+    def build(self, order: ArrayLike) -> Plan:
+        """Return the plan that drives the moves in an order.
+
+        Raises
+        ------
+        ProgramError
+            There is no move, or the order names one that does not exist.
+
+        """
+        numbers = self._checked(order)
+        table = self._table.table()
+        durations = table['duration'][numbers]
+        return Plan(
+            tuple(self.moves),
+            Tables(
+                numbers,
+                np.concatenate([[0.0], np.cumsum(durations)]),
+                table,
+                self._phases.table(),
+                self._segments.table(),
+                self._events.table(),
+            ),
+        )
+
+    def require_joined(self, order: ArrayLike) -> None:
         """Refuse moves that do not begin where the ones before them end; raises ProgramError."""
-        starts = np.array([move.start_m() for move in self.moves])[self.tables.order[1:]]
-        ends = np.array([move.end_m() for move in self.moves])[self.tables.order[:-1]]
-        gaps = np.linalg.norm(starts - ends, axis=1)
+        numbers, ends = self._checked(order), self._ends.table()
+        gaps = np.linalg.norm(ends[numbers[1:], :3] - ends[numbers[:-1], 3:], axis=1)
         if gaps.max(initial=0.0) > JOINED_M:
             number = int(np.argmax(gaps)) + 1
             raise ProgramError(
                 f'move {number} of the plan begins {gaps.max() * 1e3:.3f} mm away from the end of the one before'
             )
+
+    def _checked(self, order: ArrayLike) -> NDArray[np.int64]:
+        numbers = np.asarray(order, dtype=np.int64)
+        if not len(self.moves) or not len(numbers):
+            raise ProgramError('a program needs at least one move')
+        if numbers.min() < 0 or numbers.max() >= len(self.moves):
+            raise ProgramError('the order of a plan names a move that does not exist')
+        return numbers
 
 
 @kernel

@@ -80,10 +80,19 @@ class Planned:
     repeat: int
 
 
-def plan(program: Program, position_m: ArrayLike, parameters: Parameters, returning: bool = False) -> Planned:
+def plan(
+    program: Program,
+    position_m: ArrayLike,
+    parameters: Parameters,
+    returning: bool = False,
+    open_end: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Planned:
     """Plan and check every move of a program for a robot that stands at ``position_m``.
 
-    With ``returning`` the first move may begin beyond limits, if it leads back (see ``checks``).
+    With ``returning`` the first move may begin beyond limits, if it leads back (see ``checks``). With ``open_end``
+    other moves may follow later: the last one may have a blend, and ends exactly as long as none does. ``progress`` is
+    called before each statement that is planned with the number of those done and of all.
 
     Raises
     ------
@@ -102,25 +111,61 @@ def plan(program: Program, position_m: ArrayLike, parameters: Parameters, return
     payload = parameters.dynamics.payload_mass_kg if program.payload_kg is None else program.payload_kg
     drafts: list[Draft] = []
     order: list[int] = []
+    open_notices: list[str] = []
     known: dict[tuple[tuple[float, ...], float], tuple[list[int], Floats, float]] = {}
-    for _ in range(program.repeat):
+    for round_number in range(program.repeat):
         # rounds that begin a rounding error apart are the same
         key = (tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
         if key not in known:
-            round_ = _Round(program.statements, here, payload, parameters, returning and not order)
+            last = open_end and round_number + 1 == program.repeat
+            round_ = _Round(
+                program.statements, here, payload, parameters, returning and not order, last, progress
+            )
             numbers = []
             for draft in round_.drafts():
                 numbers.append(len(drafts))
                 drafts.append(draft)
+            open_notices = round_.notices
             known[key] = numbers, round_.here, round_.payload
         numbers, here, payload = known[key]
         order.extend(numbers)
         if len(order) > MOVES_MAX:
             raise ProgramError(f'the program has more than {MOVES_MAX} moves')
-    return _whole(program, drafts, order, parameters)
+    return _whole(program, drafts, order, parameters, open_notices)
 
 
-def _whole(program: Program, drafts: list[Draft], order: list[int], parameters: Parameters) -> Planned:
+def capped(program: Program, caps: tuple[float, float, float]) -> Program:
+    """Return a program none of whose moves exceeds a speed, an acceleration and a jerk; 0: no cap.
+
+    Raises
+    ------
+    ProgramError
+        A cubic has its times, which no cap can keep.
+
+    """
+    speed, acceleration, jerk = (cap or math.inf for cap in caps)
+    statements: list[Statement] = []
+    for n, statement in enumerate(program.statements):
+        if isinstance(statement, Cubic):
+            raise ProgramError(f'moves[{n}].cubic: its duration is fixed, it takes no cap of speed')
+        if isinstance(statement, MoveL | MoveC | MoveSB):
+            own = statement.limits
+            limits = Limits(
+                min(own.speed_m_s, speed), min(own.acceleration_m_s2, acceleration), min(own.jerk_m_s3, jerk)
+            )
+            statements.append(replace(statement, limits=limits))
+        else:
+            statements.append(statement)
+    return replace(program, statements=tuple(statements))
+
+
+def _whole(
+    program: Program,
+    drafts: list[Draft],
+    order: list[int],
+    parameters: Parameters,
+    open_notices: list[str],
+) -> Planned:
     """Check what only the whole program shows, the rms current, and put the plan together."""
     counts = np.bincount(order, minlength=len(drafts))
     used = [n for n in range(len(drafts)) if counts[n]]
@@ -129,7 +174,7 @@ def _whole(program: Program, drafts: list[Draft], order: list[int], parameters: 
     effort = drafts[used[0]].effort.times(counts[used[0]])
     for n in used[1:]:
         effort = effort + drafts[n].effort.times(counts[n])
-    notices = [notice for draft in drafts for notice in draft.notices]
+    notices = [notice for draft in drafts for notice in draft.notices] + open_notices
     nominal = parameters.motor.nominal_current_a
     moves = [draft.move for draft in drafts]
     rate = 1.0
@@ -194,8 +239,12 @@ class _Round:
         payload_kg: float,
         parameters: Parameters,
         returning: bool,
+        open_end: bool,
+        progress: Callable[[int, int], None] | None,
     ) -> None:
         self._statements = statements
+        self._open_end, self._progress = open_end, progress
+        self.notices: list[str] = []
         self._returning = returning  # whether the first move may begin beyond limits
         self._parameters = parameters
         self.here, self.payload = here, payload_kg
@@ -209,6 +258,8 @@ class _Round:
         """Plan all statements; raises ProgramError that names the statement."""
         for n, statement in enumerate(self._statements):
             where = f'moves[{n}]'
+            if self._progress is not None:
+                self._progress(n, len(self._statements))
             try:
                 self._take(statement, where)
             except (ProgramError, UnreachableError) as error:
@@ -217,7 +268,10 @@ class _Round:
                 raise ProgramError(text if named else f'{where}.{_name(statement)}: {text}') from None
         self._end_cubics()
         if self._legs and self._legs[-1].blend_m > 0.0:
-            raise ProgramError(f'{self._legs[-1].name}: blend_m needs a move that follows')
+            name = f'{self._legs[-1].name}: blend_m'
+            if not self._open_end:
+                raise ProgramError(f'{name} needs a move that follows')
+            self.notices.append(f'{name} waits for a move that follows; without one it ends exactly')
         self._end_move()
         if self._pending:
             self._attach_behind_the_last()

@@ -144,7 +144,7 @@ class BareMaster(Node):
         if time.monotonic() < self._ready_at_s or self._cycle >= self._cycles_wanted:
             return
         while self._pacing.may_start(self._cycle, self._cycle - self._answered, now := time.monotonic()):
-            self._lateness.add(self._pacing.lateness_s(self._cycle, now))
+            self._lateness.add(self._pacing.late_s)
             self._sent_s[self._cycle % len(self._sent_s)] = now
             self._mdt.publish(_stamp(self._mdt_message, self._cycle))
             self._cycle += 1

@@ -2,7 +2,8 @@
 
 Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
 in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
-(String, JSON), from the transformation task to all nodes, one message for each accepted fault.
+(String, JSON), from the transformation task to all nodes, one message for each accepted fault, with the session of the
+bus and its number in it: what is heard a second time, or in another session, befalls nobody.
 """
 
 import json
@@ -16,10 +17,12 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from delta3_pacdrive import yaml_file
+from delta3_pacdrive.controller.messages import Numbering
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
 from delta3_pacdrive.injection import OF_PROCESSES, Fault, Schedule, Scheduled, befalls, parse
-from delta3_pacdrive.nodes import runtime
+from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.qos import FAULTS
+from delta3_pacdrive.nodes.robot_node import RobotNode
 
 SCHEDULE = 'faults/schedule'
 LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard of it by then
@@ -37,14 +40,21 @@ class FaultDesk:
         Returns why nothing can be injected, empty while it can.
     next_cycle
         Returns the next bus cycle that is not under way.
+    session
+        Returns the session of the bus.
 
     """
 
     def __init__(
-        self, node: Node, cycle_time_s: float, closed: Callable[[], str], next_cycle: Callable[[], int]
+        self,
+        node: Node,
+        cycle_time_s: float,
+        closed: Callable[[], str],
+        next_cycle: Callable[[], int],
+        session: Callable[[], bytes],
     ) -> None:
         self._node, self._cycle_time_s = node, cycle_time_s
-        self._closed, self._next_cycle = closed, next_cycle
+        self._closed, self._next_cycle, self._session = closed, next_cycle, session
         self.accepted = 0
         self._schedule = node.create_publisher(String, SCHEDULE, FAULTS)
         node.create_service(AddDiagnostics, 'inject_fault', self._on_request)
@@ -80,7 +90,8 @@ class FaultDesk:
         placed = [Scheduled.of(fault, cycle, self._cycle_time_s) for fault in faults]
         for scheduled in placed:
             self.accepted += 1
-            self._schedule.publish(String(data=json.dumps(scheduled.to_document())))
+            origin = {'session': self._session().decode(), 'serial': self.accepted}
+            self._schedule.publish(String(data=json.dumps(origin | scheduled.to_document())))
             self._node.get_logger().warning(
                 f'injected fault: {scheduled.fault.text} from bus cycle {scheduled.first} on'
             )
@@ -96,6 +107,8 @@ class Faults(Schedule):
         The node, and its name as a target of faults.
     cycle
         Returns the bus cycle that the node is in.
+    session
+        Returns the session that the node belongs to; without one nothing befalls it.
 
     Attributes
     ----------
@@ -104,18 +117,29 @@ class Faults(Schedule):
 
     """
 
-    def __init__(self, node: Node, name: str, cycle: Callable[[], int]) -> None:
+    def __init__(
+        self, node: RobotNode, name: str, cycle: Callable[[], int], session: Callable[[], bytes]
+    ) -> None:
         super().__init__()
-        self._node, self._name, self._cycle = node, name, cycle
+        self._node, self._name, self._cycle, self._session = node, name, cycle, session
+        self._serials = Numbering()
         self.late = 0
-        node.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
+        node.create_bounded_subscription(String, SCHEDULE, self._on_schedule, FAULTS, REQUEST_MAX)
 
     def _on_schedule(self, message: String) -> None:
         try:
-            scheduled = Scheduled.from_document(json.loads(message.data))
-        except (ProgramError, ValueError, RecursionError, OverflowError) as error:
-            self._node.get_logger().error(f'{self._name}: no fault: {shown(str(error))}')
-            return
+            document = json.loads(message.data)
+            if not isinstance(document, dict):
+                raise ProgramError(f'{shown(document)} is no fault')
+            session, serial = document.pop('session', ''), document.pop('serial', 0)
+            scheduled = Scheduled.from_document(document)
+        except (ValueError, RecursionError, OverflowError) as error:
+            raise ProgramError(f'no fault: {shown(str(error))}') from None
+        own = self._session().decode()
+        if own == telegram.NO_SESSION.decode() or session != own:
+            raise ProgramError(f'a fault of session {shown(session)} is not for {self._name}, in {own}')
+        if not isinstance(serial, int) or not self._serials.is_new(own, serial):
+            raise ProgramError(f'fault {shown(serial)} of session {own} was heard before')
         if not befalls(scheduled.fault, self._name):
             return
         if scheduled.first < self._cycle():

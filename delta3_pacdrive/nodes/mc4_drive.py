@@ -11,11 +11,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from delta3_pacdrive.bus.participants import Occasion
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.service import ServiceSlave
 from delta3_pacdrive.bus.silence import BUS_SILENT_S, MASTER_SILENT_S, Watch
@@ -40,6 +40,7 @@ from delta3_pacdrive.nodes.health import Health
 from delta3_pacdrive.nodes.output import Output
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
+from delta3_pacdrive.nodes.robot_node import RobotNode
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.parameters import Parameters
 
@@ -51,7 +52,7 @@ RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 _Command = tuple[float, int, int, float]  # position, control word, service channel, payload
 
 
-class MC4DriveNode(Node):
+class MC4DriveNode(RobotNode):
     """One axis."""
 
     def __init__(self, **node_options: Any) -> None:
@@ -108,13 +109,13 @@ class MC4DriveNode(Node):
             self.create_publisher(JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER)
         )
         self._phases = Output(self, JointState, f'{axis}/phase_current', REPORT)
-        self.create_subscription(Header, 'sercos/phase', self._on_phase, LATCHED)
+        self.create_bounded_subscription(Header, 'sercos/phase', self._on_phase, LATCHED, refuse=self._refuse)
         self.create_subscription(JointState, 'sercos/mdt', self._on_mdt, CYCLIC_SUBSCRIPTION, raw=True)
         self.create_subscription(
             JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
         )
         self._participant = Participant(self, axis, parameters)
-        self._faults = Faults(self, axis, lambda: self._cycle)
+        self._faults = Faults(self, axis, lambda: self._cycle, lambda: self._session)
         # cycles whose MDT an injected fault has taken away
         self._lost: set[int] = set()
         self._transit: Transit[_Command] = Transit(self._faults, MDT_FAULTS, self._refuse)
@@ -132,12 +133,8 @@ class MC4DriveNode(Node):
     # phases of the bus ------------------------------------------------------------------------------------------------
 
     def _on_phase(self, message: Header) -> None:
-        try:
-            phase, session, stamp = telegram.parse_phase(message)
-            cycle = self._cycles.count(*stamp)
-        except TelegramError as error:
-            self._refuse(f'{self._axis}: {error}')
-            return
+        phase, session, stamp = telegram.parse_phase(message)
+        cycle = self._cycles.count(*stamp)
         if self._cyclic and self.count_publishers('sercos/phase') > 1:
             return  # a second master, or a stranger; a new master announces itself again when the last one has gone
         if phase == Phase.CP0:
@@ -145,7 +142,7 @@ class MC4DriveNode(Node):
                 self._part('the phase fell to CP0')
             elif not self._parting:
                 self._leave()
-                self._participant.announce(called=True)  # whoever calls may not have heard of this drive
+                self._participant.announce(session)
         elif phase != Phase.CP4:
             if self._cyclic:
                 self._leave()
@@ -154,6 +151,8 @@ class MC4DriveNode(Node):
                 self._current_frames.clear()
         elif session == self._session and not self._cyclic:
             self._join(cycle)
+        elif self._session == telegram.NO_SESSION:
+            self._participant.announce(session, Occasion.STARTED)
 
     def _join(self, cycle: int) -> None:
         """Begin cyclic operation with a bus cycle; what came of it already waits."""

@@ -2,10 +2,10 @@
 
 from rclpy.node import Node
 
+from delta3_pacdrive.bus.participants import Participants
 from delta3_pacdrive.bus.phases import DRIVES, PARTICIPANTS, PLANT, Identity, disagreements, missing
 from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.nodes.participant import Roll
 
 # topics of the bus and of the machine, each with one writer
 WRITTEN_BY_ONE = (
@@ -42,8 +42,8 @@ class PhaseUp:
 
     """
 
-    def __init__(self, node: Node, roll: Roll, identity: Identity) -> None:
-        self._node, self._roll, self._identity = node, roll, identity
+    def __init__(self, node: Node, participants: Participants, identity: Identity) -> None:
+        self._node, self._participants, self._identity = node, participants, identity
         self.waiting = ''
         self._looks_in_vain = 0  # in this phase
         self.resting: dict[int, float] = {}
@@ -52,9 +52,8 @@ class PhaseUp:
         """Begin anew: whoever answered before has to do so again."""
         self.resting.clear()
         self._looks_in_vain = 0
-        self._roll.call_again()
 
-    def next(self, phase: Phase, session: bytes) -> Phase:
+    def next(self, phase: Phase) -> Phase:
         """Return the phase that follows now, the present one while it has to wait.
 
         Raises
@@ -68,7 +67,7 @@ class PhaseUp:
         elif phase == Phase.CP1:
             self._wait_for(self._answers())
         else:
-            self._wait_for(self._agreement(session))
+            self._wait_for(self._agreement())
         if self.waiting:
             self._looks_in_vain += 1
             return phase
@@ -76,11 +75,11 @@ class PhaseUp:
         return Phase(phase + 1)
 
     def _presence(self) -> str:
-        absent = missing(self._roll.identities)
-        if absent:
-            return f'waiting for {", ".join(absent)}'
         twice = doubled(self._node)
-        return f'waiting until one of them ends: {twice}' if twice else ''
+        if twice:
+            return f'waiting until one of them ends: {twice}'
+        absent = missing(self._participants.identities)
+        return f'waiting for {", ".join(absent)}' if absent else ''
 
     def _answers(self) -> str:
         silent = [axis for index, axis in enumerate(DRIVES) if index not in self.resting]
@@ -92,13 +91,13 @@ class PhaseUp:
         )
         return f'waiting for an answer of {", ".join(silent)}{doubt}'
 
-    def _agreement(self, session: bytes) -> str:
-        present = {name: self._roll.identities[name] for name in PARTICIPANTS}
+    def _agreement(self) -> str:
+        present = {name: self._participants.identities[name] for name in PARTICIPANTS}
         sentences = disagreements(self._identity, present)
         if sentences:
             raise RunError('; '.join(sentences))
-        heard_in, heard = self._roll.links.get(PLANT, (b'', ()))
-        unlinked = [axis for axis in DRIVES if axis not in heard or heard_in != session]
+        heard = self._participants.links[PLANT]
+        unlinked = [axis for axis in DRIVES if axis not in heard]
         return f'waiting for the plant to hear {", ".join(unlinked)}' if unlinked else ''
 
     def _wait_for(self, reason: str) -> None:

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from delta3_pacdrive.bus.participants import Occasion
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
 from delta3_pacdrive.bus.silence import DRIVE_SILENT_S, PARTING_S, Watch
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
@@ -27,6 +27,7 @@ from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.fault_desk import Faults
 from delta3_pacdrive.nodes.participant import Participant
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
+from delta3_pacdrive.nodes.robot_node import RobotNode
 from delta3_pacdrive.nodes.robot_parameters import declare_robot
 from delta3_pacdrive.plant.mechanism import Plant
 
@@ -36,7 +37,7 @@ REPORT_EVERY = 3  # looks between two reports of who is missing
 REST_S = 1.0
 
 
-class PlantNode(Node):
+class PlantNode(RobotNode):
     """The machine behind the drives."""
 
     def __init__(self, **node_options: Any) -> None:
@@ -77,9 +78,11 @@ class PlantNode(Node):
             self.create_subscription(
                 JointState, f'{axis}/motor_current', self._on_current(index), CYCLIC_SUBSCRIPTION, raw=True
             )
-        self.create_subscription(Header, 'sercos/phase', self._on_phase, LATCHED)
+        self.create_bounded_subscription(Header, 'sercos/phase', self._on_phase, LATCHED, refuse=self._refuse)
         self._participant = Participant(self, PLANT, parameters)
-        self._faults = Faults(self, PLANT, lambda: self._exchange // self._exchanges_per_cycle)
+        self._faults = Faults(
+            self, PLANT, lambda: self._exchange // self._exchanges_per_cycle, lambda: self._session
+        )
         self._greeter = self.create_timer(GREETING_S, self._greet)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
@@ -98,8 +101,7 @@ class PlantNode(Node):
                         known.clear()
                     known[frame] = telegram.parse_current_frame(frame, self._session)
             except TelegramError as error:
-                self._refused += 1
-                self.get_logger().warning(f'plant: {error}', throttle_duration_sec=1.0)
+                self._refuse(str(error))
                 return
             if exchange > self._exchange + self._exchanges_per_cycle:
                 self._refused += 1  # ahead of what it can know
@@ -108,25 +110,24 @@ class PlantNode(Node):
                 self._advance()
             elif exchange < 0 and not self._cyclic and axis not in self._heard:
                 self._heard.add(axis)
-                self._announce()
+                self._announce(self._session)
 
         return receive
 
-    def _announce(self, called: bool = False) -> None:
+    def _refuse(self, reason: str) -> None:
+        self._refused += 1
+        self.get_logger().warning(f'plant: {reason}', throttle_duration_sec=1.0)
+
+    def _announce(self, session: bytes, occasion: Occasion = Occasion.CALLED) -> None:
         # its last message of shafts was that of the present exchange
         over = -(-self._exchange // self._exchanges_per_cycle) + 1 if self._exchange else 0
-        self._participant.announce(tuple(sorted(self._heard)), over, self._session, called)
+        self._participant.announce(session, occasion, tuple(sorted(self._heard)), over)
 
     # phases of the bus ------------------------------------------------------------------------------------------------
 
     def _on_phase(self, message: Header) -> None:
-        try:
-            phase, session, stamp = telegram.parse_phase(message)
-            exchange = self._exchanges.count(*stamp)
-        except TelegramError as error:
-            self._refused += 1
-            self.get_logger().warning(f'plant: {error}', throttle_duration_sec=1.0)
-            return
+        phase, session, stamp = telegram.parse_phase(message)
+        exchange = self._exchanges.count(*stamp)
         if self._cyclic and self.count_publishers('sercos/phase') > 1:
             return  # a second master, or a stranger; a new master announces itself again when the last one has gone
         if phase == Phase.CP0:
@@ -134,7 +135,7 @@ class PlantNode(Node):
             if not self._cyclic:
                 self._session = telegram.NO_SESSION
                 self._heard.clear()
-                self._announce(called=True)  # whoever calls may not have heard of this plant
+                self._announce(session)
         elif phase != Phase.CP4:
             if self._cyclic:
                 self._come_to_rest()
@@ -144,6 +145,8 @@ class PlantNode(Node):
                 self._heard.clear()
         elif session == self._session and not self._cyclic:
             self._join(exchange)
+        elif self._session == telegram.NO_SESSION:
+            self._announce(session, Occasion.STARTED)
 
     def _join(self, exchange: int) -> None:
         """Begin cyclic operation; bus time goes on there."""
@@ -163,11 +166,11 @@ class PlantNode(Node):
         self._powerless.update(range(len(DRIVES)))
         while self._exchange < end:
             self._integrate()
-        self._session = telegram.NO_SESSION
+        left, self._session = self._session, telegram.NO_SESSION
         self._cyclic = self._falling = False
         self._heard.clear()
         self._greeter.reset()
-        self._announce()
+        self._announce(left, Occasion.LEFT)
         self.get_logger().info(f'plant: at rest in bus cycle {end // self._exchanges_per_cycle}')
 
     # motion -----------------------------------------------------------------------------------------------------------

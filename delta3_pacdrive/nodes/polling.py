@@ -6,14 +6,15 @@ A wake-up and a callback cost several times as much as taking a message that is 
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+
+from delta3_pacdrive.nodes.robot_node import RobotNode
 
 Taken = tuple[bytes, dict[str, int]]  # the serialised message, and its info with received_timestamp [ns]
 
 
-class PollingNode(Node):
+class PollingNode(RobotNode):
     """A node some of whose subscriptions the executor does not see."""
 
     def __init__(self, name: str, **node_options: Any) -> None:

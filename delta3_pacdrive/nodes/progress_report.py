@@ -15,12 +15,12 @@ from delta3_pacdrive.nodes.qos import REPORT
 
 DIAGNOSTICS_S = 1.0
 # what ``motion/progress`` tells at least
-_TEXTS = ('phase', 'waiting', 'fault', 'state')
-_FLAGS = ('finished', 'in_torque')
+_TEXTS = ('phase', 'waiting', 'fault', 'state', 'operator', 'operator_identity')
+_FLAGS = ('finished', 'in_torque', 'enabled')
 _NUMBERS = (
     'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s', 'master_m',
     'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
-    'lost_telegrams', 'repeated_telegrams',
+    'lost_telegrams', 'repeated_telegrams', 'control',
 )  # fmt: skip
 _TYPES: dict[str, tuple[type, ...]] = (
     dict.fromkeys(_TEXTS, (str,)) | dict.fromkeys(_FLAGS, (bool,)) | dict.fromkeys(_NUMBERS, (int, float))
@@ -34,6 +34,9 @@ def read_progress(text: str) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     if not isinstance(facts, dict):
+        return None
+    place = facts.get('tcp_m')
+    if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, (int, float)) for x in place):
         return None
     return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None
 

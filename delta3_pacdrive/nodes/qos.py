@@ -17,8 +17,8 @@ LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_L
 # Every move of a program, all at once, and changes of its course; who joins later must not take an old one for new.
 PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 
-# Requests of operators, in the order in which they were made.
-REQUEST = QoSProfile(depth=10)
+# Requests of operators, in the order in which they were made, and the answers to them.
+REQUEST = QoSProfile(depth=100)
 
 # Injected faults: none may be missed, however many a program holds.
 FAULTS = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)

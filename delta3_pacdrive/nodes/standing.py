@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray
 
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.nodes.bringup import Bringup, Options
-from delta3_pacdrive.nodes.motion_server import numbers
+from delta3_pacdrive.nodes.numbers import numbers
 from delta3_pacdrive.nodes.qos import PLAN, REPORT
 
 

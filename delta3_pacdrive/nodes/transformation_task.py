@@ -2,8 +2,8 @@
 
 In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
 ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along
-the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Services: ``enable``,
-``emergency_stop``, ``reset``. Programs, holds and outputs: see ``motion_server``; service channel: ``service_desk``.
+the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). Plans: see ``planner_link``;
+services and control: ``operator_services``; states and outputs: ``robot_outputs``; service channel: ``service_desk``.
 """
 
 import math
@@ -17,30 +17,34 @@ from std_msgs.msg import Header
 from delta3_pacdrive.bus.inbox import Inbox
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.pacing import Pacing
+from delta3_pacdrive.bus.participants import Announcement, Participants
 from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity
 from delta3_pacdrive.bus.silence import ANSWER_SILENT_S, BUS_SILENT_S, Watch
 from delta3_pacdrive.bus.statistics import BusStatistics
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.transit import Transit
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
+from delta3_pacdrive.controller.control import Control
+from delta3_pacdrive.controller.planner_watch import PlannerWatch
+from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import ParameterError, RunError, UnreachableError
 from delta3_pacdrive.injection import AT_FAULTS, TASK
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.at_receiver import AtReceiver, Content
 from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults
-from delta3_pacdrive.nodes.motion_server import MotionServer, MotionState
-from delta3_pacdrive.nodes.participant import Roll
+from delta3_pacdrive.nodes.operator_services import OperatorServices
+from delta3_pacdrive.nodes.participant import hear_announcements
 from delta3_pacdrive.nodes.phase_up import PhaseUp
-from delta3_pacdrive.nodes.planner_watch import PlannerWatch
+from delta3_pacdrive.nodes.planner_link import PlannerLink
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.progress_report import ProgressReport
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
+from delta3_pacdrive.nodes.robot_outputs import RobotOutputs
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
-from delta3_pacdrive.nodes.safety_desk import SafetyDesk
 from delta3_pacdrive.nodes.service_desk import ServiceDesk
 from delta3_pacdrive.nodes.task_outputs import TaskOutputs
-from delta3_pacdrive.transformation import FOLLOWING_ERROR, Transformation
+from delta3_pacdrive.transformation import FOLLOWING_ERROR, TCP_ACTUAL, Transformation
 
 STARTUP_S = 0.02
 CALL_EVERY = 10  # looks at who is there, after which CP0 is announced once more
@@ -100,20 +104,38 @@ class TransformationTaskNode(PollingNode):
         self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(self, self._cycles, factor > 0.0, self._statistics, self._on_at)
-        self._roll = Roll(self, self._on_newcomer)
+        self._session, self._previous = telegram.new_session(), telegram.NO_SESSION
+        self._participants = Participants()
+        self._participants.begin(self._session.decode())
         identity = Identity.of(parameters)
-        self._phase_up = PhaseUp(self, self._roll, identity)
-        self._planner = PlannerWatch(self, self._report_s, self._roll, identity)
+        self._phase_up = PhaseUp(self, self._participants, identity)
         self._desk = ServiceDesk(self, self._channel_closed)
-        self._faults = Faults(self, TASK, lambda: self.next_cycle)
+        self._faults = Faults(self, TASK, lambda: self.next_cycle, lambda: self._session)
         self._transit: Transit[Content] = Transit(self._faults, AT_FAULTS, self._receiver.refuse)
-        fault_desk = FaultDesk(self, bus.cycle_time_s, self.closed, lambda: self.next_cycle)
-        self._motion = MotionServer(
-            self, self._task, parameters, self._earliest, fault_desk, self._planner.misplans
+        fault_desk = FaultDesk(
+            self, bus.cycle_time_s, self.closed, lambda: self.next_cycle, lambda: self._session
         )
-        self._safety = SafetyDesk(
-            self, self, self._task, self._master, self._motion, self._desk, self._report
+        self._state = RobotState(self, self._task, self._master)
+        self._control = Control(self._report_s)
+        actions = RobotOutputs(self, self._state, self._task, fault_desk, self._desk, self._cycles)
+        self._carry_out = actions.carry_out
+        self._planner = PlannerLink(
+            self,
+            parameters,
+            self._state,
+            self._control,
+            PlannerWatch(self._report_s, identity),
+            fault_desk,
+            lambda: (self._session, self._previous),
+            lambda: self._phase.name,
+            lambda: self.next_cycle,
+            self._carry_out,
         )
+        actions.tell_course, actions.tell_status = self._planner.tell_course, self._planner.tell_status
+        self._operators = OperatorServices(
+            self, self._state, self._control, self._carry_out, self._planner.tell_status
+        )
+        hear_announcements(self, self._on_announcement, self._receiver.refuse)
         self._reports = ProgressReport(self, self._report_s, self.progress, self.statistics)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self.create_timer(self._report_s, self._report)
@@ -143,29 +165,30 @@ class TransformationTaskNode(PollingNode):
     def _enter(self, phase: Phase) -> None:
         self._phase = phase
         stamp = self._cycles.stamp(self.next_cycle)
-        self._phase_publisher.publish(telegram.phase_message(phase, self._receiver.session, stamp))
-        if phase != Phase.CP0 or self._safety.fault:
+        self._phase_publisher.publish(telegram.phase_message(phase, self._session, stamp))
+        if phase != Phase.CP0 or self._state.fault:
             self.get_logger().info(f'bus phase {phase.name}')
 
     def _start_up(self) -> None:
         """Advance the phases of the bus; a greeting MDT goes out until every partner has answered."""
         self._receiver.poll(self._due)
         self._call()
-        if self._phase != Phase.CP0 and (self._phase != Phase.CP2 or not self._safety.fault):
+        if self._phase != Phase.CP0 and (self._phase != Phase.CP2 or not self._state.fault):
             self._greet()
         if self._phase == Phase.CP3:
-            if not self._wait_for_program or self._motion.starts != NEVER:
+            if not self._wait_for_program or self._state.starts != NEVER:
                 self._begin_cyclic_operation()
             return
         try:
-            phase = self._phase_up.next(self._phase, self._receiver.session)
+            phase = self._phase_up.next(self._phase)
         except RunError as error:
-            self._safety.note(str(error))
+            self._state.note(str(error))
+            self._carry_out()
             return
         if phase == self._phase:
             return
         if phase == Phase.CP1:
-            self._receiver.session = telegram.new_session()
+            self._receiver.session = self._session
             self._frames.clear()
         if phase == Phase.CP3:
             self._prepare()
@@ -176,7 +199,7 @@ class TransformationTaskNode(PollingNode):
         """Announce the phase again and again: a participant does not obey while the last master may still be there."""
         if self._calls % CALL_EVERY == 0:
             stamp = self._cycles.stamp(self.next_cycle)
-            self._phase_publisher.publish(telegram.phase_message(self._phase, self._receiver.session, stamp))
+            self._phase_publisher.publish(telegram.phase_message(self._phase, self._session, stamp))
         self._calls += 1
 
     def _greet(self) -> None:
@@ -190,26 +213,28 @@ class TransformationTaskNode(PollingNode):
         try:
             tcp = self._task.locate([resting[index] for index in range(3)])
         except UnreachableError as error:
-            self._safety.note(str(error))
+            self._state.note(str(error))
+            self._carry_out()
             return
         self._enter(Phase.CP3)
-        if not self._safety.fault:
-            self._motion.locate(tcp, self._cycles.stamp(self._first_cycle()))
+        if not self._state.fault:
+            self._state.locate(tcp, self._first_cycle())
+            self._carry_out()
 
     def _first_cycle(self) -> int:
         """First cycle of the cyclic operation to come: bus time never goes back."""
-        return max(self.next_cycle, self._roll.bus_cycle)
+        return max(self.next_cycle, self._participants.bus_cycle)
 
     def _begin_cyclic_operation(self) -> None:
         self._startup.cancel()
         self.next_cycle = self.answered = self._first_cycle()
-        if self.next_cycle or self._safety.fault:
+        if self.next_cycle or self._state.fault:
             self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
         self._inbox.begin(self.next_cycle)
         self._transit.clear()
         self._master.begin()
         self._pacing.restart()
-        self._roll.close()
+        self._participants.close()
         self._enter(Phase.CP4)
         self._last_answer_s = time.monotonic()
         self._watch.heard(self._last_answer_s)
@@ -219,29 +244,43 @@ class TransformationTaskNode(PollingNode):
         else:
             self._ticker.reset()
 
-    def _on_newcomer(self, name: str) -> None:
-        """Take note of a participant that announces itself in cyclic operation."""
+    def _on_announcement(self, announcement: Announcement) -> None:
+        self._planner.announced(announcement)
+        name = self._participants.announced(announcement)
+        if not name:
+            return
         reason = f'{name} was started again, or has left the bus, in bus cycle {self.answered}'
         if name == PLANT:
             self._go_down(reason)
         else:
-            self._safety.stop(reason)
+            self._stop(reason)
+
+    def _stop(self, reason: str, hard: bool = False) -> None:
+        """Stop the TCP on its path for a fault that leaves the bus working, then disable the drives."""
+        self._state.stop(reason, hard)
+        self._carry_out()
+        self._report()
 
     def _go_down(self, reason: str) -> None:
         """Let the phase fall to CP0, from where the bus comes up again as soon as everybody is there."""
-        self._safety.note(reason)
         if not self._cyclic:
+            self._state.note(reason)
+            self._carry_out()
             return
         self._ticker.cancel()
         self._master.begin()
         self._desk.close()
-        self._safety.give_up_reset()
-        self._task.give_up()
+        self._state.lose_bus(reason)
         self._wait_for_program = False
         self._receiver.session = telegram.NO_SESSION
+        self._session, self._previous = telegram.new_session(), self._session
+        self._participants.begin(self._session.decode())
+        self._planner.begin_session()
         self._calls = 0
         self._phase_up.begin()
         self._enter(Phase.CP0)
+        self._carry_out()
+        self._report()
         self._startup.reset()
 
     # cyclic operation -------------------------------------------------------------------------------------------------
@@ -256,7 +295,7 @@ class TransformationTaskNode(PollingNode):
 
     def _start_cycles(self) -> None:
         while self._cyclic and self._pacing.may_start(
-            self.next_cycle, self.next_cycle - self.answered, now := time.monotonic()
+            self.next_cycle, self.next_cycle - self.answered, time.monotonic()
         ):
             cycle = self.next_cycle
             outstanding = cycle - self.answered
@@ -265,20 +304,23 @@ class TransformationTaskNode(PollingNode):
             commands = self._task.command(cycle)
             frame = self._frame(cycle)
             data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
-            self._statistics.sent(cycle, outstanding, self._pacing.lateness_s(cycle, now), time.time_ns())
+            self._statistics.sent(cycle, outstanding, self._pacing.late_s, time.time_ns())
             self._publish_mdt(data)
             if self._outputs.master.wanted:
                 move, distance, speed = self._task.progress()
                 self._outputs.master.send(self._cycles.stamp(cycle), [distance, speed, float(move)])
             self.next_cycle = cycle + 1
-            self._motion.commanded(cycle)
+            self._state.commanded(cycle)
+            if self._state.actions:
+                self._carry_out()
 
     def _befall(self, cycle: int) -> None:
         """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
         for fault, _ in self._faults.begin_and_end(cycle):
             if fault.kind == 'emergency_stop':
-                self._safety.note(f'emergency stop in bus cycle {cycle}', cycle)
+                self._state.note(f'emergency stop in bus cycle {cycle}', cycle)
                 self._task.stop_at(cycle)
+                self._carry_out()
 
     def _frame(self, cycle: int) -> bytes:
         """Frame of the MDT of a cycle."""
@@ -310,14 +352,13 @@ class TransformationTaskNode(PollingNode):
             if self._inbox.put(index, arrived, what):
                 self._complete(received_ns)
             else:
-                self._safety.stop(
+                self._stop(
                     f'{DRIVES[index]}: two different AT of bus cycle {arrived}: who is the second writer?'
                 )
 
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
-        inbox, master, motion = self._inbox, self._master, self._motion
-        desk, safety = self._desk, self._safety
+        inbox, master, state, desk = self._inbox, self._master, self._state, self._desk
         while (cycle := self.answered) < self.next_cycle and inbox.is_complete(cycle):
             for index, answer_ in enumerate(inbox.get(cycle)):
                 if answer_ is None:
@@ -332,14 +373,17 @@ class TransformationTaskNode(PollingNode):
             self.answered = cycle + 1
             answer = self._task.receive(cycle, master.positions, master.torques)
             self._outputs.send(cycle, self._cycles.stamp(cycle), answer, master)
-            reason = master.judge(cycle, motion.starts)
+            reason = master.judge(cycle, state.judged_from)
             if reason:
-                safety.stop_for_drives(reason, cycle)
-            if cycle == motion.ends:
-                motion.answered(cycle)
+                state.stop_for_drives(reason, cycle)
+                self._carry_out()
                 self._report()
-            if master.absent and self._task.enable_cycle == NEVER and not safety.in_torque():
-                self._go_down(safety.fault)
+            if cycle == state.ends:
+                state.answered(cycle)
+                self._carry_out()
+                self._report()
+            if master.absent and self._task.enable_cycle == NEVER and not state.in_torque:
+                self._go_down(state.fault)
                 return
         if not self._pacing.period_s and self._cyclic:
             self._start_cycles()
@@ -348,13 +392,13 @@ class TransformationTaskNode(PollingNode):
         """Go on without a drive, to a stop; then the phase falls."""
         self._master.lose(index)
         self._inbox.lose(index)
-        self._safety.stop(reason, hard=True)
+        self._stop(reason, hard=True)
         if len(self._master.absent) == len(DRIVES):
             self._go_down(reason)
         else:
             self._complete(0)
 
-    def _earliest(self) -> int:
+    def earliest(self) -> int:
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
         follow = self._task.enable_cycle + self._enabling_cycles if self._task.enable_cycle < NEVER else 0
         return (
@@ -367,10 +411,10 @@ class TransformationTaskNode(PollingNode):
 
     def _check_planner(self) -> None:
         """Stop a program whose planner is lost: nobody could change its course any more."""
-        moving = self._motion.state in (MotionState.MOVING, MotionState.STOPPING)
-        reason = self._planner.lost(self._motion.planner if moving else '')
+        reason = self._planner.look()
         if reason:
-            self._safety.stop(f'{reason}, in bus cycle {self.answered}')
+            self._state.stop(f'{reason}, in bus cycle {self.answered}')
+            self._carry_out()
 
     def _check_silence(self) -> None:
         silence = self._watch.silence_s(time.monotonic())
@@ -392,21 +436,27 @@ class TransformationTaskNode(PollingNode):
         move, distance, speed = self._task.progress()
         cycle_time = self._robot.bus.cycle_time_s
         end = self._task.end_cycle
+        operator = self._control.operator
         remaining = max(end - self.answered, 0) if end < NEVER else 0
         return {
             'phase': self._phase.name,
             'waiting': self._phase_up.waiting,
-            'fault': self._safety.fault,
-            'fault_cycle': self._safety.fault_cycle,
-            'state': str(self._motion.state),
-            'finished': self._motion.finished,
-            'in_torque': self._safety.in_torque(),
+            'fault': self._state.fault,
+            'fault_cycle': self._state.fault_cycle,
+            'state': str(self._state.motion),
+            'finished': self._state.finished,
+            'in_torque': self._state.in_torque,
+            'enabled': self._state.enabled,
+            'operator': operator.name if operator else '',
+            'operator_identity': operator.identity if operator else '',
+            'control': self._control.changes,
+            'tcp_m': self._task.answer[TCP_ACTUAL].tolist() if self.answered else self._state.tcp_m.tolist(),
             'cycles': self.answered,
             'bus_time_s': self.answered * cycle_time,
             'wall_time_s': self._last_answer_s - self._wall_start_s,
             'move': move,
             'moves': self._task.moves,
-            'end_s': (self._motion.ends if self._motion.ends < NEVER else self.answered) * cycle_time,
+            'end_s': (self._state.ends if self._state.ends < NEVER else self.answered) * cycle_time,
             'remaining_s': remaining * cycle_time,
             'master_m': distance,
             'master_speed_m_s': speed,
@@ -431,7 +481,10 @@ class TransformationTaskNode(PollingNode):
     def _report(self) -> None:
         self._check_silence()
         self._check_planner()
-        self._safety.reset_when_disabled()
+        self._operators.look()
+        self._state.look()
+        self._carry_out()
+        self._planner.tell_status()
         self._reports.publish()
 
 

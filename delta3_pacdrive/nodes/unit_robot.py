@@ -1,52 +1,69 @@
 """Node of UnitRobot, the planner: takes moves and programs, plans and checks them as a whole, starts and overrides.
 
-In: ``motion/located`` (where the robot stands), ``motion/state``, ``motion/course``, ``motion/refusal`` of the
-transformation task; requests of operators: ``unit_robot/program`` (String: YAML, or the name of a packaged program),
-``unit_robot/move_l`` (PointStamped), ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of
-at most 100 poses), ``unit_robot/override`` (Float64, percent). Out: ``motion/plan``, ``motion/change``,
-``unit_robot/state`` (latched: idle, moving, stopping, stopped, error), ``unit_robot/answer`` (latched: one sentence
-for each request), ``unit_robot/alive``. Services: ``start``, ``resume``, ``clear``.
+In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task; requests of operators:
+``unit_robot/program`` (String: YAML, or the name of a packaged program), ``unit_robot/move_l`` (PointStamped),
+``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of at most 100 poses),
+``unit_robot/override`` (Float64, percent), and ``unit_robot/request`` (String, JSON: the same, of operators who say who
+they are). Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped,
+error), ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: the answer to a
+request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned), ``unit_robot/alive``
+(5 Hz). Services: ``start``, ``resume``, ``clear``. What is decided, ``controller.planner`` decides.
 """
 
-import traceback
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Path
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, String
+from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.time import Clock
-from delta3_pacdrive.errors import Delta3Error, ProgramError, TelegramError, shown
-from delta3_pacdrive.injection import UNIT_ROBOT, Fault
-from delta3_pacdrive.motion import planning
+from delta3_pacdrive.controller import planner as decisions
+from delta3_pacdrive.controller.messages import (
+    COURSE,
+    FAULT,
+    ORDER,
+    REVOKE,
+    Numbering,
+    Origin,
+    Reply,
+    Request,
+    Status,
+    Verdict,
+)
+from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.controller.reason import Reason
+from delta3_pacdrive.errors import ProgramError, TelegramError, shown
+from delta3_pacdrive.injection import UNIT_ROBOT
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.plan import Plan
-from delta3_pacdrive.motion.planning import Planned
-from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.rejoin import left_of_plan, rejoin
-from delta3_pacdrive.motion.timeline import NEVER, RATE_MAX, RATE_MIN, Course, Timeline
+from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
+from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
+from delta3_pacdrive.nodes.deferred_service import Answer, create_deferred_service
 from delta3_pacdrive.nodes.fault_desk import Faults
-from delta3_pacdrive.nodes.motion_server import FAULT, ORDER, STANDING_M, MotionState, numbers
+from delta3_pacdrive.nodes.numbers import numbers, row_of
 from delta3_pacdrive.nodes.participant import Participant
-from delta3_pacdrive.nodes.planner_watch import Heartbeat
+from delta3_pacdrive.nodes.planner_link import ROW_BYTES_MAX
+from delta3_pacdrive.nodes.planning_thread import PlanningThread
 from delta3_pacdrive.nodes.polling import PollingNode
-from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REQUEST
+from delta3_pacdrive.nodes.qos import LATCHED, NEWEST, PLAN, REPORT, REQUEST
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
-LEAD_CYCLES = (
-    60  # how far ahead a change of course is planned; four times as far each time that it came too late
-)
-LEAD_CYCLES_MAX = 4000
-FAULTS_S = 0.05  # between two looks whether an injected fault is due
-MATCH_S = 0.01  # between two looks whether the transformation task listens
-PROGRAM_MAX = 1_000_000  # characters
+LOOK_S = 0.05  # between two looks at time limits and injected faults
+FETCH_S = 0.005  # between two looks at what the planning thread has done, while it has something to do
+ALIVE_EVERY = 4  # looks between two heartbeats
+PROGRESS_EVERY = 10  # looks between two words about a request that takes long
+ANNOUNCE_EVERY = 20  # looks between two announcements, as long as the task does not listen
+PROGRAM_BYTES_MAX = 1024 * 1024
+OPERATORS_MAX = 64  # whose last replies are kept
+AHEAD_MAX = 5000  # cycles by which joint states may be newer than the status: they belong to everybody
+UNCHECKED_MAX = 1000  # rows of a plan that are under way at once
 
 
 class UnitRobotNode(PollingNode):
@@ -58,308 +75,284 @@ class UnitRobotNode(PollingNode):
         path = declare(self, 'program', '', text)
         self._robot = declare_robot(self)
         self._cycles = Clock(self._robot.bus.cycle_time_s)
-        self._queue: Program | None = programs.load(path, self._robot.motion) if path else None
-        self._planned: Planned | None = None
-        self._starts_by_itself = bool(path) and self._robot.motion.start_cycle >= 0
-        self._here: np.ndarray[Any, Any] | None = None
-        self._motion = MotionState.IDLE
-        self._rate = 1.0
-        self._running: Program | None = None  # the last one that was started
-        self._failed = False  # a fault has stopped it
-        self._cut_off: Timeline | None = None  # what a fault has left of it
-        self._restartable: Program | None = None  # all of it, from its beginning
-        self._timeline: Timeline | None = None
-        self._rate_max = RATE_MAX
-        self._lead = LEAD_CYCLES
+        program = programs.load(path, self._robot.motion) if path else None
+        self._participant = Participant(self, UNIT_ROBOT, self._robot)
+        self._identity = self._participant.instance
+        self._planner = Planner(self._robot, self._identity, program, self._newest)
+        self._thread = PlanningThread(self._robot, self.get_logger().error)
+        self._answers: dict[int, Callable[[Reason | None, str], None]] = {}  # by the identity of the request
+        self._asked: dict[int, Request] = {}
+        self._heard = Numbering()  # requests of operators
+        self._last_replies: dict[str, Reply] = {}  # by operator
+        self._strangers = 0  # requests of clients without an identity
+        self._rows: deque[tuple[int, Any, str]] = deque()  # of a plan on its way: order, numbers, kind
+        self._sent = 0  # rows of the present plan
         self._newest_cycle = 0
-        self._wanted_rate: float | None = None  # of a change of course that the task has not taken yet
+        self._beats = self._looks = 0
+        self._told_queue = ''
 
         self._state = self.create_publisher(String, 'unit_robot/state', LATCHED)
         self._answer = self.create_publisher(String, 'unit_robot/answer', LATCHED)
+        self._replies = self.create_publisher(String, 'unit_robot/reply', REQUEST)
+        self._queue = self.create_publisher(String, 'unit_robot/queue', LATCHED)
         self._plan = self.create_publisher(Float64MultiArray, 'motion/plan', PLAN)
         self._change = self.create_publisher(Float64MultiArray, 'motion/change', PLAN)
-        self._state.publish(String(data=str(MotionState.IDLE)))
+        self._alive = self.create_publisher(Header, 'unit_robot/alive', REPORT)
         self._take_joint_states = self.create_polled_subscription(JointState, 'joint_states', NEWEST)
         self._joint_states = telegram.joint_states_codec()
-        self._subscribe(PointStamped, 'motion/located', self._on_located, LATCHED)
-        self._subscribe(String, 'motion/state', self._on_state, LATCHED)
-        self._subscribe(Float64MultiArray, 'motion/course', self._on_course, LATCHED)
-        self._subscribe(String, 'motion/refusal', self._on_refusal, REQUEST)
-        self._subscribe(String, 'unit_robot/program', self._on_program, REQUEST)
-        self._subscribe(PointStamped, 'unit_robot/move_l', self._on_move_l, REQUEST)
-        self._subscribe(Path, 'unit_robot/move_c', self._on_move_c, REQUEST)
-        self._subscribe(Path, 'unit_robot/move_sb', self._on_move_sb, REQUEST)
-        self._subscribe(Float64, 'unit_robot/override', self._on_override, REQUEST)
-        self.create_service(Trigger, 'start', self._service(self._start))
-        self.create_service(Trigger, 'resume', self._service(self._resume))
-        self.create_service(Trigger, 'clear', self._service(self._clear))
-        self._participant = Participant(self, UNIT_ROBOT, self._robot)
-        self._heartbeat = Heartbeat(self)
-        self._faults = Faults(self, UNIT_ROBOT, self._newest)
-        self.create_timer(FAULTS_S, self._befall)
+        listen = self.create_bounded_subscription
+        listen(String, 'motion/status', self._on_status, LATCHED)
+        listen(Float64MultiArray, 'motion/course', self._on_course, LATCHED, ROW_BYTES_MAX)
+        listen(String, 'motion/verdict', self._on_verdict, REQUEST)
+        for kind, topic, receive, size in (
+            (String, 'program', self._on_program, PROGRAM_BYTES_MAX),
+            (PointStamped, 'move_l', self._on_move_l, PROGRAM_BYTES_MAX),
+            (Path, 'move_c', self._on_move_c, PROGRAM_BYTES_MAX),
+            (Path, 'move_sb', self._on_move_sb, PROGRAM_BYTES_MAX),
+            (Float64, 'override', self._on_override, PROGRAM_BYTES_MAX),
+            (String, 'request', self._on_request, 2 * PROGRAM_BYTES_MAX),
+        ):
+            listen(kind, f'unit_robot/{topic}', receive, REQUEST, size, self._refuse)
+        for name in ('start', 'resume', 'clear'):
+            create_deferred_service(self, Trigger, name, self._service(name))
+        self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
+        self._participant.announce(telegram.NO_SESSION)
+        self._beat()
+        self._tell_queue()
+        self.create_timer(LOOK_S, self._look)
+        self._fetcher = self.create_timer(FETCH_S, self._fetch)
+        self._fetcher.cancel()
         self.get_logger().info('waiting for transformation_task')
 
-    def _befall(self) -> None:
+    def destroy_node(self) -> None:
+        """End the planning thread as well."""
+        self._thread.close()
+        super().destroy_node()
+
+    # what has to be done ----------------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        self._looks += 1
         if self._faults.next_cycle < NEVER:
             self._faults.begin_and_end(self._newest())
+        self._planner.look(time.monotonic())
+        self._carry_out()
+        if self._looks % ALIVE_EVERY == 0:
+            self._beat()
+        if self._looks % ANNOUNCE_EVERY == 0 and not self._planner.listened_to:
+            self._participant.announce(telegram.NO_SESSION)
+        if self._looks % PROGRESS_EVERY == 0:
+            self._tell_progress()
 
-    # what every request has in common ---------------------------------------------------------------------------------
+    def _fetch(self) -> None:
+        """Take what the planning thread has done."""
+        for result in self._thread.results():
+            self._fetcher.cancel()
+            self._planner.take_result(result, time.monotonic())
+            self._carry_out()
 
-    def _subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
-        def receive(message: Any) -> None:
-            try:
-                callback(message)
-            except Delta3Error as error:
-                self._refuse(str(error))
-            except Exception as error:  # noqa: BLE001 (no message, whoever sends it, ends the planner)
-                self.get_logger().error(traceback.format_exc())
-                self._refuse(f'{topic}: {type(error).__name__}: {shown(str(error))}')
+    def _session(self) -> bytes:
+        status = self._planner.status
+        return status.session.encode() if status else telegram.NO_SESSION
 
-        self.create_subscription(kind, topic, receive, qos)
+    def _beat(self) -> None:
+        """Let the transformation task know that this planner is there, and which session it knows of."""
+        self._beats += 1
+        message = Header(frame_id=f'{self._identity} {self._session().decode()}')
+        message.stamp.sec = self._beats
+        self._alive.publish(message)
 
-    def _service(
-        self, action: Callable[[], str]
-    ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            try:
-                response.message = action()
-                response.success = True
-                self._say(response.message)
-            except Delta3Error as error:
-                response.message = str(error)
-                self._refuse(response.message)
-            return response
+    def _carry_out(self) -> None:
+        """Do what the planner has decided."""
+        actions, self._planner.actions = self._planner.actions, []
+        for action in actions:
+            match action:
+                case decisions.Working(job):
+                    self._thread.begin(job)
+                    self._fetcher.reset()
+                case decisions.Cancelled(number):
+                    self._thread.cancel(number)
+                case decisions.Ordered(number, moves, faults, row):
+                    count = len(moves)
+                    self._rows.extend(
+                        (number, (move, n, count), move.kind.name) for n, move in enumerate(moves)
+                    )
+                    self._rows.extend((number, fault.to_row(), FAULT) for fault in faults)
+                    self._rows.append((number, row, ORDER))
+                    self._sent = 0
+                    self._send_rows()
+                case decisions.Revoked(number):
+                    self._rows.clear()
+                    self._plan.publish(self._numbered([], REVOKE, number))
+                case decisions.Changed(number, course):
+                    self._change.publish(self._numbered(course.to_array(), COURSE, number))
+                case decisions.Replied(request, reason, sentence):
+                    self._reply(request, reason, sentence)
+                case decisions.Mirrored(state):
+                    self._state.publish(String(data=str(state)))
+        if actions:
+            self._tell_queue()
 
-        return serve
+    def _numbered(self, values: Any, kind: str, number: int) -> Float64MultiArray:
+        origin = Origin(kind, self._identity, self._session().decode(), number)
+        return numbers(values, origin.label())
 
-    def _say(self, sentence: str) -> None:
-        self.get_logger().info(sentence)
-        self._answer.publish(String(data=f'accepted: {sentence}'))
+    def _send_rows(self) -> None:
+        """Send what is left of a plan, no more of it than the transformation task can take at once."""
+        status = self._planner.status
+        checked = status.checked if status and self._sent else 0
+        while self._rows and self._sent - checked < UNCHECKED_MAX:
+            number, values, kind = self._rows.popleft()
+            if kind not in (FAULT, ORDER):
+                move, n, count = values
+                values = move.to_array(n, count)
+            self._plan.publish(self._numbered(values, kind, number))
+            self._sent += 1
+
+    # answers ----------------------------------------------------------------------------------------------------------
+
+    def _ask(self, request: Request, answer: Callable[[Reason | None, str], None] | None = None) -> None:
+        if answer is not None:
+            self._answers[id(request)] = answer
+        self._asked[id(request)] = request
+        self._planner.ask(request, time.monotonic())
+        self._carry_out()
+
+    def _ask_as_stranger(
+        self, action: str, text: str = '', answer: Callable[[Reason | None, str], None] | None = None
+    ) -> None:
+        """Pass on the request of a client that has no identity."""
+        self._strangers += 1
+        self._ask(Request('', self._strangers, 0, action, text), answer)
+
+    def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
+        def ask(_: Trigger.Request, answer: Answer) -> None:
+            def tell(reason: Reason | None, sentence: str) -> None:
+                answer(reason is None, reason.sentence if reason else sentence)
+
+            self._ask_as_stranger(action, answer=tell)
+
+        return ask
+
+    def _reply(self, request: Request, reason: Reason | None, sentence: str) -> None:
+        self._asked.pop(id(request), None)
+        answer = self._answers.pop(id(request), None)
+        if answer is not None:
+            answer(reason, sentence)
+        if request.operator:
+            self._publish_reply(request, reason, sentence, done=True)
+        if reason is None:
+            self.get_logger().info(sentence)
+            self._answer.publish(String(data=f'accepted: {sentence}'))
+        else:
+            self._refuse(reason.sentence)
+
+    def _publish_reply(self, request: Request, reason: Reason | None, sentence: str, done: bool) -> None:
+        code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
+        reply = Reply(request.operator, request.number, done, reason is None, code, text)
+        self._replies.publish(String(data=reply.to_json()))
+        if done:
+            self._last_replies.pop(request.operator, None)
+            self._last_replies[request.operator] = reply
+            if len(self._last_replies) > OPERATORS_MAX:
+                del self._last_replies[next(iter(self._last_replies))]
 
     def _refuse(self, sentence: str) -> None:
         self.get_logger().error(sentence)
         self._answer.publish(String(data=f'refused: {sentence}'))
 
-    # what the task tells ----------------------------------------------------------------------------------------------
+    def _tell_progress(self) -> None:
+        """Tell those who wait that their requests are being worked on, and how far."""
+        self._tell_queue()
+        sentence = self._thread.progress() or 'waiting'
+        for request in list(self._asked.values()):
+            if request.operator:
+                self._publish_reply(request, None, sentence, done=False)
 
-    def _on_located(self, message: PointStamped) -> None:
-        place = [message.point.x, message.point.y, message.point.z]
-        if not np.isfinite(place).all():
-            raise ProgramError(f'motion/located says {place}, which is no place')
-        first = self._here is None
-        self._here = np.array([message.point.x, message.point.y, message.point.z])
-        if self._failed:
-            self._cut_off, self._restartable = self._timeline, self._running
-        self._failed = False
-        self._timeline = None
-        self._planned = None
-        if first and self._queue is not None:
-            sentence = self._plan_queue(self._queue)
-            if self._starts_by_itself:
-                self._starter = self.create_timer(MATCH_S, self._start_when_heard)
-            else:
-                self._say(sentence)
+    def _tell_queue(self) -> None:
+        moves, duration = self._planner.queue
+        facts = {
+            'moves': moves,
+            'duration_s': duration,
+            'override': self._planner.rate,
+            'working': self._thread.progress(),
+        }
+        text = json.dumps(facts)
+        if text != self._told_queue:
+            self._told_queue = text
+            self._queue.publish(String(data=text))
 
-    def _start_when_heard(self) -> None:
-        if not self._change.get_subscription_count():
+    # what is heard ----------------------------------------------------------------------------------------------------
+
+    def _on_status(self, message: String) -> None:
+        status = Status.from_json(message.data)
+        before = self._session()
+        if not self._planner.hear_status(status, time.monotonic()):
             return
-        self._starter.cancel()
-        try:
-            self._say(self._start())
-        except Delta3Error as error:
-            self._refuse(str(error))
-
-    def _on_state(self, message: String) -> None:
-        if message.data not in [str(state) for state in MotionState]:
-            raise ProgramError(f'motion/state is {shown(message.data)}, which is no state')
-        self._motion = MotionState(message.data)
-        self._failed = self._failed or (self._motion == MotionState.ERROR and self._timeline is not None)
-        self._state.publish(message)
+        if self._session() != before:
+            self._rows.clear()
+            self._beat()
+        self._send_rows()
+        self._carry_out()
 
     def _on_course(self, message: Float64MultiArray) -> None:
-        """Follow the course that the task follows, its own stops included."""
-        if self._timeline is None:
-            return
-        course = Course.from_array(message.data)
-        if self._timeline.course is None:
-            self._timeline.start(course.cycle, course.rate)
-        elif (course.cycle, course.held) != (self._timeline.course.cycle, self._timeline.course.held):
-            # a program that is held before it begins stops in the cycle of its start
-            self._timeline.change(course)
-        if self._wanted_rate is not None and not course.held:
-            self._wanted_rate = None
-            self._lead = LEAD_CYCLES
+        label, row = row_of(message)
+        self._planner.hear_course(Origin.from_label(label), row)
 
-    def _on_refusal(self, message: String) -> None:
-        if self._wanted_rate is not None and 'is over' in message.data and self._lead < LEAD_CYCLES_MAX:
-            self._lead *= 4
-            self._send_change(self._wanted_rate)
-            return
-        self._wanted_rate = None
-        raise ProgramError(message.data)
+    def _on_verdict(self, message: String) -> None:
+        self._planner.hear_verdict(Verdict.from_json(message.data), time.monotonic())
+        self._carry_out()
 
-    # moves and programs -----------------------------------------------------------------------------------------------
-
-    def _require_rest(self) -> np.ndarray[Any, Any]:
-        """Return where the robot stands; moves are taken only by a robot that is ready and stands."""
-        if self._here is None:
-            raise ProgramError('the transformation task has not located the robot yet')
-        if self._motion != MotionState.IDLE or self._timeline is not None:
-            raise ProgramError(f'the robot is {self._motion}: moves are taken when it is idle')
-        return self._here
-
-    def _plan_queue(self, program: Program) -> str:
-        """Plan and check a queue, which replaces the present one only if all of it is possible."""
-        planned = planning.plan(program, self._require_rest(), self._robot, returning=True)
-        self._queue, self._planned = program, planned
-        for notice in planned.notices:
-            self.get_logger().warning(notice)
-        moves, duration = len(planned.plan), planned.plan.duration_s
-        slow = f'; {"; ".join(planned.notices)}' if planned.notices else ''
-        return f'planned "{program.name}": {moves} moves, {duration:.3f} s{slow}'
-
-    def _enqueue(self, document: Any) -> None:
-        """Append statements to the queue."""
-        more = programs.parse(document, self._robot.motion)
-        self._require_rest()
-        if self._queue is None:
-            program = more
-        elif self._queue.repeat > 1 or more.repeat > 1:
-            raise ProgramError('a queue with a repeated program takes no other moves; clear it first')
-        else:
-            program = replace(
-                self._queue,
-                statements=self._queue.statements + more.statements,
-                faults=self._queue.faults + more.faults,
+    def _on_request(self, message: String) -> None:
+        request = Request.from_json(message.data)
+        if not request.operator or not all(math.isfinite(cap) and cap >= 0.0 for cap in request.caps):
+            raise TelegramError(
+                'a request needs the identity of its operator, and caps that are numbers from 0 on'
             )
-        self._say(self._plan_queue(program))
+        if self._heard.is_new(request.operator, request.number):
+            self._ask(request)
+            return
+        last = self._last_replies.get(request.operator)
+        if last is not None and last.number == request.number:
+            self._replies.publish(String(data=last.to_json()))  # who asks again has not heard it
 
     def _on_program(self, message: String) -> None:
-        if len(message.data) > PROGRAM_MAX:
-            raise ProgramError(f'the program has {len(message.data)} characters, the limit is {PROGRAM_MAX}')
-        if message.data in programs.packaged_names():
-            document = yaml_file.read(programs.find(message.data), 'program file', ProgramError)
-        else:
-            document = yaml_file.parse(message.data, 'the program', ProgramError)
-        self._enqueue(document)
+        self._ask_as_stranger('program', message.data)
+
+    def _enqueue(self, statement: dict[str, Any]) -> None:
+        self._ask_as_stranger('program', json.dumps({'moves': [statement]}))
 
     def _on_move_l(self, message: PointStamped) -> None:
         _require_base(message.header.frame_id)
-        self._enqueue({'moves': [{'move_l': {'to_m': _point_of(message.point)}}]})
+        self._enqueue({'move_l': {'to_m': _point_of(message.point)}})
 
     def _on_move_c(self, message: Path) -> None:
         points = _points_of(message)
         if len(points) != 2:
             raise ProgramError(f'move_c takes two poses, circle point and end, not {len(points)}')
-        self._enqueue({'moves': [{'move_c': {'via_m': points[0], 'to_m': points[1]}}]})
+        self._enqueue({'move_c': {'via_m': points[0], 'to_m': points[1]}})
 
     def _on_move_sb(self, message: Path) -> None:
-        self._enqueue({'moves': [{'move_sb': {'through_m': _points_of(message)}}]})
-
-    def _clear(self) -> str:
-        self._queue = self._planned = self._cut_off = self._restartable = None
-        return 'the queue is empty'
-
-    # running ----------------------------------------------------------------------------------------------------------
-
-    def _start(self) -> str:
-        self._require_rest()
-        if self._queue is None and self._restartable is not None:
-            self._queue = replace(self._restartable, faults=())  # injected faults happen once
-        if self._queue is None:
-            raise ProgramError('no moves are in the queue')
-        if not self._change.get_subscription_count():
-            raise ProgramError('the transformation task does not listen yet')
-        program = self._queue
-        here = self._require_rest()
-        planned = self._planned or planning.plan(program, here, self._robot, returning=True)
-        self._queue = self._planned = None
-        self._rate_max = planned.rate_max
-        self._running = program
-        cycle = self._robot.motion.start_cycle if self._starts_by_itself else -1
-        self._starts_by_itself = False
-        duration = self._send(planned.plan, cycle, program.faults)
-        return f'started "{planned.name}": {len(planned.plan)} moves, {duration:.3f} s'
-
-    def _send(self, plan: Plan, cycle: int, faults: Sequence[Fault] = ()) -> float:
-        """Send a plan to the transformation task, which starts it; return how long it takes [s]."""
-        self._cut_off = self._restartable = None
-        rate = min(self._rate, self._rate_max)
-        for number, move in enumerate(plan.moves):
-            self._plan.publish(numbers(move.to_array(number, len(plan.moves)), move.kind.name))
-        for fault in faults:
-            self._plan.publish(numbers(fault.to_row(), FAULT))
-        self._plan.publish(
-            numbers([cycle, rate, *plan.tables.order.tolist()], f'{ORDER} {self._heartbeat.identity}')
-        )
-        self._timeline = Timeline(plan, self._robot.bus.cycle_time_s)
-        return plan.duration_s / rate
-
-    def _resume(self) -> str:
-        if self._motion == MotionState.STOPPED:
-            self._send_change(self._rate)
-            return 'resumed'
-        if self._motion != MotionState.IDLE or self._cut_off is None:
-            raise ProgramError(f'the robot is {self._motion}: only a stopped program can be resumed')
-        return self._resume_after_fault(self._cut_off)
-
-    def _resume_after_fault(self, timeline: Timeline) -> str:
-        """Go back to the path on a straight line, then on along it; whoever was told to restart may still do so."""
-        here = self._require_rest()
-        on_path, moves = left_of_plan(timeline)
-        if float(np.linalg.norm(here - on_path)) > STANDING_M:
-            x, y, z = on_path.tolist()
-            document = {'moves': [{'move_l': {'to_m': [x, y, z]}}]}
-            program = programs.parse(document, self._robot.motion)
-            way_back = planning.plan(program, here, self._robot, returning=True)
-            moves = [*way_back.plan.moves, *moves]
-        self._queue = self._planned = None
-        duration = self._send(Plan.of(moves), -1)
-        return f'resumed after the fault: {len(moves)} moves, {duration:.3f} s'
+        self._enqueue({'move_sb': {'through_m': _points_of(message)}})
 
     def _on_override(self, message: Float64) -> None:
-        percent = message.data
-        if not 100.0 * RATE_MIN <= percent <= 100.0 * RATE_MAX:
-            raise ProgramError(
-                f'override is {percent:g} %, but must be between {100 * RATE_MIN:g} and {100 * RATE_MAX:g} %'
-            )
-        rate = percent / 100.0
-        if (
-            self._motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
-            and rate > self._rate_max
-        ):
-            raise ProgramError(
-                f'override is {percent:g} %, but the motors bear at most {100 * self._rate_max:.0f} % in this program'
-            )
-        self._rate = rate
-        if self._motion == MotionState.MOVING:
-            self._send_change(rate)
-        self._say(f'override {percent:g} %')
-
-    def _send_change(self, rate: float) -> None:
-        """Plan how to go over to the plan at a rate from a bus cycle in the near future on, and send it to the task."""
-        if self._timeline is None or self._timeline.course is None:
-            raise ProgramError('the program that runs is not one of this planner')
-        cycle = self._newest() + self._lead
-        if self._motion == MotionState.STOPPED:
-            cycle = max(cycle, self._timeline.end_cycle)
-        cycle = max(cycle, self._timeline.course.cycle + 1)
-        if not self._timeline.course.held and cycle >= self._timeline.end_cycle:
-            return  # it is over before anything could change
-        course = rejoin(self._timeline, cycle, rate)
-        self._wanted_rate = rate
-        self._change.publish(numbers(course.to_array(), 'COURSE'))
+        self._ask_as_stranger('override', repr(message.data))
 
     def _newest(self) -> int:
         """Bus cycle of the newest joint states, which come every 10 ms of bus time."""
+        status = self._planner.status
+        known = status.cycle if status else 0
+        self._newest_cycle = (
+            max(self._newest_cycle, known) if self._newest_cycle < known + AHEAD_MAX else known
+        )
         while (taken := self._take_joint_states()) is not None:
             try:
                 sec, nanosec, frame, _ = self._joint_states.decode(taken[0])
             except TelegramError:
                 continue  # joints of somebody else: the topic belongs to everybody
-            if frame != telegram.BASE_FRAME:
-                continue
-            self._newest_cycle = max(self._newest_cycle, self._cycles.count(sec, nanosec))
+            cycle = self._cycles.count(sec, nanosec) if frame == telegram.BASE_FRAME else -1
+            if cycle < known + AHEAD_MAX:
+                self._newest_cycle = max(self._newest_cycle, cycle)
         return self._newest_cycle
 
 
@@ -374,10 +367,17 @@ def _point_of(point: Any) -> list[float]:
 
 def _points_of(message: Path) -> list[list[float]]:
     _require_base(message.header.frame_id)
-    for pose in message.poses:
+    if len(message.poses) > SPLINE_POINTS_MAX:
+        raise ProgramError(f'the path has {len(message.poses)} poses, the limit is {SPLINE_POINTS_MAX}')
+    points = []
+    for number, pose in enumerate(message.poses):
         if pose.header.frame_id:  # empty: that of the path
             _require_base(pose.header.frame_id)
-    return [_point_of(pose.pose.position) for pose in message.poses]
+        turn = pose.pose.orientation
+        if (turn.x, turn.y, turn.z) != (0.0, 0.0, 0.0):
+            raise ProgramError(f'poses[{number}] has an orientation, but the plate does not turn')
+        points.append(_point_of(pose.pose.position))
+    return points
 
 
 def main() -> int:

@@ -16,10 +16,13 @@ import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import String
 
 from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.controller.messages import Origin, Status
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
+from delta3_pacdrive.nodes.qos import LATCHED
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 
 DEADLINE_S = 8.0
@@ -172,6 +175,13 @@ class Graph:
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.01)
+
+    def label(self, kind: str, number: int) -> str:
+        """Return the label that an order of the robot's own planner would have now, for a stranger who copies it."""
+        statuses = self.listen(String, 'motion/status', LATCHED)
+        self.spin_until(lambda: statuses and statuses[-1].data, 'the status')
+        status = Status.from_json(statuses[-1].data)
+        return Origin(kind, status.planner, status.session, number).label()
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service; return its response."""

@@ -1,5 +1,6 @@
 """Whatever is sent to planner and task: no node dies, nothing moves that was not started, and the robot stays ready."""
 
+import itertools
 import math
 from typing import Any
 
@@ -12,9 +13,10 @@ from nav_msgs.msg import Path
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.nodes.motion_server import ORDER, numbers
+from delta3_pacdrive.nodes.numbers import numbers
 from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 
@@ -157,13 +159,17 @@ def test_no_plan_or_course_of_a_stranger_kills_the_task_or_moves_the_robot(robot
     change = graph.listener.create_publisher(Float64MultiArray, 'motion/change', PLAN)
     graph.spin_until(lambda: plan.get_subscription_count() and change.get_subscription_count(), 'the task')
 
+    count = itertools.count(1)
+    arc, ordered, course = (graph.label(kind, 0).removesuffix('0') for kind in ('ARC', ORDER, 'COURSE'))
+
     @FUZZ
     @given(row=rows, order=orders)
     def each(row: list[float], order: list[float]) -> None:
-        plan.publish(numbers(row, 'ARC'))
-        plan.publish(numbers(order, ORDER))
-        change.publish(numbers(row, 'COURSE'))
-        change.publish(numbers(order, 'COURSE'))
+        number = next(count)  # as the robot's own planner would count
+        plan.publish(numbers(row, f'{arc}{number}'))
+        plan.publish(numbers(order, f'{ordered}{number}'))
+        change.publish(numbers(row, f'{course}{2 * number}'))
+        change.publish(numbers(order, f'{course}{2 * number + 1}'))
         # the plan starts 14 mm away from the robot, so that even a faultless one must be refused
         assert_ready(graph, robot)
 

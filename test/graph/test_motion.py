@@ -14,16 +14,18 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.nodes.motion_server import ORDER, numbers
+from delta3_pacdrive.nodes.numbers import numbers
 from delta3_pacdrive.nodes.operator import OperatorNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, REQUEST
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
 
 CYCLE_S = 1e-3
 ALONG = 0.2  # m
+LATER = 4000  # bus cycles
 START_M = 1e-7  # the robot stands where its encoders' increments say
 LINE = f'moves: [{{move_l: {{to_m: [{ALONG}, 0.0, -0.75], speed_m_s: 0.5}}}}]'
 LONG = f'moves: [{{move_l: {{to_m: [{ALONG}, 0.0, -0.75], speed_m_s: 0.2}}}}]'
@@ -283,19 +285,43 @@ def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> No
     robot = parameters.load()
     document = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.8]}}]}
     moved = planning.plan(programs.parse(document, robot.motion), (0.0, 0.0, -0.74), robot).plan.moves[0]
+    course = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    order = [-1, 1.0, 0.0]
     messages = [
-        (plan, numbers([], 'LINE')),
-        (plan, numbers([math.nan] * 40, 'LINE')),
-        (plan, numbers([-1, 1.0, 0.0], ORDER)),
-        (plan, numbers(moved.to_array(0, 1), 'LINE')),
-        (plan, numbers([-1, 1.0, 0.0], ORDER)),
-        (change, numbers([], 'COURSE')),
-        (change, numbers([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 'COURSE')),
+        (plan, [numbers([], cell.graph.label('LINE', 1)), numbers(order, cell.graph.label(ORDER, 1))]),
+        (
+            plan,
+            [
+                numbers([math.nan] * 40, cell.graph.label('LINE', 2)),
+                numbers(order, cell.graph.label(ORDER, 2)),
+            ],
+        ),
+        (plan, [numbers(order, cell.graph.label(ORDER, 3))]),
+        (
+            plan,
+            [
+                numbers(moved.to_array(0, 1), cell.graph.label('LINE', 4)),
+                numbers(order, cell.graph.label(ORDER, 4)),
+            ],
+        ),
+        (plan, [numbers(order, ORDER)]),
+        (change, [numbers([], cell.graph.label('COURSE', 5))]),
+        (change, [numbers(course, cell.graph.label('COURSE', 6))]),
     ]
-    for publisher, message in messages:
-        publisher.publish(message)
-    cell.graph.spin_until(lambda: len(refusals) >= 6, 'six refusals')
-    assert any('10.000 mm away' in m.data for m in refusals)
+    for publisher, rows in messages:
+        for row in rows:
+            publisher.publish(row)
+    cell.graph.spin_until(lambda: len(refusals) >= len(messages), 'a refusal of each')
+    sentences = ' | '.join(m.data for m in refusals)
+    for reason in (
+        'a plan message must be a row of finite numbers',
+        'an order came without moves',
+        '10.000 mm away',
+        "'ORDER' is no label",
+        'a course must be a row of finite numbers',
+        'the robot is idle',
+    ):
+        assert reason in sentences
     assert cell.operator.state == 'idle'
     assert np.abs(np.diff(cell.path(), axis=0)).max() == 0.0
     cell.start(LINE)
@@ -334,14 +360,18 @@ def test_an_override_while_idle_is_that_of_the_next_program(cell: Cell) -> None:
     assert speeds.max() == pytest.approx(0.1, abs=1e-6)
 
 
-def test_a_program_that_is_held_before_it_begins_can_be_resumed(graph: Any) -> None:
-    cell = Cell(graph)
-    cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
-    starts = cell.task._motion._earliest
-    cell.task._motion._earliest = lambda: starts() + 3000
-    cell.operator.call('start')
-    cell.operator.call('hold')
-    cell.wait_for('stopped')
-    assert cell.operator.call('resume') == 'resumed'
-    cell.wait_for('idle')
-    assert cell.task._task.state['tcp'][0] == pytest.approx([0.1, 0.0, -0.75], abs=1e-6)
+def test_a_program_that_is_held_before_it_begins_can_be_resumed(graph: Any, tmp_path: Any) -> None:
+    file = tmp_path / 'line.yaml'
+    file.write_text('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
+    commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
+    task = graph.robot(motion__start_cycle=LATER)
+    graph.add(UnitRobotNode, program=str(file), motion__start_cycle=LATER)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    graph.spin_until(lambda: operator.state == 'moving', 'the order')
+    operator.call('hold')
+    graph.spin_until(lambda: operator.state == 'stopped', 'standstill')
+    assert abs(task.progress()['cycles'] - LATER) <= parameters.load().bus.outstanding_cycles_max
+    assert operator.call('resume') == 'resumed'
+    graph.spin_until(lambda: operator.state == 'idle', 'the end')
+    point = commands[-1].point
+    assert [point.x, point.y, point.z] == pytest.approx([0.1, 0.0, -0.75], abs=1e-6)

@@ -167,6 +167,7 @@ def test_a_refused_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> 
 def test_identity_is_announced_with_every_fact(graph: Any) -> None:
     announced = graph.listen(DiagnosticStatus, 'sercos/participants', LATCHED)
     graph.add(PlantNode)
+    graph.add(TransformationTaskNode)
     graph.spin_until(lambda: announced, 'the announcement')
     facts = {item.key: item.value for item in announced[0].values}
     assert facts['gear_ratio'] == '32.0'

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.bus.participants import Participants
 from delta3_pacdrive.bus.phases import Identity
 from delta3_pacdrive.bus.silence import BOUND_S
 from delta3_pacdrive.bus.words import Phase
@@ -19,7 +20,6 @@ from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.participant import Roll
 from delta3_pacdrive.nodes.phase_up import PATIENCE, PhaseUp, doubled
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
@@ -335,14 +335,14 @@ def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_
 
 def test_in_cp1_the_plant_is_suspected_after_a_while_if_no_drive_at_all_answers(graph: Any) -> None:
     robot = parameters.load()
-    phase_up = PhaseUp(graph.listener, Roll(graph.listener, lambda _: None), Identity.of(robot))
+    phase_up = PhaseUp(graph.listener, Participants(), Identity.of(robot))
     for _ in range(PATIENCE + 1):
-        assert phase_up.next(Phase.CP1, b'3fa9') == Phase.CP1
+        assert phase_up.next(Phase.CP1) == Phase.CP1
         assert phase_up.waiting == 'waiting for an answer of axis1, axis2, axis3'
-    phase_up.next(Phase.CP1, b'3fa9')
+    phase_up.next(Phase.CP1)
     assert phase_up.waiting == 'waiting for an answer of axis1, axis2, axis3: is the plant running?'
     phase_up.resting[0] = 0.0
-    phase_up.next(Phase.CP1, b'3fa9')
+    phase_up.next(Phase.CP1)
     assert phase_up.waiting == 'waiting for an answer of axis2, axis3'
 
 
@@ -355,7 +355,7 @@ def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None
     graph.spin_until(lambda: 'is the plant running?' in task.progress()['fault'], 'the fault', 2 * BOUND_S)
     phases.clear()
     graph.spin_until(lambda: len(phases) > 3, 'calls')
-    assert {message.frame_id for message in phases} == {'CP0 0000'}
+    assert {message.frame_id.split()[0] for message in phases} == {'CP0'}
     assert task.progress()['waiting'] == 'waiting for plant'
 
 
@@ -410,6 +410,7 @@ def test_partners_answer_a_master_that_calls_again_before_cyclic_operation(graph
     graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
     for _ in range(2):  # from CP3, and from CP0 where they have left the bus already
         task._phase_up.begin()
+        task._participants.begin(task._session.decode())
         task._enter(Phase.CP0)
         graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3 again')
     task._wait_for_program = False

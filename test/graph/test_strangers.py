@@ -15,12 +15,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.bus.phases import DRIVES, Identity
+from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.motion_server import ORDER, numbers
+from delta3_pacdrive.nodes.numbers import numbers
 from delta3_pacdrive.nodes.operator import OperatorNode
 from delta3_pacdrive.nodes.progress_report import read_progress
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
@@ -173,15 +174,11 @@ def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cel
     operator.inject('{fault: encoder_failure, axis: axis2}')
     cell.graph.spin_until(lambda: operator.progress.get('fault'), 'the fault')
     cell.graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'no torque')
-    operator.call('reset')
-    with pytest.raises(
-        ProgramError, match=r'^reset refused: axis2: .*S-0-0099.*; the cause may last: .* 8171 '
-    ):
-        operator.await_reset()
+    with pytest.raises(ProgramError, match=r'^axis2: .*S-0-0099.*; the cause may last: .* 8171 '):
+        operator.call('reset')
     operator.inject('fault: clear')
     cell.go_on(100)
-    operator.call('reset')
-    assert operator.await_reset() == 'faults cleared'
+    assert operator.call('reset').startswith('faults cleared in bus cycle')
     assert cell.task.progress()['fault'] == ''
 
 
@@ -206,10 +203,20 @@ def test_no_tag_of_yaml_ends_a_node(cell: Cell) -> None:
 
 
 def test_states_and_places_of_strangers_do_not_end_the_planner(cell: Cell) -> None:
-    nowhere = PointStamped()
-    nowhere.point.x = float('nan')
-    cell.publish(String, 'motion/state', LATCHED, String(data='foo'))
-    cell.publish(PointStamped, 'motion/located', LATCHED, nowhere)
+    statuses = cell.graph.listen(String, 'motion/status', LATCHED)
+    cell.graph.spin_until(lambda: statuses, 'a status')
+    true = json.loads(statuses[-1].data)
+    later = {'serial': true['serial'] + 10**6}
+    texts = [
+        'foo',
+        '[' * 200_000,
+        json.dumps(true | later | {'state': 'foo'}),
+        json.dumps(true | later | {'tcp_m': [float('nan')] * 3}),
+        json.dumps(true | later | {'tcp_m': [0.0]}),
+        json.dumps(true | later | {'session': 'ffff', 'located': 9}),
+    ]
+    cell.publish(String, 'motion/status', LATCHED, *(String(data=text) for text in texts))
+    cell.publish(String, 'motion/verdict', REQUEST, *(String(data=text) for text in texts))
     cell.publish(JointState, 'joint_states', CYCLIC_PUBLISHER, JointState(name=['wheel'], position=[1.0]))
     assert 'planned' in cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
     cell.assert_untouched()
@@ -263,8 +270,11 @@ ORDERS = [
 def test_orders_out_of_range_are_refused(cell: Cell) -> None:
     refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
     cell.graph.spin_until(lambda: cell.graph.listener.count_publishers('motion/refusal'), 'the task')
-    for order, sentence in ORDERS:
-        messages = [numbers(good_plan(), 'LINE'), numbers(order, ORDER)]
+    for number, (order, sentence) in enumerate(ORDERS, start=1):
+        messages = [
+            numbers(good_plan(), cell.graph.label('LINE', number)),
+            numbers(order, cell.graph.label(ORDER, number)),
+        ]
         cell.publish(Float64MultiArray, 'motion/plan', PLAN, *messages)
         assert sentence in refusals[-1].data
     cell.assert_untouched()
@@ -282,7 +292,8 @@ def test_a_plan_that_turns_a_motor_too_fast_is_refused_by_the_task_itself(cell: 
     row = replace(move, master=fast).to_array(0, 1)
     refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
     cell.graph.spin_until(lambda: cell.graph.listener.count_publishers('motion/refusal'), 'the task')
-    cell.publish(Float64MultiArray, 'motion/plan', PLAN, numbers(row, 'LINE'), numbers([-1, 1.0, 0], ORDER))
+    line, order = (cell.graph.label(kind, 1) for kind in ('LINE', ORDER))
+    cell.publish(Float64MultiArray, 'motion/plan', PLAN, numbers(row, line), numbers([-1, 1.0, 0], order))
     assert any('the speed of motor' in message.data for message in refusals), refusals
     cell.assert_untouched()
 
@@ -354,7 +365,8 @@ def test_a_plan_for_another_robot_is_refused_by_the_parameter_that_differs(graph
     operator = graph.add(OperatorNode, graph.spin_for)
     graph.spin_until(lambda: task.progress()['in_torque'] and operator.state, 'torque')
     operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
-    operator.call('start')
+    with pytest.raises(ProgramError, match='it was planned for another robot'):
+        operator.call('start')
     graph.spin_until(lambda: refusals, 'the refusal')
     assert 'kinematics.upper_arm_length_m is 0.38 there, 0.4 here' in refusals[-1].data
     assert task.progress()['state'] == 'idle'

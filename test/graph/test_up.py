@@ -44,7 +44,7 @@ def test_moves_are_driven_and_refused_from_the_command_line(robot: subprocess.Po
     relative = delta3('move', 'l', '0', '0', '0.04', '--relative')
     assert relative.returncode == 0, relative.stderr
     state = delta3('move', 'state')
-    assert state.stdout.startswith('idle, bus phase CP4')
+    assert state.stdout.startswith('idle, enabled, bus phase CP4')
 
 
 def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
@@ -69,7 +69,7 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
     ('arguments', 'sentence'),
     [
         (['l', '0.1', '0'], 'error: move l takes 3 numbers, not 2\n'),
-        (['l', '0.1', '0', 'up'], "error: move l: could not convert string to float: 'up'\n"),
+        (['l', '0.1', '0', 'up'], "error: move l: 'up' is no number\n"),
         (['sb'], 'error: move sb takes three numbers a point, not 0\n'),
         (['override'], 'error: move override takes one number, not 0\n'),
         (

@@ -1,0 +1,241 @@
+"""What planner, transformation task and operators say to each other besides cyclic telegrams, as values.
+
+Everything that can move the robot says to which session of the bus it belongs and which of its sender's orders or
+requests it is, so that what is heard a second time, out of a recording for example, is known to be old.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Self, get_args, get_type_hints
+
+from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.errors import TelegramError, shown
+
+TEXT_MAX = 100  # characters of a name
+COUNT_MAX = 2**53  # beyond it numbers in JSON are not exact
+
+
+@dataclass(frozen=True)
+class _Message:
+    """A message that is written as a JSON object: its fields, no others, of their types."""
+
+    def to_json(self) -> str:
+        """Return the text of the message."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read back what ``to_json`` wrote; raises TelegramError."""
+        try:
+            values = json.loads(text)
+        except (ValueError, RecursionError):
+            raise TelegramError(f'{shown(text)} is no {cls.__name__.lower()}') from None
+        kinds = get_type_hints(cls)
+        names = [f.name for f in fields(cls)]
+        if not isinstance(values, Mapping) or set(values) != set(names):
+            raise TelegramError(f'a {cls.__name__.lower()} must have the keys {", ".join(names)}')
+        for name in names:
+            _require(values[name], kinds[name], f'{name} of a {cls.__name__.lower()}')
+        return cls(**{name: _tupled(values[name]) for name in names})
+
+
+def _tupled(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _require(value: Any, kind: Any, what: str) -> None:
+    """Refuse a value of another type than its field's; raises TelegramError."""
+    numbers = get_args(kind)
+    if numbers:
+        if not isinstance(value, list) or len(value) != len(numbers):
+            raise TelegramError(f'{what} must be a list of {len(numbers)} numbers, not {shown(value)}')
+        for number in value:
+            _require(number, float, what)
+        return
+    accepted = (int, float) if kind is float else str if issubclass(kind, str) else kind
+    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
+        raise TelegramError(f'{what} is {shown(value)}, but must be of type {kind.__name__}')
+    if isinstance(value, (int, float)) and not abs(value) < COUNT_MAX:
+        raise TelegramError(f'{what} is {shown(value)}, which is out of range')
+
+
+@dataclass(frozen=True)
+class Status(_Message):
+    """What the transformation task tells the planner, ``motion/status``; the newest counts.
+
+    Attributes
+    ----------
+    session
+        Of the bus.
+    previous
+        The session before, of the same master; empty in its first one.
+    serial
+        Number of the message in this session.
+    planner
+        Identity of the planner that the task listens to, empty while it hears none.
+    state
+        Of the motion: idle, moving, stopping, stopped, error.
+    phase
+        Of the bus.
+    refusal
+        Why no order would be taken now, as a sentence, and its code; empty if one would.
+    located, tcp_m
+        How often it was said where the robot stands ready for a program, and where that is; 0: not yet.
+    control, operator
+        How often control has changed hands, and who has it (his identity, empty: nobody).
+    operator_name
+        His name for people.
+    losses
+        How often somebody has lost control: taken over by another one, or silent.
+    order
+        Number of the newest order of this planner that was accepted; 0: none.
+    checked
+        Messages of the present plan that have been checked.
+    cycle
+        Next bus cycle.
+
+    """
+
+    session: str
+    previous: str
+    serial: int
+    planner: str
+    state: str
+    phase: str
+    refusal: str
+    refusal_code: str
+    located: int
+    tcp_m: tuple[float, float, float]
+    control: int
+    operator: str
+    operator_name: str
+    losses: int
+    order: int
+    checked: int
+    cycle: int
+
+
+@dataclass(frozen=True)
+class Verdict(_Message):
+    """What became of an order or a change of course of a planner, ``motion/verdict``."""
+
+    session: str
+    planner: str
+    number: int
+    accepted: bool
+    code: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Request(_Message):
+    """What an operator asks for.
+
+    Attributes
+    ----------
+    operator
+        Identity of who asks, empty for a client that has none.
+    number
+        Of the request, among those of this operator; the reply carries the same.
+    control
+        Changes of control that the operator knows of; who is asked waits until he knows of as many.
+    action
+        What is to be done.
+    text
+        What belongs to it: a program, a percentage, a name; may be empty.
+    caps
+        Largest speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of a program, whatever it says itself; 0: no cap.
+
+    """
+
+    operator: str
+    number: int
+    control: int
+    action: str
+    text: str = ''
+    caps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Reply(_Message):
+    """What became of a request; ``done`` is False while it is still being worked on, and the sentence says how far."""
+
+    operator: str
+    number: int
+    done: bool
+    accepted: bool
+    code: str
+    sentence: str
+    control: int = 0
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a row of numbers on ``motion/plan`` or ``motion/change`` comes from: its label.
+
+    Attributes
+    ----------
+    kind
+        What the row is: ``ORDER``, ``FAULT``, ``REVOKE``, ``COURSE``, or the kind of a move.
+    planner
+        Identity of its sender.
+    session
+        Of the bus that it is meant for.
+    number
+        Of the order or change that it belongs to, counted by the planner.
+
+    """
+
+    kind: str
+    planner: str
+    session: str
+    number: int
+
+    def label(self) -> str:
+        """Return the text of the label."""
+        return f'{self.kind} {self.planner} {self.session} {self.number}'
+
+    @staticmethod
+    def from_label(label: str) -> 'Origin':
+        """Read back what ``label`` wrote; raises TelegramError."""
+        words = label.split(' ') if len(label) <= TEXT_MAX else []
+        if len(words) != 4 or not words[3].isdecimal() or len(words[3]) > 15:
+            raise TelegramError(f'{shown(label)} is no label "KIND planner session number"')
+        return Origin(words[0], words[1], words[2], int(words[3]))
+
+
+ORDER, FAULT, REVOKE, COURSE = 'ORDER', 'FAULT', 'REVOKE', 'COURSE'
+ACCEPTED = ''  # code of what is not refused
+# what operators ask of the transformation task
+TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'
+ENABLE, DISABLE, RESET = 'enable', 'disable', 'reset'
+HOLD, ABORT, EMERGENCY_STOP = 'hold', 'abort', 'emergency stop'
+
+
+def verdict_of(origin: Origin, code: Code | str, sentence: str) -> Verdict:
+    """Return the verdict on an order; an empty code accepts it."""
+    return Verdict(origin.session, origin.planner, origin.number, not code, str(code), sentence)
+
+
+@dataclass
+class Numbering:
+    """Whether numbered messages of senders are new; a number counts once, and only upwards.
+
+    Attributes
+    ----------
+    senders_max
+        How many senders are remembered; the one heard least recently is forgotten first.
+
+    """
+
+    senders_max: int = 64
+    _newest: dict[str, int] = field(default_factory=dict)
+
+    def is_new(self, sender: str, number: int) -> bool:
+        """Take note of a number; False if this one or a later one was heard before."""
+        newest = self._newest.pop(sender, -1)
+        self._newest[sender] = max(newest, number)
+        while len(self._newest) > self.senders_max:
+            del self._newest[next(iter(self._newest))]
+        return number > newest

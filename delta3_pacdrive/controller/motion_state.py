@@ -1,0 +1,45 @@
+"""What is done with the TCP, and what leads from one state to the next."""
+
+from enum import StrEnum
+
+
+class MotionState(StrEnum):
+    """What planner and transformation task are doing with the TCP."""
+
+    IDLE = 'idle'
+    MOVING = 'moving'
+    STOPPING = 'stopping'
+    STOPPED = 'stopped'
+    ERROR = 'error'
+
+
+class Event(StrEnum):
+    """What happens to a motion."""
+
+    START = 'start'  # a program begins
+    CHANGE = 'change'  # the master goes over to another course: override, resume
+    HOLD = 'hold'
+    ABORT = 'abort'
+    STAND = 'stand'  # the master stands on its path
+    GIVE_UP = 'give up'  # it stands, and the program was aborted
+    END = 'end'  # the last answer of the program is there
+    FAIL = 'fail'  # a fault was found
+    RESET = 'reset'  # faults are cleared
+
+
+TRANSITIONS = {
+    (MotionState.IDLE, Event.START): MotionState.MOVING,
+    (MotionState.MOVING, Event.CHANGE): MotionState.MOVING,
+    (MotionState.MOVING, Event.HOLD): MotionState.STOPPING,
+    (MotionState.MOVING, Event.ABORT): MotionState.STOPPING,
+    (MotionState.MOVING, Event.END): MotionState.IDLE,
+    (MotionState.STOPPING, Event.ABORT): MotionState.STOPPING,
+    (MotionState.STOPPING, Event.STAND): MotionState.STOPPED,
+    (MotionState.STOPPING, Event.GIVE_UP): MotionState.IDLE,
+    (MotionState.STOPPED, Event.CHANGE): MotionState.MOVING,
+    (MotionState.STOPPED, Event.ABORT): MotionState.STOPPED,
+    (MotionState.STOPPED, Event.GIVE_UP): MotionState.IDLE,
+    (MotionState.ERROR, Event.RESET): MotionState.IDLE,
+    **{(state, Event.FAIL): MotionState.ERROR for state in MotionState},
+}
+"""Where an event leads from a state; what is not listed is refused, or does not happen."""

@@ -1,0 +1,120 @@
+"""A plan on its way in: rows of numbers that are checked one by one, until the order that ends them.
+
+Whoever waits for bus cycles may not check a plan of thousands of moves in one go: ``take`` is given one row at a time,
+and costs no more for the last one than for the first.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Numbering, Origin
+from delta3_pacdrive.controller.reason import Code, Reason
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.injection import Fault
+from delta3_pacdrive.motion.checks import check_reach, check_speed
+from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
+from delta3_pacdrive.motion.program import FAULTS_MAX
+from delta3_pacdrive.motion.timeline import RATE_MAX, RATE_MIN
+from delta3_pacdrive.parameters import Parameters
+
+ORDER_HEADER = 2  # start cycle (-1: as soon as possible), rate; behind it the numbers of the moves
+NUMBERS_MAX = 20_000_000  # of all moves of a plan: 160 MB
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at a rate."""
+
+    plan: Plan
+    cycle: int
+    rate: float
+    faults: tuple[Fault, ...]
+
+
+class PlanIntake:
+    """Rows of one planner, of one order after the other.
+
+    Attributes
+    ----------
+    checked
+        Rows of the present order that have been checked.
+
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._robot = parameters
+        self._numbering = Numbering()
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what has come of an order."""
+        self._number = -1
+        self._builder = PlanBuilder()
+        self._rates: list[float] = []  # at which a motor would reach its limit in each move
+        self._faults: list[Fault] = []
+        self._error: Reason | None = None
+        self.checked = 0
+
+    def take(self, origin: Origin, row: Any) -> Order | Reason | None:
+        """Take a row; returns the order that it ends, or why that is refused, or None while it goes on.
+
+        An order that is heard a second time, and one that comes behind a later one, is a stranger's. A row that is
+        spoilt spoils its order, and is told with it.
+        """
+        if origin.kind == REVOKE:
+            return None
+        if origin.number != self._number:
+            if not self._numbering.is_new(f'{origin.planner} {origin.session}', origin.number):
+                return Reason(Code.STRANGER, f'order {origin.number} of this planner was heard before')
+            self.begin()
+            self._number = origin.number
+        self.checked += 1
+        try:
+            if origin.kind == ORDER:
+                order = self._error or self._order(row)
+                self.begin()
+                return order
+            if self._error is None:
+                self._take_part(origin.kind, row)
+        except ProgramError as error:
+            reason = Reason(Code.CONTENT, str(error))
+            if origin.kind == ORDER:
+                self.begin()
+                return reason
+            self._error = reason
+        return None
+
+    def _take_part(self, kind: str, row: Any) -> None:
+        if kind == FAULT:
+            if len(self._faults) >= FAULTS_MAX:
+                raise ProgramError(f'the plan has more than {FAULTS_MAX} faults')
+            self._faults.append(Fault.from_row(row.tolist()))
+            return
+        move, number, count = Move.from_array(row)
+        due = len(self._builder.moves)
+        if number != due:
+            raise ProgramError(f'plan message {number} of {count} came where {due} was due')
+        if self._builder.numbers + len(row) > NUMBERS_MAX:
+            raise ProgramError(f'the plan has more than {NUMBERS_MAX} numbers')
+        check_reach(move, self._robot, returning=number == 0)
+        self._rates.append(check_speed(move, 1.0, self._robot))
+        self._builder.add(move)
+
+    def _order(self, row: Any) -> Order:
+        if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
+            raise ProgramError('the order of a plan must be whole numbers behind a start cycle and a rate')
+        cycle, rate = row[:ORDER_HEADER].tolist()
+        if not RATE_MIN <= rate <= RATE_MAX:
+            raise ProgramError(
+                f'the rate of an order is {rate:g}, but must be between {RATE_MIN:g} and {RATE_MAX:g}'
+            )
+        if not self._builder.moves:
+            raise ProgramError('an order came without moves')
+        numbers = row[ORDER_HEADER:]
+        if rate > min(self._rates):
+            check_speed(self._builder.moves[int(np.argmin(self._rates))], rate, self._robot)
+        # so that a move that begins beyond limits can only be driven first, and once
+        self._builder.require_joined(numbers)
+        return Order(self._builder.build(numbers), cycle, rate, tuple(self._faults))

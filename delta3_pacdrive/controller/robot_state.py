@@ -1,0 +1,490 @@
+"""The state of one robot: its motion, its faults, whether its drives are enabled; what operators may change of it.
+
+Pure: requests, orders and answers of bus cycles come in as calls, what has to be told or asked goes out as actions.
+This is the only owner of enabling, stops and faults; ``Transformation`` carries them out in the right bus cycle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from delta3_pacdrive.bus.master import Master
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.service import Access, Answer, Operation, parse_idn
+from delta3_pacdrive.bus.words import in_torque
+from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
+from delta3_pacdrive.controller.plan_intake import Order
+from delta3_pacdrive.controller.reason import Code, Reason
+from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
+from delta3_pacdrive.errors import ProgramError, UnreachableError
+from delta3_pacdrive.injection import Fault
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion.timeline import NEVER, Course
+from delta3_pacdrive.transformation import Transformation
+
+RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)
+DIAGNOSTIC_NUMBER = Access(parse_idn('S-0-0390'), Operation.READ)
+STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
+SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
+DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
+START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
+FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node has heard of it by then
+ENABLE_FIRST = 'the drives are not enabled: enable them first'
+
+
+class Bus(Protocol):
+    """What has to be known of the bus: next cycle to start, next one to be complete."""
+
+    next_cycle: int
+    answered: int
+
+    def closed(self) -> str:
+        """Say why nothing that needs cyclic operation can be done, empty if it can."""
+
+    def waiting(self) -> str:
+        """Say what the present phase waits for, empty if it waits for nothing."""
+
+    def earliest(self) -> int:
+        """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
+
+
+# actions: what has to be told, and whom -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Entered:
+    """The motion is in another state."""
+
+    state: MotionState
+
+
+@dataclass(frozen=True)
+class Followed:
+    """The master follows a course, or will."""
+
+    course: Course
+
+
+@dataclass(frozen=True)
+class Located:
+    """The robot stands at a place [m] and can take a program, from a bus cycle on."""
+
+    tcp_m: Floats
+    cycle: int
+
+
+@dataclass(frozen=True)
+class Switched:
+    """Outputs or the payload have changed with the command of a bus cycle."""
+
+    cycle: int
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A drive is asked through its service channel; the answer goes to ``drive_answered``."""
+
+    index: int
+    access: Access
+
+
+@dataclass(frozen=True)
+class Injected:
+    """Faults of a program count from a bus cycle on."""
+
+    faults: tuple[Fault, ...]
+    cycle: int
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A request that had to wait is answered: refused with a reason, or done, with a sentence."""
+
+    request: Any
+    reason: Reason | None
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Said:
+    """Something for the log, an error if it is one."""
+
+    sentence: str
+    error: bool = False
+
+
+Action = Entered | Followed | Located | Switched | Asked | Injected | Answered | Said
+
+
+class RobotState:
+    """State of one robot.
+
+    Attributes
+    ----------
+    actions
+        What has to be done, in this order; whoever does it takes them away.
+    motion
+        What is done with the TCP.
+    fault, fault_cycle
+        First cause of a fault, as a sentence (empty while there is none), and the bus cycle in which it was found.
+    starts, ends
+        Cycle at which the program begins, and the last one whose answer belongs to it (``NEVER`` while none is under
+        way or it is held).
+    finished
+        Whether a program came to its end.
+    located, tcp_m
+        How often the robot was found to stand ready for a program, and where [m].
+
+    """
+
+    def __init__(self, bus: Bus, task: Transformation, master: Master) -> None:
+        self._bus, self._task, self._master = bus, task, master
+        self.actions: list[Action] = []
+        self.motion = MotionState.IDLE
+        self.fault, self.fault_cycle = '', 0
+        self.starts = self.ends = NEVER
+        self.finished = False
+        self.located = 0
+        self.tcp_m: Floats = task.state['tcp'][0].copy()
+        self._aborting = False
+        self._due = NEVER  # command cycle at which something ends
+        self._told: Course | None = None  # the course that was told last
+        self._outputs, self._payload = task.outputs, task.payload
+        self._reset: list[Any] = []  # the request for a reset that is under way
+        self._reset_waits = False  # until the drives are without torque
+        self._reset_answers = 0  # that are still to come
+        self._reset_errors: list[str] = []
+
+    # what is known --------------------------------------------------------------------------------------------------
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drives are enabled, or about to be."""
+        return self._task.enable_cycle < NEVER and self._task.disable_cycle == NEVER
+
+    @property
+    def in_torque(self) -> bool:
+        """Whether any drive holds its motor."""
+        return any(in_torque(status) for status in self._master.status)
+
+    @property
+    def judged_from(self) -> int:
+        """Bus cycle from which on every drive must be in torque, because the TCP moves; ``NEVER`` if it stands."""
+        return self.starts if self.motion in (MotionState.MOVING, MotionState.STOPPING) else NEVER
+
+    def refusal(self) -> Reason | None:
+        """Say why no program can be started now, None if one can."""
+        if self.fault:
+            return Reason(Code.FAULT, f'there is a fault: {self.fault}')
+        if not self.located:
+            waiting = f', {self._bus.waiting()}' if self._bus.waiting() else ''
+            return Reason(
+                Code.BUS, f'the robot is not ready: {self._bus.closed() or "it is starting"}{waiting}'
+            )
+        if (self.motion, Event.START) not in TRANSITIONS or self.starts != NEVER:
+            return Reason(Code.STATE, f'the robot is {self.motion}')
+        if not self.enabled:
+            return Reason(Code.DISABLED, ENABLE_FIRST)
+        return None
+
+    def _refused(self, event: Event) -> Reason | None:
+        """Say why an event cannot happen now, None if it can."""
+        if (self.motion, event) in TRANSITIONS:
+            return None
+        return Reason(Code.STATE, f'the robot is {self.motion}')
+
+    def _enter(self, event: Event) -> None:
+        """Let an event that can happen happen."""
+        self.motion = TRANSITIONS[self.motion, event]
+        self.actions.append(Entered(self.motion))
+
+    # where it stands ------------------------------------------------------------------------------------------------
+
+    def locate(self, tcp_m: Floats, cycle: int) -> None:
+        """Take note of where the robot stands: it can take a program from there."""
+        self.located += 1
+        self.tcp_m = tcp_m.copy()
+        self.actions.append(Located(self.tcp_m, cycle))
+        self.actions.append(Switched(cycle))
+
+    # programs -------------------------------------------------------------------------------------------------------
+
+    def start(self, order: Order) -> Reason | None:
+        """Start a program; returns why not."""
+        reason = self.refusal() or self._misplaced(order)
+        if reason is not None:
+            return reason
+        self._task.load(order.plan)
+        self.finished = False
+        self.starts = max(order.cycle, self._bus.earliest())
+        if order.faults:
+            self.starts = max(self.starts, self._task.next_cycle + FAULTS_LEAD_CYCLES)
+        self._task.start(self.starts, order.rate)
+        self._follow()
+        if order.faults:
+            self.actions.append(Injected(order.faults, self.starts))
+        self.actions.append(Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}'))
+        self._enter(Event.START)
+        return None
+
+    def _misplaced(self, order: Order) -> Reason | None:
+        """Say why an order fits neither the present bus time nor the place of the robot, None if it does."""
+        latest = self._task.next_cycle + START_CYCLES_MAX
+        if not -1 <= order.cycle <= latest:
+            sentence = (
+                f'an order starts in bus cycle {order.cycle:g}, but must be between 0 and {latest}, or -1'
+            )
+            return Reason(Code.CONTENT, sentence)
+        away = float(sum((order.plan.start_m() - self._task.state['tcp'][0]) ** 2)) ** 0.5
+        if away > STANDING_M:
+            return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from where the robot stands')
+        return None
+
+    def change(self, course: Course) -> Reason | None:
+        """Go over to another course: override or resume; returns why not."""
+        reason = self._refused(Event.CHANGE)
+        if reason is None and self._aborting:
+            reason = Reason(Code.STATE, 'the program is being given up')
+        if reason is None and not self.enabled:
+            reason = Reason(Code.DISABLED, ENABLE_FIRST)
+        if reason is not None:
+            return reason
+        if self.motion == MotionState.STOPPED:
+            # who stands has time: an order that came late is as good as one in time
+            course = course.at_cycle(max(course.cycle, self._bus.earliest()))
+        if course.cycle < self._task.next_cycle:
+            return Reason(
+                Code.LATE, f'bus cycle {course.cycle} is over, the next one is {self._task.next_cycle}'
+            )
+        try:
+            self._task.change(course)
+        except ProgramError as error:
+            return Reason(Code.CONTENT, str(error))
+        self.ends = self._task.coming_last_cycle
+        self._due = NEVER
+        self._told = course
+        self.actions.append(Followed(course))
+        self._enter(Event.CHANGE)
+        return None
+
+    def hold(self) -> Reason | str:
+        """Stop on the path from the next cycle on; returns why not, or what happens."""
+        reason = self._refused(Event.HOLD)
+        if reason is not None:
+            return reason
+        course = self._task.hold()
+        self._follow()
+        self._enter(Event.HOLD)
+        return f'stops from bus cycle {course.cycle} on, in cycle {self._task.end_cycle} it stands'
+
+    def abort(self) -> Reason | str:
+        """Stop on the path and forget the program; returns why not, or what happens."""
+        reason = self._refused(Event.ABORT)
+        if reason is not None:
+            return reason
+        if self.motion == MotionState.MOVING:
+            sentence = str(self.hold())
+        else:
+            sentence = 'the program is given up'
+            self._due = min(self._due, self._task.end_cycle)
+            self._enter(Event.ABORT)
+        self._aborting = True
+        return sentence
+
+    def _follow(self) -> None:
+        """Tell the present course, and note when it ends."""
+        task = self._task
+        self._due = task.end_cycle if task.held else NEVER
+        self.ends = NEVER if task.held else task.last_cycle
+        self._tell_course()
+
+    def _tell_course(self) -> None:
+        self._told = self._task.course
+        if self._told is not None:
+            self.actions.append(Followed(self._told))
+
+    def commanded(self, cycle: int) -> None:
+        """Look at what the command of a cycle has brought about."""
+        task = self._task
+        if task.outputs != self._outputs or task.payload != self._payload:
+            self._outputs, self._payload = task.outputs, task.payload
+            self.actions.append(Switched(cycle))
+        if self.motion == MotionState.ERROR and task.loaded and task.course is not self._told:
+            self._tell_course()
+        if cycle >= self._due:
+            self._due = NEVER
+            if self._aborting:
+                self._end(Event.GIVE_UP, cycle)
+            elif task.held:
+                self._enter(Event.STAND)
+
+    def answered(self, cycle: int) -> None:
+        """Note that the last answer of a program is there."""
+        self.finished = True
+        self._end(Event.END, cycle)
+
+    def _end(self, event: Event, cycle: int) -> None:
+        self._aborting = False
+        self.starts = self.ends = self._due = NEVER
+        self._task.unload()
+        self._enter(event)
+        self.locate(self._task.state['tcp'][0], cycle)
+
+    # faults ---------------------------------------------------------------------------------------------------------
+
+    def note(self, reason: str, cycle: int | None = None) -> None:
+        """Keep the first cause of a fault and say it; the program is given up, only a reset leads out."""
+        if self.fault:
+            return
+        self.fault = reason
+        self.fault_cycle = self._bus.answered if cycle is None else cycle
+        self.actions.append(Said(reason, error=True))
+        self.starts = self.ends = self._due = NEVER
+        self._aborting = False
+        self._enter(Event.FAIL)
+
+    def stop(self, reason: str, hard: bool = False) -> None:
+        """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
+        self._task.stop_at(0, hard)
+        self.note(reason)
+
+    def stop_for_drives(self, reason: str, cycle: int) -> None:
+        """Stop because of what the answers of a cycle say, and ask the drives for the cause."""
+        if self.fault and not self._master.limp:
+            return
+        if not self.fault:
+            for index in self._master.faulty():
+                self.actions.append(Asked(index, DIAGNOSTIC_NUMBER))
+        self._task.stop_at(cycle + self._master.reaction_cycles, self._master.limp)
+        self.note(reason, cycle)
+
+    def lose_bus(self, reason: str) -> None:
+        """Give everything up that needs cyclic operation, which has ended."""
+        self.note(reason)
+        self._task.give_up()
+        self._end_reset(Reason(Code.BUS, f'the bus has fallen: {reason}'))
+
+    def drive_answered(self, index: int, access: Access, answer: Answer) -> None:
+        """Take what a drive has answered to ``Asked``."""
+        if access == RESET_CLASS_1:
+            self._take_reset_answer(index, answer)
+        elif answer.error == 0:
+            fault = FAULT_OF_NUMBER.get(int(answer.value))
+            if fault and self.fault.startswith(f'{DRIVES[index]} reports a fault'):
+                self.fault += f': {fault_text(fault)}'
+                self.actions.append(Said(self.fault, error=True))
+
+    # requests -------------------------------------------------------------------------------------------------------
+
+    def enable(self) -> Reason | str:
+        """Enable the drives; returns why not, or from which cycle on."""
+        if self.fault:
+            return Reason(Code.FAULT, f'not after a fault: {self.fault}')
+        if self._bus.closed():
+            return Reason(Code.BUS, f'the drives cannot be enabled, {self._bus.closed()}')
+        if self.enabled:
+            return f'enabled already, effective in bus cycle {self._task.enable_cycle + 1}'
+        reason = self._take_over_position()
+        if reason is not None:
+            return reason
+        self._task.enable_cycle = self._bus.next_cycle
+        return f'effective in bus cycle {self._bus.next_cycle + 1}'
+
+    def disable(self) -> str:
+        """Disable the drives, after a stop on the path if the TCP moves; returns when."""
+        cycle = self._bus.next_cycle
+        if self.motion in (MotionState.MOVING, MotionState.STOPPING):
+            self.stop(f'disabled by the operator in motion, in bus cycle {cycle}')
+            return f'stops on its path from bus cycle {cycle} on'
+        if not self.fault:  # else the stop that is under way takes the torque off when the TCP stands
+            self._task.enable_cycle = NEVER
+        return f'effective in bus cycle {cycle + 1}'
+
+    def _take_over_position(self) -> Reason | None:
+        """Command the TCP to be where the brakes hold it; returns why that is not possible."""
+        if self.in_torque:
+            return Reason(Code.STATE, 'a drive is in torque still')
+        try:
+            away = self._task.distance_m(self._master.positions)
+        except UnreachableError as error:
+            return Reason(Code.CONTENT, str(error))
+        if self._task.loaded:
+            # a program that is held goes on where it was left
+            if away <= DISPLACED_M:
+                return None
+            where = f'{1e3 * away:.1f} mm from where its program was held'
+            return Reason(Code.STATE, f'the robot was moved {where}: abort it first')
+        if away > SETTLED_M:
+            self.locate(self._task.locate(self._master.positions), self._bus.answered)
+        return None
+
+    def emergency_stop(self) -> str:
+        """Stop on the path, then take the torque off (stop category 1); returns the first cause of a stop."""
+        self.stop(f'emergency stop in bus cycle {self._bus.next_cycle}')
+        return self.fault
+
+    def reset(self, request: Any) -> Reason | None:
+        """Clear the faults of all drives (S-0-0099); returns why not, else the answer to the request follows."""
+        if not self.fault:
+            return Reason(Code.STATE, 'there is no fault')
+        if self._reset:
+            return Reason(Code.STATE, 'faults are being cleared already')
+        if self._bus.closed():
+            waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
+            return Reason(Code.BUS, f'cannot be cleared now: {self.fault}{waiting}')
+        self._reset = [request]
+        self._reset_waits = True
+        self.look()
+        return None
+
+    def look(self) -> None:
+        """Look whether a reset need not wait any more: a drive that is still to be enabled would be so at once."""
+        if self._reset_waits and self._task.enable_cycle == NEVER and not self.in_torque:
+            self._reset_waits = False
+            self._reset_answers, self._reset_errors = len(DRIVES), []
+            self.actions.extend(Asked(index, RESET_CLASS_1) for index in range(len(DRIVES)))
+
+    def _take_reset_answer(self, index: int, answer: Answer) -> None:
+        if not self._reset_answers:
+            return
+        self._reset_answers -= 1
+        if answer.error:
+            self._reset_errors.append(f'{DRIVES[index]}: {answer.sentence}')
+        if self._reset_answers:
+            return
+        if self._reset_errors:
+            errors = '; '.join(self._reset_errors)
+            self._end_reset(Reason(Code.FAULT, f'{errors}; the cause may last: {self.fault}'))
+            return
+        if self.in_torque:
+            self._end_reset(Reason(Code.STATE, 'a drive is in torque still'))
+            return
+        try:
+            tcp = self._task.locate(self._master.positions)
+        except UnreachableError as error:
+            self._end_reset(Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}'))
+            return
+        self.fault = ''
+        self._master.forgive_losses()
+        self._task.give_up()
+        self._aborting = False
+        self.starts = self.ends = self._due = NEVER
+        self._enter(Event.RESET)
+        self.locate(tcp, self._bus.answered)
+        self._end_reset(None)
+
+    def _end_reset(self, reason: Reason | None) -> None:
+        self._reset_waits, self._reset_answers = False, 0
+        requests, self._reset = self._reset, []
+        sentence = (
+            f'reset refused: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
+        )
+        for request in requests:
+            self.actions.append(Said(sentence, error=reason is not None))
+            self.actions.append(Answered(request, reason, sentence if reason is None else str(reason)))
+
+
+def take_actions(state: RobotState) -> Sequence[Action]:
+    """Return the actions that are due, and forget them."""
+    actions, state.actions = state.actions, []
+    return actions
