@@ -28,7 +28,7 @@ class Order:
     """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at a rate."""
 
     plan: Plan
-    cycle: int
+    cycle: float
     rate: float
     faults: tuple[Fault, ...]
 
@@ -106,6 +106,8 @@ class PlanIntake:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError('the order of a plan must be whole numbers behind a start cycle and a rate')
         cycle, rate = row[:ORDER_HEADER].tolist()
+        if cycle % 1.0:
+            raise ProgramError(f'an order starts in bus cycle {cycle:g}, which is no whole number')
         if not RATE_MIN <= rate <= RATE_MAX:
             raise ProgramError(
                 f'the rate of an order is {rate:g}, but must be between {RATE_MIN:g} and {RATE_MAX:g}'

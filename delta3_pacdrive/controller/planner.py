@@ -200,6 +200,7 @@ class Planner:
         self._cut_off: Timeline | None = None  # what a fault has left of it
         self._restartable: Program | None = None  # all of it, from its beginning
         self._timeline: Timeline | None = None
+        self._before: Timeline | None = None  # the same before the newest course
         self._rate_max = RATE_MAX
         self._lead = LEAD_CYCLES
 
@@ -311,6 +312,9 @@ class Planner:
             timeline.start(course.cycle, course.rate)
         elif (course.cycle, course.held) != (timeline.course.cycle, timeline.course.held):
             # a program that is held before it begins stops in the cycle of its start
+            if course.cycle < timeline.course.cycle and self._before is not None:
+                timeline = self._timeline = self._before  # a stop came before what was to come
+            self._before = timeline.copy()
             timeline.change(course)
         return True
 
@@ -434,7 +438,7 @@ class Planner:
             request = self._serving = waiting.request
             may_wait = self._now_s - waiting.since_s < NEWS_S
             try:
-                if self._knows_less(request) and may_wait:
+                if (self._knows_less(request) and may_wait) or self._must_follow_first(request):
                     self._serving = None
                     return
                 self._waiting.popleft()
@@ -453,6 +457,14 @@ class Planner:
     def _knows_less(self, request: Request) -> bool:
         """Whether an operator knows more of control than this planner."""
         return self.status is None or self.status.control < request.control
+
+    def _must_follow_first(self, request: Request) -> bool:
+        """Whether a change of course is still to take effect, on which the next one builds."""
+        timeline, before = self._timeline, self._before
+        if request.action != 'override' or self.motion != MotionState.MOVING or timeline is None:
+            return False
+        changed = before is not None and before.course is not None
+        return changed and timeline.course is not None and self._newest_cycle() < timeline.course.cycle
 
     def _require_control(self, request: Request) -> None:
         status = self.status
@@ -567,12 +579,12 @@ class Planner:
 
     def _start(self) -> None:
         here = self._require_rest()
+        if self._queue is None and self._restartable is None:
+            raise RefusedError(Reason(Code.STATE, 'no moves are in the queue'))
+        self._require_readiness()
         if self._queue is None and self._restartable is not None:
             self._queue = replace(self._restartable, faults=())  # injected faults happen once
             self._planned = None
-        if self._queue is None:
-            raise RefusedError(Reason(Code.STATE, 'no moves are in the queue'))
-        self._require_readiness()
         if self._planned is None:
             self._work(self._queue, '', NO_CAPS, here, self._launch_planned)
         else:
@@ -623,7 +635,7 @@ class Planner:
         self._numbers += 1
         self._ordered = self._numbers
         row = (float(cycle), rate, *plan.tables.order.tolist())
-        self._timeline = Timeline(plan, self._robot.bus.cycle_time_s)
+        self._timeline, self._before = Timeline(plan, self._robot.bus.cycle_time_s), None
         action = Ordered(self._numbers, plan.moves, faults, row)
         self._order = _Order(action, self._timeline, sentence, restore, self._now_s)
         self.actions.append(action)

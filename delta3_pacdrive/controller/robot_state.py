@@ -53,9 +53,10 @@ class Bus(Protocol):
 
 @dataclass(frozen=True)
 class Entered:
-    """The motion is in another state."""
+    """An event has led the motion to a state."""
 
     state: MotionState
+    event: Event
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ class RobotState:
     @property
     def enabled(self) -> bool:
         """Whether the drives are enabled, or about to be."""
-        return self._task.enable_cycle < NEVER and self._task.disable_cycle == NEVER
+        return not self.fault and self._task.enable_cycle < NEVER and self._task.disable_cycle == NEVER
 
     @property
     def in_torque(self) -> bool:
@@ -196,7 +197,7 @@ class RobotState:
     def _enter(self, event: Event) -> None:
         """Let an event that can happen happen."""
         self.motion = TRANSITIONS[self.motion, event]
-        self.actions.append(Entered(self.motion))
+        self.actions.append(Entered(self.motion, event))
 
     # where it stands ------------------------------------------------------------------------------------------------
 
@@ -216,7 +217,7 @@ class RobotState:
             return reason
         self._task.load(order.plan)
         self.finished = False
-        self.starts = max(order.cycle, self._bus.earliest())
+        self.starts = max(int(order.cycle), self._bus.earliest())
         if order.faults:
             self.starts = max(self.starts, self._task.next_cycle + FAULTS_LEAD_CYCLES)
         self._task.start(self.starts, order.rate)
@@ -269,12 +270,12 @@ class RobotState:
 
     def hold(self) -> Reason | str:
         """Stop on the path from the next cycle on; returns why not, or what happens."""
-        reason = self._refused(Event.HOLD)
-        if reason is not None:
-            return reason
+        return self._refused(Event.HOLD) or self._stop_on_path(Event.HOLD)
+
+    def _stop_on_path(self, event: Event) -> str:
         course = self._task.hold()
         self._follow()
-        self._enter(Event.HOLD)
+        self._enter(event)
         return f'stops from bus cycle {course.cycle} on, in cycle {self._task.end_cycle} it stands'
 
     def abort(self) -> Reason | str:
@@ -283,7 +284,7 @@ class RobotState:
         if reason is not None:
             return reason
         if self.motion == MotionState.MOVING:
-            sentence = str(self.hold())
+            sentence = self._stop_on_path(Event.ABORT)
         else:
             sentence = 'the program is given up'
             self._due = min(self._due, self._task.end_cycle)
@@ -396,8 +397,9 @@ class RobotState:
         if self.motion in (MotionState.MOVING, MotionState.STOPPING):
             self.stop(f'disabled by the operator in motion, in bus cycle {cycle}')
             return f'stops on its path from bus cycle {cycle} on'
-        if not self.fault:  # else the stop that is under way takes the torque off when the TCP stands
-            self._task.enable_cycle = NEVER
+        if self.fault:
+            return 'the fault has taken the torque off, or will as soon as the TCP stands'
+        self._task.enable_cycle = NEVER
         return f'effective in bus cycle {cycle + 1}'
 
     def _take_over_position(self) -> Reason | None:

@@ -6,6 +6,7 @@ standstill on the path. Planner and transformation task follow the same courses,
 cycle.
 """
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -146,6 +147,12 @@ class Timeline:
         self.tables: Tables = plan.tables
         self.course: Course | None = None
         self._left_s = 0.0  # plan time left of a dwell in which the master was stopped
+
+    def copy(self) -> 'Timeline':
+        """Return a timeline that goes its own way from here on."""
+        other = copy.copy(self)
+        other.record = self.record.copy()
+        return other
 
     def start(self, cycle: int, rate: float = 1.0) -> None:
         """Drive the plan from its beginning from a bus cycle on."""

@@ -263,13 +263,13 @@ class Bringup:
 
     def _look_for_strain(self) -> None:
         """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
-        cores = self._strain.excess(self._children)
+        cores = self._strain.excess()
         if cores:
             self._in_real_time = False
             for child in self._children:
                 relent(child)
             self.notes.append(
-                f'the machine is too slow: the robot takes {cores:.2f} of its cores; from bus cycle '
+                f'the machine is too slow: its real-time work takes {cores:.2f} of its cores; from bus cycle '
                 f'{self._monitor.progress.get("cycles", 0)} on it is scheduled like any other process'
             )
 

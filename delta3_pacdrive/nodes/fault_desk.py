@@ -11,6 +11,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
@@ -98,6 +99,18 @@ class FaultDesk:
         return placed
 
 
+def read_schedule(text: str) -> tuple[str, Any, Scheduled]:
+    """Return (session, its number in it, fault) of a message of ``faults/schedule``; raises ProgramError."""
+    try:
+        document = json.loads(text)
+        if not isinstance(document, dict):
+            raise ProgramError(f'{shown(document)} is no fault')
+        session, serial = document.pop('session', ''), document.pop('serial', 0)
+        return session, serial, Scheduled.from_document(document)
+    except (ValueError, RecursionError, OverflowError) as error:
+        raise ProgramError(f'no fault: {shown(str(error))}') from None
+
+
 class Faults(Schedule):
     """Faults that befall one node.
 
@@ -127,14 +140,7 @@ class Faults(Schedule):
         node.create_bounded_subscription(String, SCHEDULE, self._on_schedule, FAULTS, REQUEST_MAX)
 
     def _on_schedule(self, message: String) -> None:
-        try:
-            document = json.loads(message.data)
-            if not isinstance(document, dict):
-                raise ProgramError(f'{shown(document)} is no fault')
-            session, serial = document.pop('session', ''), document.pop('serial', 0)
-            scheduled = Scheduled.from_document(document)
-        except (ValueError, RecursionError, OverflowError) as error:
-            raise ProgramError(f'no fault: {shown(str(error))}') from None
+        session, serial, scheduled = read_schedule(message.data)
         own = self._session().decode()
         if own == telegram.NO_SESSION.decode() or session != own:
             raise ProgramError(f'a fault of session {shown(session)} is not for {self._name}, in {own}')

@@ -25,10 +25,11 @@ from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.transit import Transit
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
 from delta3_pacdrive.controller.control import Control
+from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import ParameterError, RunError, UnreachableError
-from delta3_pacdrive.injection import AT_FAULTS, TASK
+from delta3_pacdrive.injection import AT_FAULTS, TASK, UNIT_ROBOT
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.at_receiver import AtReceiver, Content
@@ -104,7 +105,7 @@ class TransformationTaskNode(PollingNode):
         self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(self, self._cycles, factor > 0.0, self._statistics, self._on_at)
-        self._session, self._previous = telegram.new_session(), telegram.NO_SESSION
+        self._session = telegram.new_session()
         self._participants = Participants()
         self._participants.begin(self._session.decode())
         identity = Identity.of(parameters)
@@ -119,17 +120,11 @@ class TransformationTaskNode(PollingNode):
         self._control = Control(self._report_s)
         actions = RobotOutputs(self, self._state, self._task, fault_desk, self._desk, self._cycles)
         self._carry_out = actions.carry_out
+        self._planners = PlannerWatch(self._report_s, identity)
+        self._orders = Orders(parameters, self._state, self._control, self._planners, fault_desk.check)
+        self._orders.begin_session(self._session.decode())
         self._planner = PlannerLink(
-            self,
-            parameters,
-            self._state,
-            self._control,
-            PlannerWatch(self._report_s, identity),
-            fault_desk,
-            lambda: (self._session, self._previous),
-            lambda: self._phase.name,
-            lambda: self.next_cycle,
-            self._carry_out,
+            self, self._orders, lambda: (self._phase.name, self.next_cycle), self._carry_out
         )
         actions.tell_course, actions.tell_status = self._planner.tell_course, self._planner.tell_status
         self._operators = OperatorServices(
@@ -245,7 +240,8 @@ class TransformationTaskNode(PollingNode):
             self._ticker.reset()
 
     def _on_announcement(self, announcement: Announcement) -> None:
-        self._planner.announced(announcement)
+        if announcement.name == UNIT_ROBOT:
+            self._planners.announced(announcement.instance, announcement.identity)
         name = self._participants.announced(announcement)
         if not name:
             return
@@ -273,9 +269,9 @@ class TransformationTaskNode(PollingNode):
         self._state.lose_bus(reason)
         self._wait_for_program = False
         self._receiver.session = telegram.NO_SESSION
-        self._session, self._previous = telegram.new_session(), self._session
+        self._session = telegram.new_session()
         self._participants.begin(self._session.decode())
-        self._planner.begin_session()
+        self._orders.begin_session(self._session.decode())
         self._calls = 0
         self._phase_up.begin()
         self._enter(Phase.CP0)
@@ -411,7 +407,7 @@ class TransformationTaskNode(PollingNode):
 
     def _check_planner(self) -> None:
         """Stop a program whose planner is lost: nobody could change its course any more."""
-        reason = self._planner.look()
+        reason = self._orders.look(time.monotonic())
         if reason:
             self._state.stop(f'{reason}, in bus cycle {self.answered}')
             self._carry_out()

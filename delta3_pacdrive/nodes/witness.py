@@ -11,13 +11,13 @@ from std_msgs.msg import String
 from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
-from delta3_pacdrive.injection import LOSES_AT, LOSES_MDT, TASK, UNIT_ROBOT, Scheduled
+from delta3_pacdrive.injection import LOSES_AT, LOSES_MDT, TASK, UNIT_ROBOT
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.nodes.attendant import Attendant
 from delta3_pacdrive.nodes.bringup import Bringup
 from delta3_pacdrive.nodes.cases import Case
 from delta3_pacdrive.nodes.child import Child
-from delta3_pacdrive.nodes.fault_desk import SCHEDULE
+from delta3_pacdrive.nodes.fault_desk import SCHEDULE, read_schedule
 from delta3_pacdrive.nodes.qos import FAULTS, REPORT
 from delta3_pacdrive.nodes.tap import SHAFTS, Tap, Telegrams
 
@@ -51,7 +51,7 @@ class Witness(Attendant):
         self.operator.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, REPORT)
 
     def _on_schedule(self, message: String) -> None:
-        self._first = Scheduled.from_document(json.loads(message.data)).first
+        self._first = read_schedule(message.data)[2].first
 
     def _on_log(self, message: Log) -> None:
         if ' begins in bus cycle ' in message.msg:

@@ -1,0 +1,215 @@
+"""The transformation task's end of what the planner orders: plans and courses in, verdicts and status out.
+
+A plan of thousands of moves is checked in slices of time, so that bus cycles start when they are due.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from delta3_pacdrive.controller.control import Control
+from delta3_pacdrive.controller.messages import (
+    ACCEPTED,
+    COURSE,
+    REVOKE,
+    Numbering,
+    Origin,
+    Status,
+    Verdict,
+    verdict_of,
+)
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
+from delta3_pacdrive.controller.planner_watch import PlannerWatch
+from delta3_pacdrive.controller.reason import Code, Reason
+from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.errors import ProgramError, TelegramError, shown
+from delta3_pacdrive.injection import Fault
+from delta3_pacdrive.motion.timeline import Course
+from delta3_pacdrive.parameters import Parameters
+
+ROWS_WAITING_MAX = 50_000  # rows of a plan that nobody has checked yet
+
+
+class Orders:
+    """Orders of the planner of one robot.
+
+    Parameters
+    ----------
+    parameters, state, control, watch
+        Of the same robot.
+    check_faults
+        Raises ProgramError for faults of a program that cannot be injected.
+
+    Attributes
+    ----------
+    verdicts
+        What became of orders and changes, each with what it was about; whoever publishes them takes them away.
+    checked
+        Rows of the present plan that have been checked.
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        state: RobotState,
+        control: Control,
+        watch: PlannerWatch,
+        check_faults: Callable[[Sequence[Fault]], None],
+    ) -> None:
+        self._state, self._control, self._watch = state, control, watch
+        self._check_faults = check_faults
+        self._intake = PlanIntake(parameters)
+        self._changes = Numbering()
+        self._rows: deque[tuple[Origin, Any]] = deque()
+        self._revoked: set[tuple[str, int]] = set()
+        self.verdicts: list[tuple[str, Verdict]] = []
+        self._session = self._previous = ''
+        self._serial = self._courses = 0
+        self._order = 0  # the newest one that was accepted
+        self._planner = ''  # whose program is loaded
+        self._listened_to = ''
+
+    def begin_session(self, session: str) -> None:
+        """Forget what belongs to a session that is over."""
+        self._previous, self._session = self._session, session
+        self._rows.clear()
+        self._revoked.clear()
+        self._intake.begin()
+        self._order = 0
+
+    # the planner ------------------------------------------------------------------------------------------------------
+
+    def heard_planner(self, planner: str, session: str, number: int, now_s: float) -> bool:
+        """Take a heartbeat; whether another planner is listened to from now on."""
+        if session == self._session:
+            self._watch.heard(planner, number, now_s)
+        return self._has_another()
+
+    def _has_another(self) -> bool:
+        if self._watch.planner == self._listened_to:
+            return False
+        self._listened_to, self._order = self._watch.planner, 0
+        return True
+
+    def look(self, now_s: float) -> str:
+        """Look: say why the planner whose program moves the robot is lost, empty if it is not."""
+        moving = self._state.motion in (MotionState.MOVING, MotionState.STOPPING)
+        reason = self._watch.look(now_s, self._planner if moving else '')
+        self._has_another()
+        return reason
+
+    @property
+    def checked(self) -> int:
+        """Rows of the present plan that have been checked."""
+        return self._intake.checked
+
+    @property
+    def waiting(self) -> bool:
+        """Whether rows of a plan wait to be checked."""
+        return bool(self._rows)
+
+    def status(self, phase: str, next_cycle: int) -> Status:
+        """Return all that the planner has to know."""
+        self._serial += 1
+        state, control = self._state, self._control
+        refusal, operator = state.refusal(), control.operator
+        x, y, z = (float(value) for value in state.tcp_m)
+        return Status(
+            self._session,
+            self._previous,
+            self._serial,
+            self._watch.planner,
+            str(state.motion),
+            phase,
+            refusal.sentence if refusal else '',
+            str(refusal.code) if refusal else '',
+            state.located,
+            (x, y, z),
+            control.changes,
+            operator.identity if operator else '',
+            operator.name if operator else '',
+            control.losses,
+            self._order,
+            self._intake.checked,
+            next_cycle,
+        )
+
+    def course_label(self) -> str:
+        """Return the label of the next course that is told."""
+        self._courses += 1
+        return Origin(COURSE, self._planner, self._session, self._courses).label()
+
+    # plans and courses ------------------------------------------------------------------------------------------------
+
+    def _origin(self, label: str) -> Origin:
+        """Return where a row comes from; raises TelegramError if that is none of this robot's planner."""
+        origin = Origin.from_label(label)
+        if (origin.planner, origin.session) != (self._watch.planner, self._session):
+            raise TelegramError(
+                f'an order of planner {shown(origin.planner)} in session {shown(origin.session)} is not for this '
+                'robot now; is it a recording?'
+            )
+        return origin
+
+    def take_row(self, label: str, row: Any) -> None:
+        """Take a row of a plan, to be checked later; raises TelegramError if it is a stranger's."""
+        origin = self._origin(label)
+        if origin.kind == REVOKE:
+            self._revoke(origin)
+        elif len(self._rows) >= ROWS_WAITING_MAX:
+            raise TelegramError(f'{ROWS_WAITING_MAX} rows of a plan are waiting already')
+        else:
+            self._rows.append((origin, row))
+
+    def _revoke(self, origin: Origin) -> None:
+        """Take an order back; if it runs already, the program is given up."""
+        self._revoked.add((origin.planner, origin.number))
+        if origin.number == self._order:
+            self._state.abort()
+
+    def check_row(self) -> None:
+        """Check one of the rows that wait; the order that ends them is carried out or refused."""
+        origin, row = self._rows.popleft()
+        outcome = self._intake.take(origin, row)
+        if isinstance(outcome, Order):
+            outcome = self._start(origin, outcome)
+        if isinstance(outcome, Reason):
+            self._refuse('plan', origin, outcome)
+
+    def _start(self, origin: Origin, order: Order) -> Reason | None:
+        if (origin.planner, origin.number) in self._revoked:
+            return Reason(Code.WITHDRAWN, 'the planner has taken it back')
+        try:
+            self._check_faults(order.faults)
+        except ProgramError as error:
+            return Reason(Code.CONTENT, str(error))
+        disagreement = self._watch.disagreement()
+        if disagreement:
+            return Reason(Code.CONTENT, f'it was planned for another robot: {disagreement}')
+        before, self._planner = self._planner, origin.planner
+        reason = self._state.start(order)
+        if reason is not None:
+            self._planner = before
+            return reason
+        self._order = origin.number
+        self.verdicts.append(('plan', verdict_of(origin, ACCEPTED, '')))
+        return None
+
+    def take_course(self, label: str, row: Any) -> None:
+        """Carry a change of course out or refuse it; raises TelegramError if it is a stranger's."""
+        origin = self._origin(label)
+        if not self._changes.is_new(f'{origin.planner} {origin.session}', origin.number):
+            raise TelegramError(f'change {origin.number} of this planner was heard before')
+        try:
+            reason = self._state.change(Course.from_array(row))
+        except ProgramError as error:
+            reason = Reason(Code.CONTENT, str(error))
+        if reason is not None:
+            self._refuse('course', origin, reason)
+        else:
+            self.verdicts.append(('course', verdict_of(origin, ACCEPTED, '')))
+
+    def _refuse(self, what: str, origin: Origin, reason: Reason) -> None:
+        self.verdicts.append((what, verdict_of(origin, reason.code, reason.sentence)))

@@ -1,0 +1,134 @@
+"""No order of requests ends where the documented requests do not lead out, and every answer is true."""
+
+import os
+import random
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+SEQUENCES = int(os.environ.get('DELTA3_SEQUENCES', '300'))
+LENGTH = 50
+# the first and the last lead anywhere but beyond the workspace; short, so that they end within a sequence
+PROGRAMS = (
+    'moves: [{move_l: {to_m: [0.03, 0.0, -0.75]}}]',
+    'moves: [{move_l: {to_m: [0.0, 0.02, -0.76], blend_m: 0.005}}, {move_l: {to_m: [0.0, 0.0, -0.75]}}]',
+    'moves: [{move_l: {to_m: [0.0, 0.0, -0.2]}}]',
+    'moves: [{move_l: {to_m: up}}]',
+    'moves: [{dwell: {time_s: 0.05}}]',
+    '][',
+)
+REQUESTS = ('start', 'resume', 'clear', 'program', 'override', 'withdraw')
+SERVICES = ('enable', 'disable', 'hold', 'abort', 'emergency_stop', 'reset')
+
+
+class Sequence:
+    """One random sequence of requests of two operators and of clients without an identity."""
+
+    def __init__(self, rig: Any, seed: int) -> None:
+        self.rig, self.chance = rig, random.Random(seed)
+        self.told: list[str] = []
+
+    def step(self) -> None:
+        chance, rig = self.chance, self.rig
+        kind = chance.random()
+        if kind < 0.45:
+            self._ask(chance.choice(REQUESTS), chance.choice(['', '', 'A', 'B']))
+        elif kind < 0.75:
+            self._do(chance.choice(SERVICES))
+        elif kind < 0.8:
+            identity = chance.choice('AB')
+            rig.take_control(identity, chance.random() < 0.5)
+            self.told.append(f'{identity} takes control')
+        elif kind < 0.83:
+            rig.control.release(chance.choice('AB'))
+            rig.tell()
+        elif kind < 0.86:
+            rig.state.stop('a fault that somebody has injected')
+            rig.settle()
+            rig.tell()
+        else:
+            rig.run(chance.randrange(300))
+            self.told.append(f'time passes: {rig.state.motion}')
+        self.check()
+
+    def _ask(self, action: str, operator: str) -> None:
+        chance, rig = self.chance, self.rig
+        text = {
+            'program': chance.choice(PROGRAMS),
+            'override': chance.choice(['50', '150', '100', '1', '999', 'fast']),
+            'withdraw': str(rig.asked),
+        }.get(action, '')
+        before = rig.planner.queue
+        motion, losses = rig.state.motion, rig.control.losses
+        holder = rig.control.operator
+        accepted, sentence = rig.ask(action, text, operator)
+        self.told.append(f'{operator or "anybody"}: {action} {text}: {accepted} {sentence}')
+        assert sentence
+        assert '\n' not in sentence
+        if holder is not None and rig.control.operator == holder and holder.identity != operator:
+            assert not accepted or action == 'withdraw'
+        if action == 'start':
+            # who is told that it has started finds it moving, and who is refused finds everything as before
+            assert accepted == (rig.state.motion == 'moving' and motion != 'moving'), self.told[-5:]
+            assert accepted or rig.planner.queue[0] == before[0] or rig.control.losses > losses
+        if action == 'resume' and accepted:
+            assert rig.state.motion == 'moving'
+
+    def _do(self, action: str) -> None:
+        rig = self.rig
+        accepted, sentence = rig.do(action)
+        self.told.append(f'{action}: {accepted} {sentence}')
+        assert sentence
+        if action == 'reset':
+            assert accepted == (not rig.state.fault and sentence.startswith('faults cleared'))
+        if action == 'enable':
+            assert accepted == rig.state.enabled
+
+    def check(self) -> None:
+        rig = self.rig
+        tcp = rig.task.state['tcp'][0]
+        assert np.isfinite(tcp).all()
+        assert abs(tcp[0]) < 0.2
+        assert -1.0 < tcp[2] < -0.6
+
+    def lead_out(self) -> None:
+        """Do what the documentation says: reset, enable, clear; then a move works."""
+        rig = self.rig
+        rig.take_control('A', by_force=True)
+        rig.beating = 'A'
+        if rig.state.motion in ('moving', 'stopping', 'stopped'):
+            accepted, sentence = rig.do('abort')
+            assert accepted, sentence
+            rig.finish()
+        rig.run(60)
+        if rig.state.fault:
+            accepted, sentence = rig.do('reset')
+            assert accepted, sentence
+        accepted, sentence = rig.do('enable')
+        assert accepted, sentence
+        rig.run(50)
+        accepted, sentence = rig.ask('clear', operator='A')
+        assert accepted, sentence
+        assert rig.planner.queue == (0, 0.0)
+        before = rig.task.state['tcp'][0].copy()
+        accepted, sentence = rig.ask(
+            'program', 'moves: [{move_l: {to_m: {by_m: [0.0, 0.0, -0.01]}}}]', operator='A'
+        )
+        assert accepted, sentence
+        accepted, sentence = rig.ask('start', operator='A')
+        assert accepted, sentence
+        rig.finish()
+        assert np.abs(rig.task.state['tcp'][0] - before - [0.0, 0.0, -0.01]).max() < 1e-9
+
+
+def test_after_any_sequence_of_requests_the_documented_ones_lead_out(new_rig: Callable[[], Any]) -> None:
+    for seed in range(SEQUENCES):
+        sequence = Sequence(new_rig(), seed)
+        try:
+            for _ in range(LENGTH):
+                sequence.step()
+            sequence.lead_out()
+        except BaseException:
+            print(f'seed {seed}:\n' + '\n'.join(sequence.told[-20:]))
+            raise
