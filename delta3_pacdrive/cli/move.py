@@ -216,15 +216,15 @@ def _state_facts(operator: Any) -> dict[str, Any]:
     seen = operator.progress
     operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
     facts = {key: operator.progress.get(key) for key in STATE_FACTS}
-    if operator.count_publishers('unit_robot/queue'):
-        operator.wait_until(lambda: operator.queue, 'unit_robot/queue')
-        queue = json.loads(operator.queue)
-        facts |= {'queue': queue['moves'], 'override': queue['override'], 'planning': queue['working']}
-    else:
-        facts |= {'queue': 0, 'override': None, 'planning': 'there is no planner'}
-    return facts
+    try:
+        operator.wait_until(lambda: operator.queue, 'unit_robot/queue', PLANNER_S)
+    except RunError:
+        return facts | {'queue': None, 'override': None, 'planning': 'no word of the planner'}
+    queue = json.loads(operator.queue)
+    return facts | {'queue': queue['moves'], 'override': queue['override'], 'planning': queue['working']}
 
 
+PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
     'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m',
     'remaining_s', 'payload_kg', 'outputs', 'operator',
@@ -246,7 +246,8 @@ def _state_text(facts: dict[str, Any]) -> str:
         parts.append(f'override {100 * facts["override"]:g} %')
     x, y, z = (1e3 * value for value in facts['tcp_m'])
     parts.append(f'TCP at ({x:.3f}, {y:.3f}, {z:.3f}) mm')
-    parts.append(f'{facts["queue"]} moves in the queue')
+    if facts['queue'] is not None:
+        parts.append(f'{facts["queue"]} moves in the queue')
     if facts['planning']:
         parts.append(str(facts['planning']))
     outputs = [str(n) for n in range(8) if int(facts['outputs']) >> n & 1]

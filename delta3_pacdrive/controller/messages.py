@@ -134,6 +134,8 @@ class Request(_Message):
 
     Attributes
     ----------
+    receiver
+        Who is meant: identity of the planner, or session of the bus; so that a recording asks for nothing.
     operator
         Identity of who asks, empty for a client that has none.
     number
@@ -149,6 +151,7 @@ class Request(_Message):
 
     """
 
+    receiver: str
     operator: str
     number: int
     control: int
@@ -168,6 +171,14 @@ class Reply(_Message):
     code: str
     sentence: str
     control: int = 0
+
+
+def refuse_recording(request: Request) -> Reply:
+    """Return the refusal of a request that was meant for somebody else."""
+    sentence = (
+        f'the request was made to {shown(request.receiver)}, which is not here any more; is it a recording?'
+    )
+    return Reply(request.operator, request.number, True, False, str(Code.STRANGER), sentence)
 
 
 @dataclass(frozen=True)

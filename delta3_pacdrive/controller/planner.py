@@ -291,7 +291,7 @@ class Planner:
             self._timeline = None
         self._planned = None
         if first and self._queue is not None and not self._starts_by_itself:
-            self._waiting.append(_Waiting(Request('', 0, 0, PLAN), self._now_s))
+            self._waiting.append(_Waiting(Request('', '', 0, 0, PLAN), self._now_s))
 
     def _lose_queue(self) -> None:
         """Forget the queue of an operator who has lost control."""
@@ -565,11 +565,11 @@ class Planner:
         if status is None or self._here is None:
             return
         if self._planned is None:
-            self._serving = Request('', 0, 0, 'start')
+            self._serving = Request('', '', 0, 0, 'start')
             self._work(self._queue, '', NO_CAPS, self._here, self._keep_own)
         elif self.listened_to and not status.refusal:
             self._starts_by_itself = False
-            self._serving = Request('', 0, 0, 'start')
+            self._serving = Request('', '', 0, 0, 'start')
             self._launch(self._robot.motion.start_cycle)
 
     def _keep_own(self, result: Result) -> None:

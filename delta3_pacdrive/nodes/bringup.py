@@ -1,6 +1,7 @@
 """Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
 
 import os
+import shutil
 import signal
 import tempfile
 import time
@@ -43,6 +44,7 @@ READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
+LOGS = 'delta3_logs_'  # beginning of the names of folders for logs, the process number follows
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 
 
@@ -126,7 +128,7 @@ class Bringup:
 
     def _start_processes(self, logs: Path) -> None:
         options, program = self._options, self._options.program
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._interrupt)
         task = {'real_time_factor': options.real_time_factor, 'wait_for_program': program is not None}
         nodes: dict[str, Callable[[], Node]] = {
@@ -384,11 +386,20 @@ def _check(options: Options) -> tuple[core.Parameters, programs.Program | None, 
     return robot, program, planning.plan(program, robot.motion.home_m, robot)
 
 
+def _remove_left_logs() -> None:
+    """Remove the logs of bring-ups that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f'{LOGS}*_*'):
+        number = folder.name.removeprefix(LOGS).partition('_')[0]
+        if number.isdecimal() and not psutil.pid_exists(int(number)):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
 @contextmanager
 def _log_folder(folder: Path | None) -> Iterator[Path]:
     """Give the folder for logs, one that vanishes if none is asked for; raises RunError."""
     if folder is None:
-        with tempfile.TemporaryDirectory(prefix='delta3_') as temporary:
+        _remove_left_logs()
+        with tempfile.TemporaryDirectory(prefix=f'{LOGS}{os.getpid()}_') as temporary:
             yield Path(temporary)
         return
     try:

@@ -1,5 +1,6 @@
 """Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
 
+import json
 import os
 import secrets
 import signal
@@ -16,6 +17,7 @@ from std_msgs.msg import Header, String
 
 from delta3_pacdrive.controller import messages
 from delta3_pacdrive.controller.messages import Reply, Request
+from delta3_pacdrive.controller.reason import Code
 from delta3_pacdrive.errors import InterruptedRunError, ProgramError, RunError, TelegramError
 from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.polling import PollingNode
@@ -164,13 +166,37 @@ class OperatorNode(PollingNode):
             Nobody has answered.
 
         """
+        try:
+            return self._ask_once(whom, action, text, caps)
+        except RefusedError as error:
+            if error.code != Code.STRANGER:
+                raise
+        # planner or bus have started anew: by now they have said so
+        self.progress, self.queue = {}, ''
+        return self._ask_once(whom, action, text, caps)
+
+    def _receiver(self, whom: str) -> str:
+        """Return whom a request is meant for, empty as long as he has not said who he is."""
+        if whom == 'control':
+            return str(self.progress.get('session', ''))
+        try:
+            return str(json.loads(self.queue)['identity'])
+        except (ValueError, KeyError, TypeError):
+            return ''
+
+    def _ask_once(self, whom: str, action: str, text: str, caps: tuple[float, float, float]) -> str:
         publisher = self._requests[whom]
         self.wait_until(
-            lambda: publisher.get_subscription_count() and self.count_publishers(f'{whom}/reply'),
+            lambda: (
+                self._receiver(whom)
+                and publisher.get_subscription_count()
+                and self.count_publishers(f'{whom}/reply')
+            ),
             'UnitRobot' if whom == 'unit_robot' else 'transformation task',
         )
         self._numbers += 1
-        request = Request(self.identity, self._numbers, self._control, action, text, caps)
+        receiver = self._receiver(whom)
+        request = Request(receiver, self.identity, self._numbers, self._control, action, text, caps)
         self._awaited, self._reply, self._said = self._numbers, None, ''
         message = String(data=request.to_json())
         publisher.publish(message)
@@ -205,7 +231,9 @@ class OperatorNode(PollingNode):
         if whom != 'unit_robot':
             return
         self._numbers += 1
-        withdrawal = Request(self.identity, self._numbers, 0, 'withdraw', str(request.number))
+        withdrawal = Request(
+            request.receiver, self.identity, self._numbers, 0, 'withdraw', str(request.number)
+        )
         self._requests[whom].publish(String(data=withdrawal.to_json()))
 
     def take_control(self, name: str, by_force: bool = False) -> None:

@@ -26,11 +26,12 @@ from delta3_pacdrive.controller.messages import (
     Numbering,
     Reply,
     Request,
+    refuse_recording,
 )
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.errors import shown
+from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.nodes.deferred_service import Answer, create_deferred_service
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT, REQUEST
 from delta3_pacdrive.nodes.robot_node import RobotNode
@@ -50,6 +51,8 @@ class OperatorServices:
         Has the services.
     state, control
         Of the same transformation task.
+    session
+        Returns the session of the bus.
     changed
         Called when the state has been asked to change: whatever it wants done has to be done.
     told
@@ -62,11 +65,12 @@ class OperatorServices:
         node: RobotNode,
         state: RobotState,
         control: Control,
+        session: Callable[[], bytes],
         changed: Callable[[], None],
         told: Callable[[], None],
     ) -> None:
         self._log, self._state, self._control = node.get_logger(), state, control
-        self._changed, self._told = changed, told
+        self._session, self._changed, self._told = session, changed, told
         self._numbers = Numbering()
         self._last_replies: dict[str, Reply] = {}  # by operator
         self._replies = node.create_publisher(String, 'control/reply', REQUEST)
@@ -115,6 +119,9 @@ class OperatorServices:
 
     def _on_request(self, message: String) -> None:
         request = Request.from_json(message.data)
+        if request.receiver != self._session().decode():
+            self._replies.publish(String(data=refuse_recording(request).to_json()))
+            raise TelegramError(f'a request in session {shown(request.receiver)}, which is not this one')
         if not self._numbers.is_new(request.operator, request.number):
             last = self._last_replies.get(request.operator)
             if last is not None and last.number == request.number:

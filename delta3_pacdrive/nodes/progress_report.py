@@ -15,7 +15,7 @@ from delta3_pacdrive.nodes.qos import REPORT
 
 DIAGNOSTICS_S = 1.0
 # what ``motion/progress`` tells at least
-_TEXTS = ('phase', 'waiting', 'fault', 'state', 'operator', 'operator_identity')
+_TEXTS = ('session', 'phase', 'waiting', 'fault', 'state', 'operator', 'operator_identity')
 _FLAGS = ('finished', 'in_torque', 'enabled')
 _NUMBERS = (
     'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s', 'master_m',

@@ -128,7 +128,12 @@ class TransformationTaskNode(PollingNode):
         )
         actions.tell_course, actions.tell_status = self._planner.tell_course, self._planner.tell_status
         self._operators = OperatorServices(
-            self, self._state, self._control, self._carry_out, self._planner.tell_status
+            self,
+            self._state,
+            self._control,
+            lambda: self._session,
+            self._carry_out,
+            self._planner.tell_status,
         )
         hear_announcements(self, self._on_announcement, self._receiver.refuse)
         self._reports = ProgressReport(self, self._report_s, self.progress, self.statistics)
@@ -435,6 +440,7 @@ class TransformationTaskNode(PollingNode):
         operator = self._control.operator
         remaining = max(end - self.answered, 0) if end < NEVER else 0
         return {
+            'session': self._session.decode(),
             'phase': self._phase.name,
             'waiting': self._phase_up.waiting,
             'fault': self._state.fault,

@@ -36,6 +36,7 @@ from delta3_pacdrive.controller.messages import (
     Request,
     Status,
     Verdict,
+    refuse_recording,
 )
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.reason import Reason
@@ -223,7 +224,7 @@ class UnitRobotNode(PollingNode):
     ) -> None:
         """Pass on the request of a client that has no identity."""
         self._strangers += 1
-        self._ask(Request('', self._strangers, 0, action, text), answer)
+        self._ask(Request(self._identity, '', self._strangers, 0, action, text), answer)
 
     def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
         def ask(_: Trigger.Request, answer: Answer) -> None:
@@ -272,6 +273,7 @@ class UnitRobotNode(PollingNode):
     def _tell_queue(self) -> None:
         moves, duration = self._planner.queue
         facts = {
+            'identity': self._identity,
             'moves': moves,
             'duration_s': duration,
             'override': self._planner.rate,
@@ -309,6 +311,9 @@ class UnitRobotNode(PollingNode):
             raise TelegramError(
                 'a request needs the identity of its operator, and caps that are numbers from 0 on'
             )
+        if request.receiver != self._identity:
+            self._replies.publish(String(data=refuse_recording(request).to_json()))
+            raise TelegramError(f'a request to {shown(request.receiver)}, which is not this planner')
         if self._heard.is_new(request.operator, request.number):
             self._ask(request)
             return

@@ -186,7 +186,7 @@ class Rig:
         """Ask the planner; return whether it was accepted, and the sentence."""
         self.asked += 1
         known = self.control.changes
-        self.planner.ask(Request(operator, self.asked, known, action, text), self.now_s)
+        self.planner.ask(Request(PLANNER, operator, self.asked, known, action, text), self.now_s)
         self.settle()
         for _ in range(20):
             if self.answers and self.answers[-1][:2] == (operator, self.asked):
