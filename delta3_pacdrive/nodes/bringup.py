@@ -252,7 +252,8 @@ class Bringup:
         if self._interrupted and (self._program is not None or not self.ready_s):
             raise RunError('interrupted')
         for child in self._children:
-            if child.poll() is not None:
+            # who ends all processes at once, as a service manager does, wants none of them back
+            if child.poll() is not None and not self._interrupted:
                 self._replace(child)
         if self._in_real_time and monitor.progress.get('phase') == 'CP4':
             self._look_for_strain()
