@@ -1,0 +1,252 @@
+"""Several operators of one robot: whose answer is whose, who has control, and what is said when nobody can move it."""
+
+import json
+import threading
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64, String
+from std_srvs.srv import SetBool, Trigger
+
+from delta3_pacdrive.nodes.operator import OperatorNode, RefusedError
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+ON_REQUEST = {'motion__start_cycle': -1}
+POSSIBLE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75]}}]'
+IMPOSSIBLE = 'moves: [{move_l: {to_m: [0.0, 0.0, -0.2]}}]'
+SLOW = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]'
+
+
+class Cell:
+    """A robot without a clock, and two operators."""
+
+    def __init__(self, graph: Any) -> None:
+        self.graph = graph
+        self.task = graph.robot(**ON_REQUEST)
+        self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
+        self.anna = graph.add(OperatorNode, graph.spin_for)
+        self.bert = graph.add(OperatorNode, graph.spin_for)
+        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.anna.state, 'torque')
+
+    def move(self, text: str = SLOW) -> None:
+        self.anna.send_program(text)
+        self.anna.call('start')
+        self.graph.spin_until(lambda: self.anna.state == 'moving', 'the motion')
+
+
+@pytest.fixture
+def cell(graph: Any) -> Cell:
+    return Cell(graph)
+
+
+def test_each_operator_gets_his_own_answers(cell: Cell, graph: Any) -> None:
+    answers = graph.listen(String, 'unit_robot/reply', REQUEST)
+    refused = 0
+    publisher = graph.listener.create_publisher(String, 'unit_robot/program', REQUEST)
+    graph.spin_until(publisher.get_subscription_count, 'the planner')
+    for _ in range(30):
+        publisher.publish(String(data=POSSIBLE))  # somebody else, whose program is possible
+        with pytest.raises(RefusedError, match=r'z is -0\.2 m'):
+            cell.anna.send_program(IMPOSSIBLE)
+        refused += 1
+        assert 'planned' in cell.bert.send_program(POSSIBLE.replace('0.05', f'{0.05 + 1e-3 * refused:.3f}'))
+        cell.bert.call('clear')
+    mine = [json.loads(m.data) for m in answers if json.loads(m.data)['operator'] == cell.anna.identity]
+    assert [m['accepted'] for m in mine if m['done']] == [False] * refused
+
+
+def test_who_has_control_is_named_to_whoever_has_not(cell: Cell, graph: Any) -> None:
+    names = graph.listen(String, 'control/operator', LATCHED)
+    cell.anna.take_control('Anna')
+    for attempt in (
+        lambda: cell.bert.send_program(POSSIBLE),
+        lambda: cell.bert.call('start'),
+        lambda: cell.bert.call('clear'),
+        lambda: cell.bert.call('resume'),
+        lambda: cell.bert.override(50.0),
+        lambda: cell.bert.enable(True),
+        lambda: cell.bert.call('reset'),
+        lambda: cell.bert.take_control('Bert'),
+    ):
+        with pytest.raises(RefusedError, match=r'^Anna, process \d+ on .* has control') as caught:
+            attempt()
+        assert caught.value.code == 'control'
+    for kind, service, request in (
+        (Trigger, 'start', Trigger.Request()),
+        (Trigger, 'reset', Trigger.Request()),
+        (SetBool, 'enable', SetBool.Request(data=True)),
+    ):
+        response = graph.call(kind, service, request)
+        assert (response.success, 'Anna' in response.message) == (False, True)
+    assert names[-1].data.startswith('Anna, process')
+    cell.anna.release_control()
+    assert 'planned' in cell.bert.send_program(POSSIBLE)
+    graph.spin_until(lambda: names[-1].data == '', 'nobody')
+
+
+def test_reading_and_stopping_are_free_for_all(cell: Cell, graph: Any) -> None:
+    cell.anna.take_control('Anna')
+    cell.move()
+    assert 'stops from bus cycle' in cell.bert.call('hold')
+    graph.spin_until(lambda: cell.anna.state == 'stopped', 'standstill')
+    cell.anna.call('resume')
+    graph.spin_until(lambda: cell.anna.state == 'moving', 'the motion')
+    assert graph.call(Trigger, 'abort', Trigger.Request()).success
+    graph.spin_until(lambda: cell.anna.state == 'idle', 'the end')
+    cell.move()
+    assert cell.bert.enable(False).startswith('stops on its path')
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    assert cell.bert.drive('axis1 read S-0-0104').startswith('axis1')
+
+
+def test_an_operator_who_falls_silent_leaves_the_robot_standing_on_its_path(cell: Cell, graph: Any) -> None:
+    commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
+    cell.anna.take_control('Anna')
+    cell.move()
+    graph.remove(cell.anna)  # as if she had been killed
+    graph.spin_until(lambda: cell.bert.state == 'stopped', 'standstill')
+    assert cell.task.progress()['fault'] == ''
+    assert 0.0 < commands[-1].point.x < 0.2
+    assert cell.task.progress()['operator'] == ''
+    assert cell.bert.call('resume') == 'resumed'  # whoever comes next may go on
+    graph.spin_until(lambda: cell.bert.state == 'moving', 'the motion')
+
+
+def test_control_that_is_taken_over_is_lost_with_the_queue_and_the_motion_goes_on(
+    cell: Cell, graph: Any
+) -> None:
+    cell.anna.take_control('Anna')
+    cell.move()
+    cell.bert.take_control('Bert', by_force=True)
+    graph.spin_until(lambda: not cell.anna.in_control, 'the loss')
+    assert cell.task.progress()['state'] == 'moving'
+    with pytest.raises(RefusedError, match=r'^Bert'):
+        cell.anna.call('resume')
+    cell.bert.call('abort')
+    graph.spin_until(lambda: cell.bert.state == 'idle', 'the end')
+    cell.bert.send_program(POSSIBLE)
+    cell.anna.take_control('Anna', by_force=True)
+    with pytest.raises(RefusedError, match='no moves are in the queue'):
+        cell.anna.call('start')
+
+
+def test_a_start_is_answered_when_the_master_has_taken_it(cell: Cell, graph: Any) -> None:
+    cell.anna.enable(False)
+    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    assert cell.anna.send_program(POSSIBLE).endswith('the drives are not enabled: enable them first')
+    response = graph.call(Trigger, 'start', Trigger.Request())
+    assert (response.success, response.message) == (False, 'the drives are not enabled: enable them first')
+    cell.anna.enable(True)
+    assert graph.call(Trigger, 'start', Trigger.Request()).success
+    assert cell.task.progress()['state'] == 'moving'
+
+
+def test_a_request_that_nobody_waits_for_any_more_is_withdrawn(cell: Cell, graph: Any) -> None:
+    moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(400))
+    calls = 0
+
+    def impatient(seconds: float) -> None:
+        nonlocal calls
+        graph.spin_for(seconds)
+        calls += 1
+        if calls == 10:
+            raise KeyboardInterrupt
+
+    cell.anna.spin_for = impatient
+    with pytest.raises(KeyboardInterrupt):
+        cell.anna.send_program(f'moves: [{moves}]')
+    cell.anna.spin_for = graph.spin_for
+    assert 'planned "program": 1 moves' in cell.bert.send_program(POSSIBLE)
+
+
+def test_planning_that_takes_long_tells_how_far_it_is(cell: Cell) -> None:
+    shown: list[str] = []
+    cell.anna.show = shown.append
+    moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(1000))
+    assert 'planned "program": 1000 moves' in cell.anna.send_program(f'moves: [{moves}]')
+    assert any(text.startswith('planning move ') and text.endswith('of 1000') for text in shown)
+
+
+def test_no_clock_of_others_stops_or_confuses_a_robot(cell: Cell, graph: Any) -> None:
+    clock = graph.listener.create_publisher(Clock, '/clock', 10)
+    for node in graph.nodes:
+        if isinstance(node, Node) and node is not graph.listener:
+            (result,) = node.set_parameters([Parameter('use_sim_time', value=True)])
+            assert result.successful
+    clock.publish(Clock())
+    cell.move(POSSIBLE)
+    graph.spin_until(lambda: cell.anna.state == 'idle', 'the end')
+    assert cell.task.progress()['fault'] == ''
+
+
+def test_a_robot_that_was_started_with_simulated_time_works(graph: Any) -> None:
+    task = graph.robot(use_sim_time=True, **ON_REQUEST)
+    graph.add(UnitRobotNode, use_sim_time=True, **ON_REQUEST)
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+
+
+LARGE = 10_000_000
+
+
+@pytest.mark.parametrize(
+    ('topic', 'qos'),
+    [
+        ('faults/schedule', FAULTS),
+        ('unit_robot/program', REQUEST),
+        ('unit_robot/request', REQUEST),
+        ('control/request', REQUEST),
+        ('motion/status', LATCHED),
+        ('motion/verdict', REQUEST),
+    ],
+)
+def test_megabytes_on_a_topic_stop_nothing(topic: str, qos: Any, cell: Cell, graph: Any) -> None:
+    cell.move()
+    publisher = graph.listener.create_publisher(String, topic, qos)
+    graph.spin_until(publisher.get_subscription_count, 'a reader')
+    for _ in range(3):
+        publisher.publish(String(data='x' * LARGE))
+    begun = cell.task.answered
+    graph.spin_until(lambda: cell.task.answered > begun + 500, 'cycles')
+    facts = cell.task.progress()
+    assert (facts['state'], facts['fault']) == ('moving', '')
+
+
+def test_a_large_document_is_parsed_beside_the_thread_that_must_answer(cell: Cell, graph: Any) -> None:
+    cell.anna.send_program(POSSIBLE)
+    document = 'moves: [' + ', '.join('{dwell: {time_s: 0.1}}' for _ in range(19_000)) + ']'
+    publisher = graph.listener.create_publisher(String, 'unit_robot/program', REQUEST)
+    graph.spin_until(publisher.get_subscription_count, 'the planner')
+    publisher.publish(String(data=document))
+    graph.spin_for(0.05)
+    threads = [thread for thread in threading.enumerate() if thread.name == 'planning']
+    assert threads
+    answers = graph.listen(String, 'unit_robot/queue', LATCHED)
+    graph.spin_until(lambda: answers and json.loads(answers[-1].data)['moves'] > 1, 'the plan', 60.0)
+    assert cell.task.progress()['fault'] == ''
+
+
+def test_the_state_of_the_planner_follows_that_of_the_motion(cell: Cell, graph: Any) -> None:
+    states = graph.listen(String, 'unit_robot/state', LATCHED)
+    cell.move()
+    cell.anna.call('hold')
+    graph.spin_until(lambda: states and states[-1].data == 'stopped', 'standstill')
+    cell.anna.call('abort')
+    graph.spin_until(lambda: states[-1].data == 'idle', 'the end')
+    seen = [message.data for message in states]
+    assert seen[-4:] == ['moving', 'stopping', 'stopped', 'idle']
+
+
+def test_an_override_counts_from_when_it_was_answered(cell: Cell, graph: Any) -> None:
+    override = graph.listener.create_publisher(Float64, 'unit_robot/override', REQUEST)
+    queue = graph.listen(String, 'unit_robot/queue', LATCHED)
+    cell.move()
+    graph.spin_until(override.get_subscription_count, 'the planner')
+    for percent in (50.0, 120.0, 80.0):
+        override.publish(Float64(data=percent))
+    graph.spin_until(lambda: queue and json.loads(queue[-1].data)['override'] == 0.8, 'all of them')
+    graph.spin_until(lambda: cell.task.progress()['rate'] == 0.8, 'the rate')
