@@ -26,6 +26,7 @@ from delta3_pacdrive.motion.plan import (
     Move,
     MoveKind,
     Plan,
+    PlanBuilder,
     advance_number,
     plan_master_at,
     plan_path_at,
@@ -332,10 +333,17 @@ def test_a_master_that_runs_backwards_is_refused():
         Move.from_array(replace(forwards, master=master).to_array(0, 1))
 
 
+def builder(*moves):
+    made = PlanBuilder()
+    for move in moves:
+        made.add(move)
+    return made
+
+
 def test_moves_that_do_not_begin_where_the_last_one_ends_are_no_plan():
     there, elsewhere = straight(HOME, INSIDE), straight((0.4, 0.0, -0.8), HOME)
     with pytest.raises(ProgramError, match=r'move 1 of the plan begins 100\.000 mm away'):
-        Plan.of([there, elsewhere]).require_joined()
+        builder(there, elsewhere).require_joined([0, 1])
     with pytest.raises(ProgramError, match='move 2 of the plan begins'):
-        Plan.of([there, straight(INSIDE, HOME)], [0, 1, 1]).require_joined()
-    Plan.of([there, straight(INSIDE, HOME)], [0, 1, 0, 1]).require_joined()
+        builder(there, straight(INSIDE, HOME)).require_joined([0, 1, 1])
+    builder(there, straight(INSIDE, HOME)).require_joined([0, 1, 0, 1])
