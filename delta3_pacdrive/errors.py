@@ -45,6 +45,10 @@ class ReportError(Delta3Error, OSError):
     """A report cannot be written, or what it is about cannot be read."""
 
 
+class KernelError(Delta3Error, OSError):
+    """Compiled kernels have no place."""
+
+
 class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
 

@@ -1,9 +1,16 @@
 """Entry point of ``delta3``: finds the sub-command and imports only what it needs."""
 
-import argparse
-import importlib
+from __future__ import annotations
+
+import os
 import sys
-from collections.abc import Sequence
+
+from delta3_pacdrive import interrupts
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
 
 COMMANDS = {
     'run': 'start a robot, run a program, stop everything',
@@ -22,10 +29,14 @@ COMMANDS = {
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }
+# these have a robot to bring to rest before they end
+OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'record', 'bench'})
 
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line without the options of the sub-commands."""
+    import argparse
+
     parser = argparse.ArgumentParser(
         prog='delta3',
         description='A Delta-3 robot on a PacDrive controller, emulated on ROS 2.',
@@ -42,20 +53,62 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit status."""
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    parser = build_parser()
+    """Run the command line; return the exit status. Without arguments the process is this command, and no other."""
+    own = arguments is None
+    if own:
+        interrupts.install()
+    status = _run(list(sys.argv[1:] if arguments is None else arguments))
+    if own:
+        interrupts.ignore()
+    return status
+
+
+def bringup() -> int:
+    """Be ``ros2 run delta3_pacdrive bringup``."""
+    return _be('run')
+
+
+def record() -> int:
+    """Be ``ros2 run delta3_pacdrive record``."""
+    return _be('record')
+
+
+def _be(command: str) -> int:
+    sys.argv.insert(1, command)
+    return main()
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        status = _dispatch(arguments)
+    except SystemExit as end:  # argparse: --help, a usage error
+        status = end.code if isinstance(end.code, int) else 1
+    except MemoryError:
+        print('error: there is not enough memory', file=sys.stderr)
+        return 1
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f'error: cannot write the output: {error.strerror}', file=sys.stderr)
+        return 1
+    return status
+
+
+def _dispatch(arguments: list[str]) -> int:
+    import importlib
+
     if not arguments or arguments[0] in ('-h', '--help'):
-        parser.print_help()
+        build_parser().print_help()
         return 0 if arguments else 2
     command, *rest = arguments
     if command not in COMMANDS:
-        print(
-            f'delta3: error: unknown command {command!r}, expected one of {", ".join(COMMANDS)}',
-            file=sys.stderr,
-        )
+        names = ', '.join(COMMANDS)
+        print(f'delta3: error: unknown command {command!r}, expected one of {names}', file=sys.stderr)
         return 2
-    return int(importlib.import_module(f'delta3_pacdrive.cli.{command}').main(rest))
+    module = importlib.import_module(f'delta3_pacdrive.cli.{command}')
+    with interrupts.raising(command in OF_ROBOTS):
+        return int(module.main(rest))
 
 
 if __name__ == '__main__':

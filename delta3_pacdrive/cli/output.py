@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error
 
 INTERRUPTED = 130  # exit status after Ctrl-C
@@ -16,28 +17,72 @@ INTERRUPTED = 130  # exit status after Ctrl-C
 
 def fail(error: Delta3Error, as_json: bool = False) -> int:
     """Print an error as one sentence (and as JSON on standard output, if asked for); return the exit status."""
-    sentence = ' '.join(str(error).split())
-    print(f'error: {sentence}', file=sys.stderr)
-    if as_json:
-        print(json.dumps({'ok': False, 'error': sentence}))
+    text = ' '.join(str(error).split())
+    try:
+        print(f'error: {text}', file=sys.stderr)
+        if as_json:
+            print(json.dumps({'ok': False, 'error': text}))
+        sys.stdout.flush()
+    except OSError:  # nobody can read it: the status has to do
+        discard_output()
     return 1
 
 
+def discard_output() -> None:
+    """Write to nowhere from now on: not even the end of the interpreter complains about what cannot be written."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def guarded(action: Callable[[], int], as_json: bool = False) -> int:
-    """Run a command; every error of this package becomes one sentence and exit status 1."""
+    """Run a command; every error of this package and of the machine becomes one sentence and exit status 1.
+
+    Ctrl-C, SIGTERM and SIGHUP become one sentence and the status 130, 143 or 129.
+    """
+    interrupts.answer_as_json(as_json)
     try:
-        return action()
-    except Delta3Error as error:
-        return fail(error, as_json)
-    except BrokenPipeError:
-        # whoever read has gone; nothing is left to be said, not even at the end of the interpreter
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except ModuleNotFoundError as error:
-        if error.name != 'rclpy':
+        status = action()
+        sys.stdout.flush()
+    except Exception as error:
+        sentence = _sentence(error)
+        if sentence is None and not interrupts.asked():
             raise
+        interrupts.ignore()
+        if isinstance(error, BrokenPipeError):
+            # whoever read has gone; nothing is left to be said
+            discard_output()
+            return _status(1)
+        if isinstance(error, OSError):
+            discard_output()  # it may be what cannot be written
+        if sentence is None:  # what an interrupt became on its way through somebody else's code
+            sentence = interrupts.sentence(interrupts.asked())
+        return _status(fail(Delta3Error(sentence), as_json))
+    except KeyboardInterrupt as error:
+        interrupts.ignore()
+        fail(Delta3Error(str(error) or 'interrupted'), as_json)
+        return _status(INTERRUPTED)
+    return _status(status)
+
+
+def _status(status: int) -> int:
+    """Return the status of a command, or that of the signal which ended it."""
+    return interrupts.status(interrupts.asked()) if status and interrupts.asked() else status
+
+
+def _sentence(error: Exception) -> str | None:
+    """Return what went wrong, None if it is no error of the package or of the machine but a mistake in the code."""
+    if isinstance(error, Delta3Error):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return 'there is not enough memory'
+    if isinstance(error, ModuleNotFoundError):
         text = 'ROS 2 is not installed here: pip install "delta3_pacdrive[ros]", or source a ROS 2 Jazzy'
-        return fail(Delta3Error(text), as_json)
+        return text if error.name == 'rclpy' else None
+    if isinstance(error, ImportError) and 'map segment' in str(error):
+        return f'there is not enough memory: {error}'
+    if isinstance(error, OSError):
+        place = f' {error.filename}' if error.filename else ''
+        return f'cannot read or write{place}: {error.strerror or error}'
+    return None
 
 
 class _Parser(argparse.ArgumentParser):
@@ -110,15 +155,16 @@ def finite_number(text: str) -> float:
 
 
 def announce_compilation() -> None:
-    """Tell who waits why the first command of a version takes longer."""
+    """Compile the kernels if these sources have not been compiled on this machine yet, and tell how far it is."""
     from delta3_pacdrive.kernel import all_compiled
 
-    if not all_compiled():
-        print(
-            'compiling the numerical kernels, once for this version (about 30 s) ...',
-            file=sys.stderr,
-            flush=True,
-        )
+    if all_compiled():
+        return
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.cli.progress import compilation
+
+    with compilation() as show:
+        simulation.compile_kernels(show)
 
 
 def print_figures(result: dict[str, Any]) -> None:
