@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
@@ -35,6 +35,7 @@ _IMPORT = re.compile(
     re.M,
 )
 POLL_S = 0.1
+TURN_S, TURN_MAX_S = 5e-3, 20.0  # between two looks for another process's kernel; how long they go on
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
@@ -228,13 +229,43 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
     _impl_class = _Implementation
     saved: Callable[[], None] = staticmethod(lambda: None)
+    shares = False
+    _turn: IO[str] | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = self._load(sig, target_context)
+        if found is None and self.shares:
+            # what another process is compiling need not be compiled here; no two wait for each other, because a
+            # kernel that waits is one that the other one does not call
+            self._take_turn()
+            found = self._load(sig, target_context)
+            if found is not None:
+                self._end_turn()
+        return found
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # noqa: BLE001 (a damaged pickle raises whatever it likes)
             self.flush()
             return None
+
+    def _take_turn(self) -> None:
+        folder = Path(self.cache_path)
+        with suppress(OSError):
+            folder.mkdir(exist_ok=True)
+            self._turn = (folder / f'{self._impl.filename_base}.lock').open('w')
+            deadline = time.monotonic() + TURN_MAX_S
+            while time.monotonic() < deadline:
+                with suppress(BlockingIOError):
+                    fcntl.flock(self._turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return
+                time.sleep(TURN_S)
+
+    def _end_turn(self) -> None:
+        if self._turn is not None:
+            self._turn.close()
+            self._turn = None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         # numba reads the index, adds a number and writes: two writers would take the same number. Without space on
@@ -244,7 +275,18 @@ class _Cache(FunctionCache):  # type: ignore[misc]
             with (CACHE_DIRECTORY / 'index_lock').open('w') as file:
                 fcntl.flock(file, fcntl.LOCK_EX)
                 super().save_overload(sig, data)
+        self._end_turn()
         _Cache.saved()
+
+
+@contextmanager
+def shared() -> Iterator[None]:
+    """Share the work with other processes: none compiles what another one is compiling."""
+    _Cache.shares = True
+    try:
+        yield
+    finally:
+        _Cache.shares = False
 
 
 @contextmanager

@@ -22,7 +22,16 @@ from delta3_pacdrive.disturbed import run_disturbed
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.kernel import POLL_S, all_compiled, alone, compiled, kernel, mark_compiled, watched
+from delta3_pacdrive.kernel import (
+    POLL_S,
+    all_compiled,
+    alone,
+    compiled,
+    kernel,
+    mark_compiled,
+    shared,
+    watched,
+)
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion.checks import Limits
@@ -232,8 +241,9 @@ simulation.rehearse_parts(int(sys.argv[2]), int(sys.argv[3]))
 def rehearse_parts(first: int, step: int) -> None:
     """Call the kernels of every so many parts of the machine."""
     parameters = core.load()
-    for part in _PARTS[first::step]:
-        part(parameters)
+    with shared():
+        for part in _PARTS[first::step]:
+            part(parameters)
 
 
 def _stand(parameters: Parameters) -> None:
