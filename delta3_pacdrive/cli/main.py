@@ -6,6 +6,7 @@ import os
 import sys
 
 from delta3_pacdrive import interrupts
+from delta3_pacdrive.errors import RunError
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -57,6 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     own = arguments is None
     if own:
         interrupts.install()
+        for stream in (sys.stdout, sys.stderr):
+            # names of files need not be text, and no terminal need know every sign
+            if hasattr(stream, 'reconfigure'):
+                stream.reconfigure(errors='backslashreplace')
     status = _run(list(sys.argv[1:] if arguments is None else arguments))
     if own:
         interrupts.ignore()
@@ -86,29 +91,66 @@ def _run(arguments: list[str]) -> int:
     except MemoryError:
         print('error: there is not enough memory', file=sys.stderr)
         return 1
+    except KeyboardInterrupt as error:  # before the command began to work
+        interrupts.ignore()
+        print(f'error: {error}', file=sys.stderr)
+        return interrupts.status(interrupts.asked()) if interrupts.asked() else 130
+    except OSError as error:
+        return _cannot_write(error)
     try:
         sys.stdout.flush()
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        print(f'error: cannot write the output: {error.strerror}', file=sys.stderr)
-        return 1
+        return _cannot_write(error)
     return status
+
+
+def _cannot_write(error: OSError) -> int:
+    if not isinstance(error, BrokenPipeError):
+        print(f'error: cannot write the output: {error.strerror or error}', file=sys.stderr)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1
 
 
 def _dispatch(arguments: list[str]) -> int:
     import importlib
 
     if not arguments or arguments[0] in ('-h', '--help'):
-        build_parser().print_help()
+        sys.stdout.write(build_parser().format_help())
         return 0 if arguments else 2
     command, *rest = arguments
     if command not in COMMANDS:
         names = ', '.join(COMMANDS)
         print(f'delta3: error: unknown command {command!r}, expected one of {names}', file=sys.stderr)
         return 2
+    try:
+        _check_surroundings(command, rest)
+    except RunError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
     module = importlib.import_module(f'delta3_pacdrive.cli.{command}')
     with interrupts.raising(command in OF_ROBOTS):
         return int(module.main(rest))
+
+
+def _check_surroundings(command: str, rest: list[str]) -> None:
+    """Raise RunError if a command cannot work here, whatever its options are."""
+    if {'-h', '--help'}.intersection(rest):
+        return
+    from delta3_pacdrive import memory
+
+    for_a_robot = _is_for_a_robot(command, rest)
+    memory.require(for_a_robot)
+    if for_a_robot:
+        from delta3_pacdrive.nodes import domain
+
+        domain.check()
+
+
+def _is_for_a_robot(command: str, rest: list[str]) -> bool:
+    """Whether a command takes part in a ROS graph."""
+    if command in ('drive', 'faults', 'bench'):
+        return rest[:1] not in (['list'], ['motion'], ['simulate'], ['kinematics'])
+    return command in OF_ROBOTS or (command == 'experiment' and '--graph' in rest)
 
 
 if __name__ == '__main__':

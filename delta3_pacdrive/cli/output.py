@@ -81,7 +81,9 @@ def _sentence(error: Exception) -> str | None:
         return f'there is not enough memory: {error}'
     if isinstance(error, OSError):
         place = f' {error.filename}' if error.filename else ''
-        return f'cannot read or write{place}: {error.strerror or error}'
+        return f'cannot read or write{place}: {error.strerror}' if error.strerror else str(error)
+    if isinstance(error, UnicodeError):
+        return f'a name or a text is not valid UTF-8: {error}'
     return None
 
 
@@ -91,8 +93,13 @@ class _Parser(argparse.ArgumentParser):
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         args = list(sys.argv[1:] if args is None else args)
         options = super().parse_args(args, namespace)
-        options.command_line = f'{self.prog} {shlex.join(args)}'.strip()
+        typed = f'{self.prog} {shlex.join(args)}'.strip()
+        options.command_line = typed.encode(errors='backslashreplace').decode()  # names need not be text
         return options
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        # argparse swallows what goes wrong here
+        (file or sys.stderr).write(message)
 
 
 def parser_for(command: str, description: str) -> argparse.ArgumentParser:

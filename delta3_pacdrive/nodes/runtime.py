@@ -15,6 +15,7 @@ from rclpy.task import Future
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.nodes import domain
 
 _separate = False
 
@@ -67,9 +68,10 @@ def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = N
     """Be the main function of a process: build the nodes, spin, clean up; return the exit status."""
     global _separate  # noqa: PLW0603 (a fact about the process)
     _separate = len(factories) == 1
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     process: Process | None = None
     try:
+        domain.check()
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         process = Process()
         for stopping in interrupts.NUMBERS:
             # a bring-up in the background, or under nohup, ignores signals but sends them to its children
@@ -108,6 +110,7 @@ def run_single(factory: Callable[[], Node]) -> int:
     interrupts.install()
     discovery.keep_to_this_machine()
     try:
+        domain.check()
         simulation.compile_kernels(
             Lines().show
         )  # nodes that are started together compile once, not each for itself

@@ -1,8 +1,11 @@
 """Main functions of the executables: Ctrl-C is answered before ROS and numba are loaded, which takes a second."""
 
 import importlib
+import sys
 
-from delta3_pacdrive import interrupts
+from delta3_pacdrive import interrupts, memory
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes import domain
 
 
 def unit_robot() -> int:
@@ -27,4 +30,10 @@ def plant() -> int:
 
 def _start(module: str) -> int:
     interrupts.install()
+    try:
+        memory.require(in_a_graph=True)
+        domain.check()
+    except RunError as error:
+        sys.stderr.write(f'error: {error}\n')
+        return 1
     return int(importlib.import_module(f'delta3_pacdrive.nodes.{module}').main())
