@@ -174,9 +174,8 @@ def load_kernels(parameters: Parameters) -> None:
         rehearse(parameters)
 
 
-KERNELS = (
-    102  # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-)
+# that a robot without the effects of ``rich`` needs; the others are compiled when they are called
+KERNELS = 107
 Show = Callable[[int, int], None]
 
 

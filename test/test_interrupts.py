@@ -22,6 +22,8 @@ OFFLINE = {
     'simulate': ['simulate', '--trace', 'trace.npz'],
     'plot': ['plot', '{trace}'],
     'arm': ['arm', '--figures', 'arm'],
+    'check': ['check', 'packaging'],
+    'completion': ['completion', 'bash'],
     'experiment': ['experiment', '1', '--no-attribution'],
     'jacobian': ['jacobian', 'experiment1'],
     'tune': ['tune', '--program', 'experiment1'],
@@ -74,6 +76,7 @@ def assert_one_sentence(errors, expected):
     assert expected in lines[0]
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', OFFLINE)
 def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, trace, tmp_path):
     arguments = [text.format(trace=trace) for text in OFFLINE[name]]
@@ -83,10 +86,11 @@ def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, tr
     assert process.returncode == 0, errors
     whole_s = time.monotonic() - begin
     interrupted = 0
+    # denser at the begin: imports, kernels and the first work come one after the other there
     for moment in range(MOMENTS):
         process = start(arguments, tmp_path)
         try:
-            process.wait(whole_s * moment / MOMENTS)
+            process.wait(whole_s * (moment / MOMENTS) ** 2)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=LIMIT_S)

@@ -20,6 +20,7 @@ COMMANDS = {
     'faults': 'inject faults; the catalogue of every fault in every state',
     'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
+    'check': 'read and plan program, parameter and fault files; every move, every mistake',
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
     'plot': 'draw the figures of a bag or a trace',
@@ -28,6 +29,7 @@ COMMANDS = {
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
+    'completion': 'print what a shell needs to complete all of this',
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }
 # these have a robot to bring to rest before they end
@@ -44,6 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
         add_help=False,
     )
     parser.add_argument('-h', '--help', action='store_true', help='show this text')
+    parser.add_argument('--version', action='store_true', help='show the version')
     parser.add_argument('command', nargs='?', metavar='command', help='one of the commands below')
     lines = [f'  {name:<10} {text}' for name, text in COMMANDS.items()]
     parser.epilog = (
@@ -117,6 +120,11 @@ def _dispatch(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ('-h', '--help'):
         sys.stdout.write(build_parser().format_help())
         return 0 if arguments else 2
+    if arguments[0] == '--version':
+        from importlib import metadata
+
+        print(f'delta3_pacdrive {metadata.version("delta3_pacdrive")}')
+        return 0
     command, *rest = arguments
     if command not in COMMANDS:
         names = ', '.join(COMMANDS)

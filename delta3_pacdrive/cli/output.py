@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from delta3_pacdrive import interrupts
+from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error
 
 INTERRUPTED = 130  # exit status after Ctrl-C
@@ -87,8 +88,22 @@ def _sentence(error: Exception) -> str | None:
     return None
 
 
+class _Caught(BaseException):
+    """No error: the parser that somebody wants to look at."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self.parser = parser
+
+
 class _Parser(argparse.ArgumentParser):
     """Notes the command as it was typed, for what it writes."""
+
+    is_wanted = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if _Parser.is_wanted:
+            raise _Caught(self)
+        return super().parse_known_args(args, namespace)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         args = list(sys.argv[1:] if args is None else args)
@@ -111,10 +126,23 @@ def parser_for(command: str, description: str) -> argparse.ArgumentParser:
     )
 
 
+def parser_of(main: Callable[[Sequence[str]], int]) -> argparse.ArgumentParser:
+    """Return the parser of a command, which is known to its main function only."""
+    _Parser.is_wanted = True
+    try:
+        main([])
+    except _Caught as caught:
+        return caught.parser
+    finally:
+        _Parser.is_wanted = False
+    raise AssertionError('a command that reads no options')
+
+
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a program and a robot."""
+    names = ', '.join(program_names())
     parser.add_argument(
-        'program', nargs='?', default='experiment1', help='program file, or the name of a packaged program'
+        'program', nargs='?', default='experiment1', help=f'program file, or a packaged program: {names}'
     )
     add_parameter_options(parser)
 

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, payload_on_grid
+from delta3_pacdrive.configuration import packaged
 from delta3_pacdrive.configuration.checked import Errors, Refusal, Section, at, expected, nearest_of, refuse
 from delta3_pacdrive.configuration.located import numbered, place_in, place_of, place_of_key
 from delta3_pacdrive.errors import ProgramError, shown
@@ -147,15 +148,15 @@ def load(path: str | Path, motion: Motion) -> Program:
 def find(path: str | Path) -> Path:
     """Return the file that ``path`` means: itself, else the packaged program of that name."""
     path = Path(path)
-    packaged = config_directory() / 'programs' / f'{path.name}.yaml'
-    if not path.exists() and path.parent == Path() and packaged.exists():
-        return packaged
+    own = config_directory() / 'programs' / f'{path.name}.yaml'
+    if not path.exists() and path.parent == Path() and own.exists():
+        return own
     return path
 
 
 def packaged_names() -> list[str]:
     """Names of the packaged programs."""
-    return sorted(file.stem for file in (config_directory() / 'programs').glob('*.yaml'))
+    return packaged.program_names()
 
 
 @dataclass(frozen=True)
