@@ -105,6 +105,8 @@ class _Builder:
         elif self._keys[-1] is _NONE:
             if isinstance(value, (Fields, Items)):
                 raise yaml.YAMLError(f'a key must not be a list or a mapping: line {place.line}')
+            if value == '<<':
+                raise yaml.YAMLError(f'a mapping must not be merged into another: line {place.line}')
             if value in parent:
                 raise yaml.YAMLError(f'the key {shown(value)} stands twice at line {place.line}')
             self._keys[-1], self._key_places[-1] = value, place

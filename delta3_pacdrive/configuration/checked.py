@@ -38,11 +38,11 @@ class Errors:
     def add(self, refusal: Refusal, place: Place | None) -> None:
         """Note an error with its place."""
         place = refusal.place or place
-        parts = [self._source] if self._source else []
-        text = ':'.join([*parts, *map(str, place)]) + ': ' if place else ''
-        if place and not self._source:
-            text = f'line {place.line}, column {place.column}: '
-        sentence = f'{text}{refusal}'
+        if not self._source:
+            where = f'line {place.line}, column {place.column}: ' if place else ''
+        else:
+            where = f'{self._source}:{place.line}:{place.column}: ' if place else f'{self._source}: '
+        sentence = f'{where}{refusal}'
         self._found.setdefault(sentence, place or Place(0, 0))
         if len(self._found) >= ERRORS_MAX:
             raise _EnoughError
