@@ -195,6 +195,17 @@ def test_what_an_interrupt_becomes_on_its_way_is_still_an_interrupt():
     assert_one_sentence(done.stderr, 'ended by SIGTERM')
 
 
+def test_a_signal_that_ros_has_taken_for_itself_is_an_interrupt_too(capfd):
+    class ExternalShutdownException(Exception):  # noqa: N818 (as rclpy calls it)
+        pass
+
+    def work():
+        raise ExternalShutdownException
+
+    assert guarded(work) == 130
+    assert_one_sentence(capfd.readouterr().err, 'interrupted')
+
+
 def test_a_mistake_in_the_code_keeps_its_traceback():
     def work():
         raise RuntimeError('a mistake')

@@ -56,7 +56,8 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
             discard_output()  # it may be what cannot be written
         if sentence is None:  # what an interrupt became on its way through somebody else's code
             sentence = interrupts.sentence(interrupts.asked())
-        return _status(fail(Delta3Error(sentence), as_json))
+        status = fail(Delta3Error(sentence), as_json)
+        return _status(INTERRUPTED if sentence == 'interrupted' else status)
     except KeyboardInterrupt as error:
         interrupts.ignore()
         fail(Delta3Error(str(error) or 'interrupted'), as_json)
@@ -73,6 +74,8 @@ def _sentence(error: Exception) -> str | None:
     """Return what went wrong, None if it is no error of the package or of the machine but a mistake in the code."""
     if isinstance(error, Delta3Error):
         return str(error)
+    if type(error).__name__ == 'ExternalShutdownException':
+        return 'interrupted'  # rclpy has taken the signal for itself
     if isinstance(error, MemoryError):
         return 'there is not enough memory'
     if isinstance(error, ModuleNotFoundError):
