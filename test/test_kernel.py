@@ -162,3 +162,29 @@ def test_one_signal_ends_a_node_that_compiles(tmp_path):
     assert process.returncode == 130
     assert errors.splitlines()[-1] == 'error: interrupted'
     assert 'Traceback' not in errors
+
+
+def catches_sigterm(process):
+    lines = Path(f'/proc/{process.pid}/status').read_text().splitlines()
+    (mask,) = (int(line.split()[1], 16) for line in lines if line.startswith('SigCgt'))
+    return bool(mask >> (signal.SIGTERM - 1) & 1)
+
+
+def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
+    """Also while it loads kernels, where an exception would be lost in the compiler's callbacks."""
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    alone = os.environ | {'ROS_DOMAIN_ID': str(110 + os.getpid() % 100)}
+    statuses = []
+    for moment in range(20):
+        process = subprocess.Popen(NODE, env=alone, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not catches_sigterm(process) and process.poll() is None:
+            os.sched_yield()  # until then it is Python that starts, not the node
+        try:
+            process.wait(2.0 * (moment / 20) ** 2)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30.0)
+        assert 'Traceback' not in errors
+        assert process.returncode in (0, 130), errors  # 0: the node was up, and ended as a node ends
+        statuses.append(process.returncode)
+    assert statuses.count(130) >= 5
