@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 from delta3_pacdrive import interrupts
@@ -65,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # names of files need not be text, and no terminal need know every sign
             if hasattr(stream, 'reconfigure'):
                 stream.reconfigure(errors='backslashreplace')
-    status = _run(list(sys.argv[1:] if arguments is None else arguments))
+    status = _run(list(sys.argv[1:] if arguments is None else arguments), own)
     if own:
         interrupts.ignore()
     return status
@@ -86,10 +85,12 @@ def _be(command: str) -> int:
     return main()
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], own: bool) -> int:
     try:
         status = _dispatch(arguments)
     except SystemExit as end:  # argparse: --help, a usage error
+        if not own:
+            raise
         status = end.code if isinstance(end.code, int) else 1
     except MemoryError:
         print('error: there is not enough memory', file=sys.stderr)
@@ -110,7 +111,9 @@ def _run(arguments: list[str]) -> int:
 def _cannot_write(error: OSError) -> int:
     if not isinstance(error, BrokenPipeError):
         print(f'error: cannot write the output: {error.strerror or error}', file=sys.stderr)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    from delta3_pacdrive.cli.output import discard_output
+
+    discard_output()
     return 1
 
 
