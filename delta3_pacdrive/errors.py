@@ -53,6 +53,10 @@ class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
 
 
+class RunInterruptedError(RunError):
+    """A run was ended from outside, and has put in order what it leaves behind."""
+
+
 def shown(value: object) -> str:
     """Return a value as text for a message: short, whatever it is."""
     try:

@@ -13,6 +13,7 @@ import pytest
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.errors import RunInterruptedError
 
 COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
 MOMENTS = 20
@@ -202,6 +203,11 @@ def test_a_signal_that_ros_has_taken_for_itself_is_an_interrupt_too(capfd):
     def work():
         raise ExternalShutdownException
 
+    def run():
+        raise RunInterruptedError('interrupted')
+
+    assert guarded(run) == 130
+    assert_one_sentence(capfd.readouterr().err, 'interrupted')
     assert guarded(work) == 130
     assert_one_sentence(capfd.readouterr().err, 'interrupted')
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.configuration.packaged import program_names
-from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.errors import Delta3Error, RunInterruptedError
 
 INTERRUPTED = 130  # exit status after Ctrl-C
 
@@ -57,12 +57,17 @@ def guarded(action: Callable[[], int], as_json: bool = False) -> int:
         if sentence is None:  # what an interrupt became on its way through somebody else's code
             sentence = interrupts.sentence(interrupts.asked())
         status = fail(Delta3Error(sentence), as_json)
-        return _status(INTERRUPTED if sentence == 'interrupted' else status)
+        return _status(INTERRUPTED if _is_interrupt(error) else status)
     except KeyboardInterrupt as error:
         interrupts.ignore()
         fail(Delta3Error(str(error) or 'interrupted'), as_json)
         return _status(INTERRUPTED)
     return _status(status)
+
+
+def _is_interrupt(error: Exception) -> bool:
+    # rclpy's exception comes where it has taken the signal for itself; rclpy itself is not imported here
+    return isinstance(error, RunInterruptedError) or type(error).__name__ == 'ExternalShutdownException'
 
 
 def _status(status: int) -> int:
@@ -74,8 +79,8 @@ def _sentence(error: Exception) -> str | None:
     """Return what went wrong, None if it is no error of the package or of the machine but a mistake in the code."""
     if isinstance(error, Delta3Error):
         return str(error)
-    if type(error).__name__ == 'ExternalShutdownException':
-        return 'interrupted'  # rclpy has taken the signal for itself
+    if _is_interrupt(error):
+        return str(error) or 'interrupted'
     if isinstance(error, MemoryError):
         return 'there is not enough memory'
     if isinstance(error, ModuleNotFoundError):
