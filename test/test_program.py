@@ -502,6 +502,35 @@ def test_what_was_read_can_be_written(tmp_path):
     assert yaml_file.read(path, 'it', ProgramError) == document
 
 
+JSON_TEXTS = st.text(
+    st.characters(exclude_categories=('Cc', 'Cs', 'Cn', 'Zl', 'Zp'), exclude_characters='\ufeff')
+)
+JSON_DOCUMENTS = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(-(10**20), 10**20),
+        st.floats(allow_nan=False, allow_infinity=False),
+        JSON_TEXTS,
+    ),
+    lambda children: st.one_of(
+        st.lists(children, max_size=4),
+        st.dictionaries(JSON_TEXTS.filter(lambda key: key != '<<' and len(key) < 50), children, max_size=4),
+    ),
+    max_leaves=15,
+)
+
+
+@settings(max_examples=200)
+@given(JSON_DOCUMENTS)
+def test_every_json_document_is_read_as_what_it_is(document):
+    text = json.dumps(document, ensure_ascii=False)
+    read = yaml_file.parse(text, 'it', ProgramError)
+    assert (
+        json.dumps(read, ensure_ascii=False) == text
+    )  # numbers to the last digit, and whole ones as whole ones
+
+
 def test_the_parsers_in_c_and_in_python_read_the_same(monkeypatch):
     one = yaml_file.parse(BAD, 'it', ProgramError)
     monkeypatch.setattr(yaml_file, '_Loader', yaml.SafeLoader)
