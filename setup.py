@@ -17,12 +17,12 @@ from setuptools import find_packages, setup
 PACKAGE = 'delta3_pacdrive'
 COMMAND_LINE = {'delta3': f'{PACKAGE}.cli.main:main'}
 EXECUTABLES = {
-    'unit_robot': f'{PACKAGE}.nodes.unit_robot:main',
-    'transformation_task': f'{PACKAGE}.nodes.transformation_task:main',
-    'mc4_drive': f'{PACKAGE}.nodes.mc4_drive:main',
-    'plant': f'{PACKAGE}.nodes.plant:main',
-    'bringup': f'{PACKAGE}.cli.run:bringup',
-    'record': f'{PACKAGE}.cli.record:main',
+    'unit_robot': f'{PACKAGE}.nodes.start:unit_robot',
+    'transformation_task': f'{PACKAGE}.nodes.start:transformation_task',
+    'mc4_drive': f'{PACKAGE}.nodes.start:mc4_drive',
+    'plant': f'{PACKAGE}.nodes.start:plant',
+    'bringup': f'{PACKAGE}.cli.main:bringup',
+    'record': f'{PACKAGE}.cli.main:record',
 }
 ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazzy-rmw-fastrtps-cpp>=8.4.3']
 TEST = [

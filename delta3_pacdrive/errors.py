@@ -1,7 +1,5 @@
 """The package's exceptions: one family, each member also a built-in exception."""
 
-import signal
-
 
 class Delta3Error(Exception):
     """Base of everything this package raises on purpose; the message is one sentence for the user."""
@@ -47,18 +45,16 @@ class ReportError(Delta3Error, OSError):
     """A report cannot be written, or what it is about cannot be read."""
 
 
+class KernelError(Delta3Error, OSError):
+    """Compiled kernels have no place."""
+
+
 class RunError(Delta3Error, RuntimeError):
     """A run of the graph ended otherwise than planned; the message names who and why."""
 
 
-class InterruptedRunError(RunError):
-    """A signal asks for the end of what was under way."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(
-            'interrupted' if number == signal.SIGINT else f'ended by {signal.Signals(number).name}'
-        )
-        self.number = number
+class RunInterruptedError(RunError):
+    """A run was ended from outside, and has put in order what it leaves behind."""
 
 
 def shown(value: object) -> str:

@@ -13,12 +13,14 @@ A fault takes effect at a bus cycle that is fixed when it is accepted, and ends 
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
+from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, refuse
+from delta3_pacdrive.configuration.located import place_in, place_of
 from delta3_pacdrive.errors import ProgramError, shown
 from delta3_pacdrive.motion.timeline import NEVER
 
@@ -181,19 +183,36 @@ ROW_COLUMNS = 6
 
 
 def parse(value: Any, where: str, *more_keys: str) -> Fault:
-    """Read one fault of a program file or a request, of which ``more_keys`` belong to others.
+    """Read one fault of a request, of which ``more_keys`` belong to others.
 
     Raises
     ------
     ProgramError
-        It breaks a rule; names the place and the rule.
+        It breaks rules; names the places and the rules.
+
+    """
+    errors = Errors(getattr(value, 'source', ''))
+    faults: list[Fault] = []
+    with errors.raised_as(ProgramError), errors.noted(place_of(value)):
+        faults.append(read_fault(value, where, errors, *more_keys))
+    return faults[0]
+
+
+def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault:
+    """Read one fault, of which ``more_keys`` belong to others; it is good for nothing if there are errors.
+
+    Raises
+    ------
+    Refusal
+        It is no mapping, or of no known kind.
 
     """
     if not isinstance(value, dict):
-        raise ProgramError(f'{where} must be a mapping, not {shown(value)}')
+        refuse(f'{where} must be a mapping, not {shown(value)}')
     name = value.get('fault')
-    if name not in KINDS:
-        raise ProgramError(f'{where}.fault is {shown(name)}, but must be one of {", ".join(NAMES)}')
+    if not isinstance(name, str) or name not in KINDS:
+        names = f'{", ".join(NAMES)}{nearest_of(name, NAMES)}'
+        refuse(f'{where}.fault is {shown(name)}, but must be one of {names}', place_in(value, 'fault'))
     kind = KINDS[name]
     keys = {'fault', 'after_s', *more_keys}
     required = {key for key in (kind.place.value, kind.value) if key}
@@ -201,38 +220,41 @@ def parse(value: Any, where: str, *more_keys: str) -> Fault:
         keys.add('cycles')
     elif not kind.at_once:
         keys.add('for_s')
-    for key in value:
-        if key not in keys | required:
-            expected = ', '.join(sorted(keys | required))
-            raise ProgramError(f'{where}: unknown key {shown(key)}, expected one of {expected}')
-    for key in sorted(required - value.keys()):
-        raise ProgramError(f'{where}: missing key {key}')
-    target = ''
-    if kind.place:
-        target = value[kind.place.value]
-        known = DRIVES if kind.place == Place.AXIS else NODES
-        if target not in known:
-            raise ProgramError(
-                f'{where}.{kind.place} is {shown(target)}, but must be one of {", ".join(known)}'
-            )
-    cycles = value.get('cycles', 1)
-    if isinstance(cycles, bool) or not isinstance(cycles, int) or not 1 <= cycles <= CYCLES_MAX:
-        raise ProgramError(f'{where}.cycles is {shown(cycles)}, but must be between 1 and {CYCLES_MAX}')
+    fields = Section(value, where, errors, keys | required, sorted(required))
+    known = DRIVES if kind.place == Place.AXIS else NODES
     return Fault(
         name,
-        target,
-        _number(value, kind.value, where, kind.low, kind.high) if kind.value else 0.0,
-        _number({'after_s': 0.0} | value, 'after_s', where, 0.0, AFTER_MAX_S),
-        _number(value, 'for_s', where, 1e-3, AFTER_MAX_S) if 'for_s' in value else math.inf,
-        cycles,
+        fields.read(kind.place.value, _one_of(known), '') if kind.place else '',
+        fields.read(kind.value, _number(kind.low, kind.high), 0.0) if kind.value else 0.0,
+        fields.read('after_s', _number(0.0, AFTER_MAX_S), 0.0),
+        fields.read('for_s', _number(1e-3, AFTER_MAX_S), math.inf),
+        fields.read('cycles', _cycles, 1),
     )
 
 
-def _number(fields: Mapping[str, Any], key: str, where: str, low: float, high: float) -> float:
-    value = fields[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-        raise ProgramError(f'{where}.{key} is {shown(value)}, but must be a number from {low:g} to {high:g}')
-    return float(value)
+def _one_of(names: Sequence[str]) -> Callable[[Any, str], str]:
+    def read(value: Any, where: str) -> str:
+        if value not in names:
+            nearest = nearest_of(value, names)
+            refuse(f'{where} is {shown(value)}, but must be one of {", ".join(names)}{nearest}')
+        return str(value)
+
+    return read
+
+
+def _number(low: float, high: float) -> Callable[[Any, str], float]:
+    def read(value: Any, where: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            refuse(f'{where} is {shown(value)}, but must be a number from {low:g} to {high:g}')
+        return float(value)
+
+    return read
+
+
+def _cycles(value: Any, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= CYCLES_MAX:
+        refuse(f'{where} is {shown(value)}, but must be between 1 and {CYCLES_MAX}')
+    return value
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import yaml_file
+from delta3_pacdrive.configuration.checked import Errors, nearest_of, refuse
+from delta3_pacdrive.configuration.located import place_in, place_of_key
 from delta3_pacdrive.errors import ParameterError, shown
 
 DEFAULT_FILE = 'delta3.yaml'
@@ -470,52 +472,65 @@ def _from_tree(tree: dict[str, Any], where: str) -> Parameters:
     if 'plant' in tree and isinstance(tree.get('rich'), dict):
         tree = tree | {'rich': tree['rich'] | {'enabled': is_rich(tree['plant'], where)}}
         del tree['plant']
-    for group in tree:
-        if group not in _GROUPS:
-            raise ParameterError(f'{where}: unknown parameter group {group}')
-    built = {}
-    for group, cls in _GROUPS.items():
-        if not isinstance(tree.get(group), dict):
-            raise ParameterError(f'{where}: missing parameter group {group}')
-        given = dict(tree[group])
-        values = {}
-        for f in dataclasses.fields(cls):
-            name = f'{group}.{f.name}'
-            if f.name not in given:
-                raise ParameterError(f'{where}: missing parameter {name}')
-            values[f.name] = _checked(f, given.pop(f.name), name, where)
-        for key in given:
-            raise ParameterError(f'{where}: unknown parameter {group}.{key}')
-        built[group] = cls(**values)
+    errors = Errors(where)
+    built: dict[str, Any] = {}
+    with errors.raised_as(ParameterError):
+        for group in tree:
+            if group not in _GROUPS:
+                with errors.noted(place_of_key(tree, group)):
+                    refuse(f'unknown parameter group {group}{nearest_of(group, _GROUPS)}')
+        for group, cls in _GROUPS.items():
+            with errors.noted():
+                built[group] = _group(tree, group, cls, errors)
     try:
-        return Parameters(**built)
+        return Parameters(**{group: cls(**built[group]) for group, cls in _GROUPS.items()})
     except ParameterError as error:
         raise ParameterError(f'{where}: {error}') from None
 
 
-def _checked(f: Any, value: Any, name: str, where: str) -> Any:
+def _group(tree: dict[str, Any], group: str, cls: Any, errors: Errors) -> dict[str, Any]:
+    """Return the values of a group that are good."""
+    given = tree.get(group)
+    if not isinstance(given, dict):
+        refuse(f'missing parameter group {group}')
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    values = {}
+    for key, f in fields.items():
+        name = f'{group}.{key}'
+        with errors.noted(place_in(given, key) if key in given else None):
+            if key not in given:
+                refuse(f'missing parameter {name}')
+            values[key] = _checked(f, given[key], name)
+    for key in given:
+        if key not in fields:
+            with errors.noted(place_of_key(given, key)):
+                refuse(f'unknown parameter {group}.{key}{nearest_of(key, fields)}')
+    return values
+
+
+def _checked(f: Any, value: Any, name: str) -> Any:
     if f.type is bool:
         if not isinstance(value, bool):
-            raise ParameterError(f'{where}: {name} must be a switch, true or false, not {shown(value)}')
+            refuse(f'{name} must be a switch, true or false, not {shown(value)}')
         return value
     if f.type in (int, float):
-        return _checked_number(f, value, name, where)
+        return _checked_number(f, value, name)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise ParameterError(f'{where}: {name} must be a list of 3 numbers, not {shown(value)}')
-    return tuple(float(_checked_number(f, item, name, where)) for item in value)
+        refuse(f'{name} must be a list of 3 numbers, not {shown(value)}')
+    return tuple(float(_checked_number(f, item, name)) for item in value)
 
 
-def _checked_number(f: Any, value: Any, name: str, where: str) -> float | int:
+def _checked_number(f: Any, value: Any, name: str) -> float | int:
     wanted = int if f.type is int else (int, float)
     if isinstance(value, bool) or not isinstance(value, wanted):
         kind = 'whole number' if f.type is int else 'number'
-        raise ParameterError(f'{where}: {name} must be a {kind}, not {shown(value)}')
+        refuse(f'{name} must be a {kind}, not {shown(value)}')
     low, high = f.metadata['low'], f.metadata['high']
     if isinstance(value, int) and abs(value) > 2**63:
-        raise ParameterError(f'{where}: {name} is too large a number')
+        refuse(f'{name} is too large a number')
     if not low <= value <= high:
         rule = f'at least {low:g}' if high == math.inf else f'between {low:g} and {high:g}'
         if 0.0 < low < 1e-300:
             rule = 'positive' if high == math.inf else f'positive and at most {high:g}'
-        raise ParameterError(f'{where}: {name} is {shown(value)}, but must be {rule}')
+        refuse(f'{name} is {shown(value)}, but must be {rule}')
     return int(value) if f.type is int else float(value)

@@ -1,9 +1,16 @@
 """All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
 
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.words import (
     CONTROL_ENABLE,
     CONTROL_ON,
@@ -15,7 +22,16 @@ from delta3_pacdrive.disturbed import run_disturbed
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.kernel import all_compiled, kernel, mark_compiled
+from delta3_pacdrive.kernel import (
+    POLL_S,
+    all_compiled,
+    alone,
+    compiled,
+    kernel,
+    mark_compiled,
+    shared,
+    watched,
+)
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion.checks import Limits
@@ -158,6 +174,77 @@ def load_kernels(parameters: Parameters) -> None:
         rehearse(parameters)
 
 
+# that a robot without the effects of ``rich`` needs; the others are compiled when they are called
+KERNELS = 107
+Show = Callable[[int, int], None]
+
+
+def compile_kernels(show: Show = lambda done, total: None) -> None:
+    """Compile what no process has compiled yet, on all cores; ``show`` is told how many kernels are done, of how many.
+
+    A process that comes while another one compiles waits for it.
+    """
+
+    def tell() -> None:
+        show(min(compiled(), KERNELS), KERNELS)
+
+    if all_compiled():
+        return
+    tell()
+    with alone(tell), watched(tell):
+        if not all_compiled():
+            _compile(tell)
+            mark_compiled()
+
+
+def _compile(tell: Callable[[], None]) -> None:
+    """Compile the parts side by side, one process for each core, then what needs all of them.
+
+    Processes, not threads: the compiler holds a lock. New interpreters, not forked ones: who calls may have threads.
+    """
+    processes = min(len(_PARTS), len(os.sched_getaffinity(0)))
+    helpers = [
+        subprocess.Popen(
+            [sys.executable, '-P', '-c', _HELPER, str(Path(__file__).parents[1]), str(first), str(processes)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for first in range(1, processes)
+    ]
+    try:
+        rehearse_parts(0, processes)
+        for helper in helpers:  # what one has not done, for whatever reason, is done below
+            while True:
+                with suppress(subprocess.TimeoutExpired):
+                    helper.wait(POLL_S)
+                    break
+                tell()
+    finally:
+        for helper in helpers:
+            helper.kill()
+            helper.wait()
+    _call_all(core.load())
+
+
+# a helper dies with its parent
+_HELPER = """\
+import ctypes, signal, sys
+ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+sys.path.insert(0, sys.argv[1])
+from delta3_pacdrive import simulation
+simulation.rehearse_parts(int(sys.argv[2]), int(sys.argv[3]))
+"""
+
+
+def rehearse_parts(first: int, step: int) -> None:
+    """Call the kernels of every so many parts of the machine."""
+    parameters = core.load()
+    with shared():
+        for part in _PARTS[first::step]:
+            part(parameters)
+
+
 def _stand(parameters: Parameters) -> None:
     run(
         Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),)),
@@ -167,24 +254,34 @@ def _stand(parameters: Parameters) -> None:
 
 def rehearse(parameters: Parameters) -> None:
     """Run every kernel once, so that none is compiled or loaded in the middle of a cycle."""
+    compile_kernels()
+    _call_all(parameters)
+
+
+def _call_all(parameters: Parameters) -> None:
     quick = parameters.replace(motion__enable_cycle=-1)
     robot, task = Robot(quick), Transformation(quick)
     tcp = task.locate(robot.encoder_positions())
-    plan = planning.plan(_rehearsal(parameters), tcp, quick).plan
-    task.load(plan)
+    task.load(planning.plan(_rehearsal(parameters), tcp, quick).plan)
     task.start(0)
     answers = np.empty((3, 3))
     robot.cycle(task.command(0), task.control(0), answers, task.payload)
     task.receive(0, answers[0], answers[2])
-    _rehearse_nodes(parameters)
+    _rehearse_plant(parameters)
+    _rehearse_drive(parameters)
     _stand(parameters)
     task.hold()
     robot.drives[0].phase_currents()
-    mark_compiled()
 
 
-def _rehearse_nodes(parameters: Parameters) -> None:
-    """Call drive and plant as their nodes do."""
+def _rehearse_plant(parameters: Parameters) -> None:
+    """Call the plant as its node does."""
+    plant = Plant(parameters)
+    plant.advance(np.zeros((len(MC4(parameters).currents), 3)), [False] * 3)
+
+
+def _rehearse_drive(parameters: Parameters) -> None:
+    """Call a drive as its node does."""
     plant, drive = Plant(parameters), MC4(parameters)
     shaft = plant.shafts()[0], 0.0, 0.0
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
@@ -192,7 +289,24 @@ def _rehearse_nodes(parameters: Parameters) -> None:
     drive.clear_fault()
     drive.bridge_cycle(*shaft)
     drive.leave_bus()
-    plant.advance(np.zeros((len(drive.currents), 3)), [False] * 3)
+
+
+def _rehearse_planning(parameters: Parameters) -> None:
+    planning.plan(_rehearsal(parameters), np.array(parameters.motion.home_m), parameters)
+
+
+def _rehearse_task(parameters: Parameters) -> None:
+    quick = parameters.replace(motion__enable_cycle=-1)
+    task = Transformation(quick)
+    tcp = task.locate(Robot(quick).encoder_positions())
+    task.load(planning.plan(Program('rehearsal', (Dwell(1.0),)), tcp, quick).plan)
+    task.start(0)
+    task.command(0)
+    task.receive(0, np.zeros(3), np.zeros(3))
+
+
+# in this order they share little between neighbours, and need about the same time
+_PARTS = (_rehearse_plant, _rehearse_drive, _rehearse_task, _rehearse_planning)
 
 
 def _rehearsal(parameters: Parameters) -> Program:

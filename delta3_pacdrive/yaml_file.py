@@ -1,43 +1,124 @@
-"""The one reader of YAML files: bounded in size, no aliases (no YAML bombs), one sentence for every failure."""
+"""The one reader of YAML files: bounded in size and depth, no aliases (no bombs), one sentence for every failure."""
 
+import math
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from delta3_pacdrive.configuration.located import Fields, Items, Place
 from delta3_pacdrive.errors import Delta3Error, shown
 
 SIZE_MAX_BYTES = 4 * 1024 * 1024
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe loader that refuses anchors, aliases and duplicate keys."""
+DEPTH_MAX = 50
+_TEXT_TAGS = (None, '!', 'tag:yaml.org,2002:str')
+# YAML 1.1 in PyYAML takes 2e4 and 1e-1 for texts, and 010 for 8; here the first are numbers, the last is a text
+_INTEGER = re.compile(r'[-+]?(0|[1-9][0-9]*(_[0-9]+)*|0x[0-9a-fA-F]+|0b[01]+)')
+_NUMBER = re.compile(r'[-+]?([0-9]+(_[0-9]+)*\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?')
+_LEADING_ZERO = re.compile(r'[-+]?0[0-9_]+')
+_WORDS: dict[str, Any] = {
+    **dict.fromkeys(('', '~', 'null', 'Null', 'NULL')),
+    **{form: True for word in ('yes', 'true', 'on') for form in (word, word.title(), word.upper())},
+    **{form: False for word in ('no', 'false', 'off') for form in (word, word.title(), word.upper())},
+    **{sign + word: float(sign + 'inf') for sign in ('', '+', '-') for word in ('.inf', '.Inf', '.INF')},
+    **dict.fromkeys(('.nan', '.NaN', '.NAN'), math.nan),
+}
+_NUMERIC = frozenset('0123456789+-.')
+_FAILURES = (yaml.YAMLError, RecursionError, ValueError)
+# the parser in C needs a tenth of the time
+_Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError('aliases are not allowed')
-        return super().compose_node(parent, index)
 
-    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = set()
-        for item, _ in node.value:
-            key = self.construct_object(item, deep=True)
-            if key in keys:
-                raise yaml.YAMLError(f'the key {shown(key)} stands twice at line {item.start_mark.line + 1}')
-            keys.add(key)
-        return super().construct_mapping(node, deep)
+def _scalar(event: Any) -> Any:
+    text: str = event.value
+    if not event.implicit[0]:  # in quotes, in a block, or with a tag
+        if event.tag not in _TEXT_TAGS:
+            raise yaml.YAMLError(
+                f'tags are not allowed ({shown(event.tag)}) at line {event.start_mark.line + 1}'
+            )
+        return text
+    if text in _WORDS:
+        return _WORDS[text]
+    if text[0] in _NUMERIC and not _LEADING_ZERO.fullmatch(text):
+        if _INTEGER.fullmatch(text):
+            return int(text, 0)
+        if _NUMBER.fullmatch(text):
+            return float(text)
+    return text
 
 
-# explicit tags (!!bool, !!int, !!timestamp) of what they do not fit fail in as many ways
-_FAILURES = (
-    yaml.YAMLError,
-    RecursionError,
-    ValueError,
-    TypeError,
-    ArithmeticError,
-    LookupError,
-    AttributeError,
-)
+class _Builder:
+    """Puts a document together from the parser's events; no recursion, so that no depth breaks it."""
+
+    def __init__(self) -> None:
+        self.root: Any = None
+        self._open: list[Fields | Items] = []
+        self._keys: list[Any] = []  # of each open mapping: the key whose value comes next
+        self._key_places: list[Place] = []
+        self._documents = 0
+
+    def take(self, event: Any) -> None:
+        """Take the next event."""
+        kind = type(event)
+        if kind is yaml.ScalarEvent:
+            self._put(_scalar(event), event)
+        elif kind is yaml.SequenceStartEvent or kind is yaml.MappingStartEvent:
+            self._begin(event, Items if kind is yaml.SequenceStartEvent else Fields)
+        elif kind is yaml.SequenceEndEvent or kind is yaml.MappingEndEvent:
+            self._open.pop()
+            self._keys.pop()
+            self._key_places.pop()
+        elif kind is yaml.AliasEvent:
+            raise yaml.YAMLError(f'aliases are not allowed: line {event.start_mark.line + 1}')
+        elif kind is yaml.DocumentStartEvent:
+            self._documents += 1
+            if self._documents > 1:
+                raise yaml.YAMLError(f'a second document begins at line {event.start_mark.line + 1}')
+
+    def _begin(self, event: Any, kind: type[Fields] | type[Items]) -> None:
+        line = event.start_mark.line + 1
+        if not event.implicit:
+            raise yaml.YAMLError(f'tags are not allowed ({shown(event.tag)}) at line {line}')
+        if len(self._open) >= DEPTH_MAX:
+            raise yaml.YAMLError(
+                f'lists and mappings stand more than {DEPTH_MAX} deep in each other at line {line}'
+            )
+        container = kind(Place(line, event.start_mark.column + 1))
+        self._put(container, event)
+        self._open.append(container)
+        self._keys.append(_NONE)
+        self._key_places.append(container.place)
+
+    def _put(self, value: Any, event: Any) -> None:
+        mark = event.start_mark
+        place = Place(mark.line + 1, mark.column + 1)
+        if not self._open:
+            self.root = value
+            return
+        parent = self._open[-1]
+        if isinstance(parent, Items):
+            parent.append(value)
+            parent.places.append(place)
+        elif self._keys[-1] is _NONE:
+            if isinstance(value, (Fields, Items)):
+                raise yaml.YAMLError(f'a key must not be a list or a mapping: line {place.line}')
+            if value == '<<':
+                raise yaml.YAMLError(f'a mapping must not be merged into another: line {place.line}')
+            if value in parent:
+                raise yaml.YAMLError(f'the key {shown(value)} stands twice at line {place.line}')
+            self._keys[-1], self._key_places[-1] = value, place
+        else:
+            key = self._keys[-1]
+            parent[key] = value
+            parent.places[key] = place
+            parent.key_places[key] = self._key_places[-1]
+            self._keys[-1] = _NONE
+
+
+_NONE = object()
 
 
 def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
@@ -51,17 +132,30 @@ def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
         raise error(f'cannot read {what} {path}: {reason}') from failure
     if len(content) > SIZE_MAX_BYTES:
         raise error(f'{what} {path} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
-    return parse(content, f'{what} {path}', error)
+    document = parse(content, f'{what} {path}', error)
+    if isinstance(document, (Fields, Items)):
+        document.source = str(path)
+    return document
 
 
 def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
-    """Return the document in a text."""
+    """Return the document in a text; its mappings and lists know where they stand."""
+    if len(content) > SIZE_MAX_BYTES:
+        raise error(f'{what} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
+    builder = _Builder()
+    loader = None
     try:
         text = content.decode('utf-8') if isinstance(content, bytes) else content
-        return yaml.load(text, Loader=_Loader)  # noqa: S506 (a safe loader)
+        loader = _Loader(text)
+        while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
+            builder.take(event)
     except _FAILURES as failure:
         reason = ' '.join(str(failure).split()) or type(failure).__name__
         raise error(f'{what} is not valid YAML: {reason}') from failure
+    finally:
+        if loader is not None:
+            loader.dispose()
+    return builder.root
 
 
 def write(path: Path, document: Any) -> None:

@@ -12,18 +12,13 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from delta3_pacdrive.kernel import WITHOUT_KERNELS
+from delta3_pacdrive import kernel
 
 PACKAGE = 'delta3_pacdrive'
 SOURCE = Path(__file__).parents[1]
 MARKER = f'share/ament_index/resource_index/packages/{PACKAGE}'
 EXECUTABLES = ['delta3', 'unit_robot', 'transformation_task', 'mc4_drive', 'plant', 'bringup', 'record']
 MODULES = [path.relative_to(SOURCE) for path in sorted((SOURCE / PACKAGE).rglob('*.py'))]
-CORE_MODULES = [
-    '.'.join(path.with_suffix('').parts).removesuffix('.__init__')
-    for path in MODULES
-    if path.parts[1] not in ('nodes', 'cli')
-]
 CONFIGURATION = [path.relative_to(SOURCE) for path in sorted((SOURCE / 'config').rglob('*.*'))]
 ROSDEP_KEYS = {'PyYAML': 'python3-yaml'}  # the other keys are python3- and the distribution's name
 OPTIONAL = {'toppra', 'mujoco'}  # of the extra "test": benchmarks compare with them where they are installed
@@ -153,9 +148,92 @@ def test_every_import_is_of_a_declared_dependency(path, requirements):
     assert {DISTRIBUTIONS.get(name, name) for name in names} <= declared
 
 
-@pytest.mark.parametrize('name', CORE_MODULES)
-def test_a_core_module_is_free_of_ros(name, distribution, tmp_path):
-    assert not [loaded for loaded in modules_after_import(name, tmp_path) if is_ros(loaded)]
+def imports_of(path):
+    """Return all that a file imports, wherever the import stands: modules, and names that may be modules."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f'{path}: the graph of imports knows absolute ones only'
+            found.add(node.module)
+            found.update(f'{node.module}.{alias.name}' for alias in node.names)
+    # a package's own file is imported with each of its modules
+    return found | {name.rpartition('.')[0] for name in found if '.' in name}
+
+
+def import_graph(root):
+    """Return what each module below a folder imports, by the names of the modules."""
+    graph = {}
+    for path in sorted((root / PACKAGE).rglob('*.py')):
+        name = '.'.join(path.relative_to(root).with_suffix('').parts).removesuffix('.__init__')
+        graph[name] = imports_of(path)
+    return graph
+
+
+def ways_to_ros(graph, start):
+    """Return the way from a module to each ROS module that it imports, directly or not."""
+    ways, open_ends, seen = [], [[start]], {start}
+    while open_ends:
+        way = open_ends.pop()
+        for name in sorted(graph.get(way[-1], ())):
+            if is_ros(name.partition('.')[0]):
+                ways.append([*way, name])
+            elif name in graph and name not in seen:
+                seen.add(name)
+                open_ends.append([*way, name])
+    return ways
+
+
+def is_core(name):
+    return not name.startswith((f'{PACKAGE}.nodes', f'{PACKAGE}.cli'))
+
+
+def test_core_modules_are_free_of_ros():
+    graph = import_graph(SOURCE)
+    ways = [way for name in graph if is_core(name) for way in ways_to_ros(graph, name)]
+    assert not ways, '; '.join(' > '.join(way) for way in ways)
+    assert not [
+        (name, other)
+        for name in graph
+        if is_core(name)
+        for other in graph[name]
+        if other in graph and not is_core(other)
+    ]
+
+
+def test_ros_modules_are_not_loaded_with_the_core(distribution, tmp_path):
+    """The graph is right about what is loaded: one interpreter imports all of the core."""
+    names = [name for name in import_graph(SOURCE) if is_core(name)]
+    assert len(names) > 80
+    assert not [name for name in modules_after_import(', '.join(names), tmp_path) if is_ros(name)]
+
+
+@pytest.mark.parametrize(
+    ('files', 'way'),
+    [
+        ({'core.py': 'import rclpy\n'}, ['core', 'rclpy']),
+        ({'core.py': 'def f():\n    from std_msgs.msg import String\n'}, ['core', 'std_msgs']),
+        ({'core.py': f'from {PACKAGE} import other\n', 'other.py': 'import rclpy.node\n'}, ['core', 'other', 'rclpy']),
+        (
+            {
+                'core.py': f'from {PACKAGE}.inner.deep import value\n',
+                'inner/__init__.py': 'import rclpy\n',
+                'inner/deep.py': '',
+            },
+            ['core', 'inner', 'rclpy'],
+        ),
+    ],
+)  # fmt: skip
+def test_the_graph_finds_ros_behind_lazy_and_indirect_imports(files, way, tmp_path):
+    for name, text in files.items():
+        path = tmp_path / PACKAGE / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    found = ways_to_ros(import_graph(tmp_path), f'{PACKAGE}.core')
+    assert found
+    names = [name.removeprefix(f'{PACKAGE}.') for name in found[0]]
+    assert [*names[:-1], names[-1].partition('.')[0]] == way
 
 
 def test_the_command_line_starts_without_heavy_modules(distribution, tmp_path):
@@ -163,10 +241,48 @@ def test_the_command_line_starts_without_heavy_modules(distribution, tmp_path):
     assert not loaded & {'numpy', 'numba', 'rclpy', 'matplotlib'}
 
 
-@pytest.mark.parametrize('path', MODULES, ids=str)
-def test_no_kernel_depends_on_what_the_cache_of_kernels_does_not_look_at(path):
-    """An edit of a study or of a command must not cost a compilation; one of a formula must."""
-    text = (SOURCE / path).read_text(encoding='utf-8')
-    studies = [f'{PACKAGE}.{folder}' for folder in WITHOUT_KERNELS]
-    inside = bool(WITHOUT_KERNELS.intersection(path.parts))
-    assert '@kernel' not in text if inside else '@kernel' not in text or not any(s in text for s in studies)
+def test_the_help_of_no_command_loads_heavy_modules(distribution, tmp_path):
+    program = (
+        'import contextlib, sys\n'
+        'from delta3_pacdrive.cli.main import COMMANDS, main\n'
+        'for command in COMMANDS:\n'
+        '    with contextlib.suppress(SystemExit): main([command, "--help"])\n'
+        'print("loaded:", *sys.modules)'
+    )
+    output = output_of([sys.executable, '-P', '-c', program], tmp_path)
+    loaded = output.rpartition('loaded:')[2].split()
+    assert not {'numpy', 'numba', 'scipy', 'rclpy', 'matplotlib', 'yaml', 'rich'}.intersection(loaded)
+
+
+def test_the_cache_of_kernels_knows_all_that_a_module_imports():
+    graph = import_graph(SOURCE)
+    for module in kernel.modules_with_kernels():
+        behind, new = set(), {module}
+        while new:
+            behind |= new
+            new = {other for name in new for other in graph[name] if other in graph} - behind
+        # packages' own files hold nothing but their docstring
+        assert {name for name in behind if not is_package(name)} <= kernel.modules_behind(module), module
+
+
+def is_package(name):
+    return (SOURCE / Path(*name.split('.')) / '__init__.py').is_file()
+
+
+def test_no_kernel_depends_on_a_command_a_node_or_a_study():
+    """An edit of a report must not cost a compilation."""
+    above = (
+        'nodes',
+        'cli',
+        'estimation',
+        'experiments',
+        'jacobian_study',
+        'tuning',
+        'recording',
+        'figures',
+        'provenance',
+    )
+    assert len(kernel.modules_with_kernels()) > 20
+    for module in kernel.modules_with_kernels():
+        parts = {name.split('.')[1] for name in kernel.modules_behind(module) if '.' in name}
+        assert not parts.intersection(above), module

@@ -193,8 +193,8 @@ def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
 
 def test_the_same_words_come_from_a_file(tree, load_tree):
     tree['motor']['peak_current_a'] = -17.0
-    sentence = 'robot.yaml: motor.peak_current_a is -17.0, but must be positive and at most 1000'
-    assert refusal(load_tree, tree).endswith(sentence)
+    told = refusal(load_tree, tree)
+    assert told.endswith(': motor.peak_current_a is -17.0, but must be positive and at most 1000')
     del tree['motor']['peak_current_a']
     assert refusal(load_tree, tree).endswith('robot.yaml: missing parameter motor.peak_current_a')
 
@@ -309,6 +309,35 @@ def test_a_file_of_ones_own_goes_before_the_packaged_one_of_its_name(robot, tmp_
     assert refusal(parameters.load, 'richer').startswith('cannot read parameter file richer')
 
 
+def test_all_mistakes_of_a_file_are_told_with_their_places(tmp_path):
+    default = parameters.config_directory() / parameters.DEFAULT_FILE
+    lines = default.read_text(encoding='utf-8').splitlines()
+    path = tmp_path / 'robot.yaml'
+    expected = []
+    changes = {
+        'torque_constant_n_m_a: ': ('torque_constant_n_m_a: fast', 'must be a number'),
+        'peak_current_a: ': (
+            'peak_curent_a: 5.0',
+            'unknown parameter motor.peak_curent_a: did you mean peak_current_a?',
+        ),
+    }
+    for number, line in enumerate(lines):
+        for key, (changed, reason) in changes.items():
+            if line.strip().startswith(key):
+                indent = len(line) - len(line.lstrip())
+                lines[number] = line[:indent] + changed
+                column = indent + 1 + (changed.index(' ') + 1 if reason.startswith('must') else 0)
+                expected.append((f'{path}:{number + 1}:{column}: ', reason))
+    path.write_text('\n'.join(lines))
+    errors = refusal(parameters.load, path).split('; ')
+    assert len(expected) == 2
+    assert errors[0] == f'{path}: missing parameter motor.peak_current_a'
+    assert len(errors) == 3
+    for place, reason in expected:
+        (told,) = [error for error in errors if error.startswith(place)]
+        assert reason in told
+
+
 BOMB = 'a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n'
 
 
@@ -333,7 +362,7 @@ BOMB = 'a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n'
         (b'a: !!python/object/apply:os.getcwd []', 'is not valid YAML'),
         (b'a: 1\n---\nb: 2', 'is not valid YAML'),
         (b'a: [1', 'is not valid YAML'),
-        (b'a: 2026-99-99', 'is not valid YAML'),
+        (b'a: 2026-99-99', 'not a ROS parameter file'),  # a text
         (b'[' * 20_000, 'is not valid YAML'),
         (b'a: \xff\xfe', 'is not valid YAML'),
         (b'a: \x00', 'is not valid YAML'),

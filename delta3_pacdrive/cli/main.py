@@ -1,9 +1,16 @@
 """Entry point of ``delta3``: finds the sub-command and imports only what it needs."""
 
-import argparse
-import importlib
+from __future__ import annotations
+
 import sys
-from collections.abc import Sequence
+
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.errors import RunError
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
 
 COMMANDS = {
     'run': 'start a robot, run a program, stop everything',
@@ -12,6 +19,7 @@ COMMANDS = {
     'faults': 'inject faults; the catalogue of every fault in every state',
     'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
+    'check': 'read and plan program, parameter and fault files; every move, every mistake',
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
     'plot': 'draw the figures of a bag or a trace',
@@ -20,18 +28,24 @@ COMMANDS = {
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
+    'completion': 'print what a shell needs to complete all of this',
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }
+# these have a robot to bring to rest before they end
+OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'record', 'bench'})
 
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line without the options of the sub-commands."""
+    import argparse
+
     parser = argparse.ArgumentParser(
         prog='delta3',
         description='A Delta-3 robot on a PacDrive controller, emulated on ROS 2.',
         add_help=False,
     )
     parser.add_argument('-h', '--help', action='store_true', help='show this text')
+    parser.add_argument('--version', action='store_true', help='show the version')
     parser.add_argument('command', nargs='?', metavar='command', help='one of the commands below')
     lines = [f'  {name:<10} {text}' for name, text in COMMANDS.items()]
     parser.epilog = (
@@ -42,20 +56,112 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit status."""
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    parser = build_parser()
+    """Run the command line; return the exit status. Without arguments the process is this command, and no other."""
+    own = arguments is None
+    if own:
+        interrupts.install()
+        for stream in (sys.stdout, sys.stderr):
+            # names of files need not be text, and no terminal need know every sign
+            if hasattr(stream, 'reconfigure'):
+                stream.reconfigure(errors='backslashreplace')
+    status = _run(list(sys.argv[1:] if arguments is None else arguments), own)
+    if own:
+        interrupts.ignore()
+    return status
+
+
+def bringup() -> int:
+    """Be ``ros2 run delta3_pacdrive bringup``."""
+    return _be('run')
+
+
+def record() -> int:
+    """Be ``ros2 run delta3_pacdrive record``."""
+    return _be('record')
+
+
+def _be(command: str) -> int:
+    sys.argv.insert(1, command)
+    return main()
+
+
+def _run(arguments: list[str], own: bool) -> int:
+    try:
+        status = _dispatch(arguments)
+    except SystemExit as end:  # argparse: --help, a usage error
+        if not own:
+            raise
+        status = end.code if isinstance(end.code, int) else 1
+    except MemoryError:
+        print('error: there is not enough memory', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as error:  # before the command began to work
+        interrupts.ignore()
+        print(f'error: {error}', file=sys.stderr)
+        return interrupts.status(interrupts.asked()) if interrupts.asked() else 130
+    except OSError as error:
+        return _cannot_write(error)
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        return _cannot_write(error)
+    return status
+
+
+def _cannot_write(error: OSError) -> int:
+    if not isinstance(error, BrokenPipeError):
+        print(f'error: cannot write the output: {error.strerror or error}', file=sys.stderr)
+    from delta3_pacdrive.cli.output import discard_output
+
+    discard_output()
+    return 1
+
+
+def _dispatch(arguments: list[str]) -> int:
+    import importlib
+
     if not arguments or arguments[0] in ('-h', '--help'):
-        parser.print_help()
+        sys.stdout.write(build_parser().format_help())
         return 0 if arguments else 2
+    if arguments[0] == '--version':
+        from importlib import metadata
+
+        print(f'delta3_pacdrive {metadata.version("delta3_pacdrive")}')
+        return 0
     command, *rest = arguments
     if command not in COMMANDS:
-        print(
-            f'delta3: error: unknown command {command!r}, expected one of {", ".join(COMMANDS)}',
-            file=sys.stderr,
-        )
+        names = ', '.join(COMMANDS)
+        print(f'delta3: error: unknown command {command!r}, expected one of {names}', file=sys.stderr)
         return 2
-    return int(importlib.import_module(f'delta3_pacdrive.cli.{command}').main(rest))
+    try:
+        _check_surroundings(command, rest)
+    except RunError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    module = importlib.import_module(f'delta3_pacdrive.cli.{command}')
+    with interrupts.raising(command in OF_ROBOTS):
+        return int(module.main(rest))
+
+
+def _check_surroundings(command: str, rest: list[str]) -> None:
+    """Raise RunError if a command cannot work here, whatever its options are."""
+    if {'-h', '--help'}.intersection(rest):
+        return
+    from delta3_pacdrive import memory
+
+    for_a_robot = _is_for_a_robot(command, rest)
+    memory.require(for_a_robot)
+    if for_a_robot:
+        from delta3_pacdrive.nodes import domain
+
+        domain.check()
+
+
+def _is_for_a_robot(command: str, rest: list[str]) -> bool:
+    """Whether a command takes part in a ROS graph."""
+    if command in ('drive', 'faults', 'bench'):
+        return rest[:1] not in (['list'], ['motion'], ['simulate'], ['kinematics'])
+    return command in OF_ROBOTS or (command == 'experiment' and '--graph' in rest)
 
 
 if __name__ == '__main__':

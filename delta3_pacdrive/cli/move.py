@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.output import finite_number, guarded, parser_for
-from delta3_pacdrive.errors import InterruptedRunError, ProgramError, RunError, shown
+from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
 
 ACTIONS = {
     'l': 'straight line to X Y Z [m]',
@@ -279,7 +279,7 @@ def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Cal
                     f'{operator.progress["operator"] or "nobody"} has control now: this command does not watch the '
                     'motion any more'
                 )
-    except InterruptedRunError:
+    except RunInterruptedError:
         operator.interruptible = False
         with suppress(ProgramError):  # a motion that is over need not be held
             tell(operator.call('hold'))

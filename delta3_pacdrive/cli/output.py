@@ -7,50 +7,122 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
-from delta3_pacdrive.errors import Delta3Error, InterruptedRunError
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.configuration.packaged import program_names
+from delta3_pacdrive.errors import Delta3Error, RunInterruptedError
 
 INTERRUPTED = 130  # exit status after Ctrl-C
 
 
 def fail(error: Delta3Error, as_json: bool = False) -> int:
     """Print an error as one sentence (and as JSON on standard output, if asked for); return the exit status."""
-    sentence = ' '.join(str(error).split())
-    print(f'error: {sentence}', file=sys.stderr)
-    if as_json:
-        print(json.dumps({'ok': False, 'error': sentence}))
+    text = ' '.join(str(error).split())
+    try:
+        print(f'error: {text}', file=sys.stderr)
+        if as_json:
+            print(json.dumps({'ok': False, 'error': text}))
+        sys.stdout.flush()
+    except OSError:  # nobody can read it: the status has to do
+        discard_output()
     return 1
 
 
-def guarded(action: Callable[[], int], as_json: bool = False) -> int:
-    """Run a command; every error of this package becomes one sentence and exit status 1."""
-    try:
-        return action()
-    except InterruptedRunError as error:
-        fail(error, as_json)
-        return 128 + error.number
-    except Delta3Error as error:
-        return fail(error, as_json)
-    except BrokenPipeError:
-        # whoever read has gone; nothing is left to be said, not even at the end of the interpreter
+def discard_output() -> None:
+    """Write to nowhere from now on: not even the end of the interpreter complains about what cannot be written."""
+    with suppress(OSError):  # a stream without a file, as tests have it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except ModuleNotFoundError as error:
-        if error.name != 'rclpy':
+
+
+def guarded(action: Callable[[], int], as_json: bool = False) -> int:
+    """Run a command; every error of this package and of the machine becomes one sentence and exit status 1.
+
+    Ctrl-C, SIGTERM and SIGHUP become one sentence and the status 130, 143 or 129.
+    """
+    interrupts.answer_as_json(as_json)
+    try:
+        status = action()
+        sys.stdout.flush()
+    except Exception as error:
+        sentence = _sentence(error)
+        if sentence is None and not interrupts.asked():
             raise
+        interrupts.ignore()
+        if isinstance(error, BrokenPipeError):
+            # whoever read has gone; nothing is left to be said
+            discard_output()
+            return _status(1)
+        if sentence is None:  # what an interrupt became on its way through somebody else's code
+            sentence = interrupts.sentence(interrupts.asked())
+        status = fail(Delta3Error(sentence), as_json)
+        return _status(INTERRUPTED if _is_interrupt(error) else status)
+    except KeyboardInterrupt as error:
+        interrupts.ignore()
+        fail(Delta3Error(str(error) or 'interrupted'), as_json)
+        return _status(INTERRUPTED)
+    return _status(status)
+
+
+def _is_interrupt(error: Exception) -> bool:
+    # rclpy's exception comes where it has taken the signal for itself; rclpy itself is not imported here
+    return isinstance(error, RunInterruptedError) or type(error).__name__ == 'ExternalShutdownException'
+
+
+def _status(status: int) -> int:
+    """Return the status of a command, or that of the signal which ended it."""
+    return interrupts.status(interrupts.asked()) if status and interrupts.asked() else status
+
+
+def _sentence(error: Exception) -> str | None:
+    """Return what went wrong, None if it is no error of the package or of the machine but a mistake in the code."""
+    if isinstance(error, Delta3Error):
+        return str(error)
+    if _is_interrupt(error):
+        return str(error) or 'interrupted'
+    if isinstance(error, MemoryError):
+        return 'there is not enough memory'
+    if isinstance(error, ModuleNotFoundError):
         text = 'ROS 2 is not installed here: pip install "delta3_pacdrive[ros]", or source a ROS 2 Jazzy'
-        return fail(Delta3Error(text), as_json)
+        return text if error.name == 'rclpy' else None
+    if isinstance(error, ImportError) and 'map segment' in str(error):
+        return f'there is not enough memory: {error}'
+    if isinstance(error, OSError):
+        place = f' {error.filename}' if error.filename else ''
+        return f'cannot read or write{place}: {error.strerror}' if error.strerror else str(error)
+    if isinstance(error, UnicodeError):
+        return f'a name or a text is not valid UTF-8: {error}'
+    return None
+
+
+class _Caught(BaseException):
+    """No error: the parser that somebody wants to look at."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self.parser = parser
 
 
 class _Parser(argparse.ArgumentParser):
     """Notes the command as it was typed, for what it writes."""
 
+    is_wanted = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if _Parser.is_wanted:
+            raise _Caught(self)
+        return super().parse_known_args(args, namespace)
+
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         args = list(sys.argv[1:] if args is None else args)
         options = super().parse_args(args, namespace)
-        options.command_line = f'{self.prog} {shlex.join(args)}'.strip()
+        typed = f'{self.prog} {shlex.join(args)}'.strip()
+        options.command_line = typed.encode(errors='backslashreplace').decode()  # names need not be text
         return options
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        # argparse swallows what goes wrong here
+        (file or sys.stderr).write(message)
 
 
 def parser_for(command: str, description: str) -> argparse.ArgumentParser:
@@ -62,10 +134,23 @@ def parser_for(command: str, description: str) -> argparse.ArgumentParser:
     )
 
 
+def parser_of(main: Callable[[Sequence[str]], int]) -> argparse.ArgumentParser:
+    """Return the parser of a command, which is known to its main function only."""
+    _Parser.is_wanted = True
+    try:
+        main([])
+    except _Caught as caught:
+        return caught.parser
+    finally:
+        _Parser.is_wanted = False
+    raise AssertionError('a command that reads no options')
+
+
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a program and a robot."""
+    names = ', '.join(program_names())
     parser.add_argument(
-        'program', nargs='?', default='experiment1', help='program file, or the name of a packaged program'
+        'program', nargs='?', default='experiment1', help=f'program file, or a packaged program: {names}'
     )
     add_parameter_options(parser)
 
@@ -113,15 +198,16 @@ def finite_number(text: str) -> float:
 
 
 def announce_compilation() -> None:
-    """Tell who waits why the first command of a version takes longer."""
+    """Compile the kernels if these sources have not been compiled on this machine yet, and tell how far it is."""
     from delta3_pacdrive.kernel import all_compiled
 
-    if not all_compiled():
-        print(
-            'compiling the numerical kernels, once for this version (about 30 s) ...',
-            file=sys.stderr,
-            flush=True,
-        )
+    if all_compiled():
+        return
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.cli.progress import compilation
+
+    with compilation() as show:
+        simulation.compile_kernels(show)
 
 
 def print_figures(result: dict[str, Any]) -> None:

@@ -31,9 +31,11 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, payload_on_grid
+from delta3_pacdrive.configuration import packaged
+from delta3_pacdrive.configuration.checked import Errors, Refusal, Section, at, expected, nearest_of, refuse
+from delta3_pacdrive.configuration.located import numbered, place_in, place_of, place_of_key
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.injection import Fault
-from delta3_pacdrive.injection import parse as parse_fault
+from delta3_pacdrive.injection import Fault, read_fault
 from delta3_pacdrive.motion.checks import Limits
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
@@ -146,15 +148,15 @@ def load(path: str | Path, motion: Motion) -> Program:
 def find(path: str | Path) -> Path:
     """Return the file that ``path`` means: itself, else the packaged program of that name."""
     path = Path(path)
-    packaged = config_directory() / 'programs' / f'{path.name}.yaml'
-    if not path.exists() and path.parent == Path() and packaged.exists():
-        return packaged
+    own = config_directory() / 'programs' / f'{path.name}.yaml'
+    if not path.exists() and path.parent == Path() and own.exists():
+        return own
     return path
 
 
 def packaged_names() -> list[str]:
     """Names of the packaged programs."""
-    return sorted(file.stem for file in (config_directory() / 'programs').glob('*.yaml'))
+    return packaged.program_names()
 
 
 @dataclass(frozen=True)
@@ -162,221 +164,281 @@ class _Context:
     """What a statement may refer to."""
 
     limits: Limits
-    points: dict[str, Point]
+    points: dict[str, Point | None]
+    errors: Errors
 
 
-_LIMIT_KEYS = {'speed_m_s', 'acceleration_m_s2', 'jerk_m_s3'}
-_PATH_KEYS = _LIMIT_KEYS | {'blend_m', 'strict'}
+_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
+_PATH_KEYS = (*_LIMIT_KEYS, 'blend_m', 'strict')
 
 
 def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
-    """Build a program from a parsed YAML document; raises ProgramError."""
-    allowed = {'name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves', 'faults'}
-    fields = _mapping(document, 'the program', allowed, {'moves'})
+    """Build a program from a parsed YAML document.
+
+    Raises
+    ------
+    ProgramError
+        Values break rules; names the places and the rules, up to ten.
+
+    """
+    errors = Errors(getattr(document, 'source', ''))
+    programs: list[Program] = []
+    with errors.raised_as(ProgramError), errors.noted(place_of(document)):
+        programs.append(_program(document, motion, name, errors))
+    return programs[0]
+
+
+def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Program:
+    """Build a program; it is good for nothing if there are errors."""
+    allowed = ('name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves', 'faults')
+    fields = Section(document, 'the program', errors, allowed, ('moves',))
     defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
-    limits = _limits(_mapping(fields.get('limits', {}), 'limits', _LIMIT_KEYS, set()), defaults, 'limits')
-    points = _points(fields.get('points', {}))
-    repeat = fields.get('repeat', 1)
-    if isinstance(repeat, bool) or not isinstance(repeat, int) or not 1 <= repeat <= REPEAT_MAX:
-        raise ProgramError(
-            f'repeat is {shown(repeat)}, but must be a whole number between 1 and {REPEAT_MAX}'
-        )
-    moves = fields['moves']
-    if not isinstance(moves, list) or not moves:
-        raise ProgramError('moves must be a list of at least one move')
-    if len(moves) * repeat > MOVES_MAX:
-        raise ProgramError(f'the program has {len(moves) * repeat} moves, the limit is {MOVES_MAX}')
-    context = _Context(limits, points)
-    statements = tuple(_statement(item, f'moves[{n}]', context) for n, item in enumerate(moves))
-    start = _point(fields['start_m'], 'start_m', points) if 'start_m' in fields else None
-    payload = _payload(fields['payload_kg'], 'payload_kg') if 'payload_kg' in fields else None
-    faults = fields.get('faults', [])
-    if not isinstance(faults, list) or len(faults) > FAULTS_MAX:
-        raise ProgramError(f'faults must be a list of at most {FAULTS_MAX} faults')
+    limits = fields.read(
+        'limits',
+        lambda value, where: _limits(Section(value, where, errors, _LIMIT_KEYS), defaults),
+        defaults,
+        prefix='',
+    )
+    points = fields.read('points', lambda value, where: _points(value, where, errors), {}, prefix='')
+    repeat = fields.read('repeat', _repeat, 1, prefix='')
+    context = _Context(limits, points, errors)
+
+    def statements(value: Any, where: str) -> tuple[Statement, ...]:
+        if not isinstance(value, list) or not value:
+            refuse(f'{where} must be a list of at least one move')
+        if len(value) * repeat > MOVES_MAX:
+            refuse(f'the program has {len(value) * repeat} moves, the limit is {MOVES_MAX}')
+        found = []
+        for item, name, place in numbered(value, where):
+            with errors.noted(place):
+                found.append(_statement(item, name, context))
+        return tuple(found)
+
+    def faults(value: Any, where: str) -> tuple[Fault, ...]:
+        if not isinstance(value, list) or len(value) > FAULTS_MAX:
+            refuse(f'{where} must be a list of at most {FAULTS_MAX} faults')
+        found = []
+        for item, name, place in numbered(value, where):
+            with errors.noted(place):
+                found.append(read_fault(item, name, errors))
+        return tuple(found)
+
     return Program(
-        _name(fields.get('name', name), 'name'),
-        statements,
-        start,
+        fields.read('name', _name, _name(name, 'name'), prefix=''),
+        fields.read('moves', statements, (), prefix=''),
+        fields.read('start_m', lambda value, where: _point(value, where, points), prefix=''),
         repeat,
-        payload,
-        tuple(parse_fault(item, f'faults[{n}]') for n, item in enumerate(faults)),
+        fields.read('payload_kg', _payload, prefix=''),
+        fields.read('faults', faults, (), prefix=''),
     )
 
 
-def _name(value: Any, what: str) -> str:
+def _repeat(value: Any, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= REPEAT_MAX:
+        refuse(f'{where} is {shown(value)}, but must be a whole number between 1 and {REPEAT_MAX}')
+    return value
+
+
+def _name(value: Any, where: str) -> str:
     if not isinstance(value, str):
-        raise ProgramError(f'{what} must be a text, not {shown(value)}')
+        refuse(f'{where} must be a text, not {shown(value)}')
     if len(value) > NAME_MAX or not value.isprintable():
-        raise ProgramError(f'{what} must be one line of at most {NAME_MAX} characters, not {shown(value)}')
+        refuse(f'{where} must be one line of at most {NAME_MAX} characters, not {shown(value)}')
     return value
 
 
-def _points(value: Any) -> dict[str, Point]:
+def _points(value: Any, where: str, errors: Errors) -> dict[str, Point | None]:
+    """Return points by their names; None is one that is wrong, which has been told."""
     if not isinstance(value, dict):
-        raise ProgramError(f'points must be a mapping, not {shown(value)}')
-    names = [_name(key, 'points: the name of a point') for key in value]
-    return {name: _point(value[name], f'points.{name}', {}) for name in names}
-
-
-def _mapping(value: Any, where: str, allowed: set[str], required: set[str]) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ProgramError(f'{where} must be a mapping, not {shown(value)}')
-    for key in value:
-        if key not in allowed:
-            raise ProgramError(
-                f'{where}: unknown key {shown(key)}, expected one of {", ".join(sorted(allowed))}'
-            )
-    for key in sorted(required - value.keys()):
-        raise ProgramError(f'{where}: missing key {key}')
-    return value
+        refuse(f'{where} must be a mapping, not {shown(value)}')
+    found: dict[str, Point | None] = {}
+    for key, point in value.items():
+        with errors.noted(place_of_key(value, key)):
+            found[_name(key, f'{where}: the name of a point')] = None
+            with errors.noted(place_in(value, key)):
+                found[key] = _point(point, f'{where}.{key}', {})
+    return found
 
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ProgramError(f'{where} must be a number, not {shown(value)}')
+        refuse(f'{where} must be a number, not {shown(value)}')
     try:
         number = float(value)
     except OverflowError:
-        raise ProgramError(f'{where} is too large a number') from None
+        refuse(f'{where} is too large a number')
     if math.isnan(number):
-        raise ProgramError(f'{where} must be a number, not nan')
+        refuse(f'{where} must be a number, not nan')
     return number
 
 
-def _within(value: Any, where: str, low: float, high: float) -> float:
-    """Return a number above ``low`` (or equal to it, if it is 0 and may be) and up to ``high``."""
-    number = _number(value, where)
-    if not low <= number <= high:
-        raise ProgramError(f'{where} is {number:g}, but must be between {low:g} and {high:g}')
-    return number
+def _within(low: float, high: float) -> Callable[[Any, str], float]:
+    """Return a reader of numbers from one to another."""
+
+    def read(value: Any, where: str) -> float:
+        number = _number(value, where)
+        if not low <= number <= high:
+            refuse(f'{where} is {number:g}, but must be between {low:g} and {high:g}')
+        return number
+
+    return read
 
 
 def _payload(value: Any, where: str) -> float:
-    return payload_on_grid(_within(value, where, 0.0, PAYLOAD_MAX_KG))
+    return payload_on_grid(_within(0.0, PAYLOAD_MAX_KG)(value, where))
+
+
+def _flag(value: Any, where: str) -> bool:
+    if not isinstance(value, bool):
+        refuse(f'{where} must be true or false, not {shown(value)}')
+    return value
 
 
 def _vector(value: Any, where: str, unit: str) -> Point:
     if not isinstance(value, list) or len(value) != 3:
-        raise ProgramError(f'{where} must be a list of 3 numbers [{unit}], not {shown(value)}')
-    x, y, z = (_number(item, f'{where}[{n}]') for n, item in enumerate(value))
-    if not all(math.isfinite(item) for item in (x, y, z)):
-        raise ProgramError(f'{where} must be finite, not {shown(value)}')
+        refuse(f'{where} must be a list of 3 numbers [{unit}], not {shown(value)}')
+    numbers = []
+    for item, name, place in numbered(value, where):
+        try:
+            numbers.append(_number(item, name))
+        except Refusal as refusal:
+            refusal.place = place
+            raise
+    if not all(math.isfinite(item) for item in numbers):
+        refuse(f'{where} must be finite, not {shown(value)}')
+    x, y, z = numbers
     return x, y, z
 
 
-def _point(value: Any, where: str, points: dict[str, Point]) -> Point:
+def _point(value: Any, where: str, points: dict[str, Point | None]) -> Point | None:
     if isinstance(value, str):
         if value not in points:
             known = ', '.join(shown(name) for name in sorted(points)[:5]) or 'none'
-            raise ProgramError(f'{where}: unknown point {shown(value)}, the points are: {known}')
+            nearest = nearest_of(value, points)
+            refuse(f'{where}: unknown point {shown(value)}, the points are: {known}{nearest}')
         return points[value]
     point = _vector(value, where, 'm')
     if max(abs(item) for item in point) > REACH_M:
-        raise ProgramError(f'{where} is {shown(value)} m, farther than {REACH_M:g} m: are these millimetres?')
+        refuse(f'{where} is {shown(value)} m, farther than {REACH_M:g} m: are these millimetres?')
     return point
 
 
-def _target(value: Any, where: str, points: dict[str, Point]) -> Target:
+def _target(value: Any, where: str, context: _Context) -> Target | None:
     if not isinstance(value, dict):
-        return Target(_point(value, where, points))
-    fields = _mapping(value, where, {'point', 'by_m'}, {'by_m'})
-    step = _point(fields['by_m'], f'{where}.by_m', {})
+        point = _point(value, where, context.points)
+        return None if point is None else Target(point)
+    fields = Section(value, where, context.errors, ('point', 'by_m'), ('by_m',))
+    step = fields.read('by_m', lambda step, name: _point(step, name, {}))
     if 'point' not in fields:
-        return Target(step, relative=True)
-    x, y, z = _point(fields['point'], f'{where}.point', points)
-    return Target((x + step[0], y + step[1], z + step[2]))
+        return None if step is None else Target(step, relative=True)
+    point = fields.read('point', lambda name, place: _point(name, place, context.points))
+    if point is None or step is None:
+        return None
+    return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
 
 
-def _limits(fields: dict[str, Any], defaults: Limits, where: str) -> Limits:
-    values = {}
-    for key in ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3'):
-        value = _number(fields.get(key, getattr(defaults, key)), f'{where}.{key}')
-        if not value > 0.0 or (math.isinf(value) and key != 'jerk_m_s3'):
-            raise ProgramError(f'{where}.{key} is {value}, but must be a positive number')
-        if not LIMIT_MIN <= value <= LIMIT_MAX and not math.isinf(value):
-            raise ProgramError(
-                f'{where}.{key} is {value:g}, but must be between {LIMIT_MIN:g} and {LIMIT_MAX:g}'
-            )
-        values[key] = value
-    return Limits(**values)
+def _limit(value: Any, where: str) -> float:
+    number = _number(value, where)
+    if not number > 0.0 or (math.isinf(number) and not where.endswith('jerk_m_s3')):
+        refuse(f'{where} is {number}, but must be a positive number')
+    if not LIMIT_MIN <= number <= LIMIT_MAX and not math.isinf(number):
+        refuse(f'{where} is {number:g}, but must be between {LIMIT_MIN:g} and {LIMIT_MAX:g}')
+    return number
 
 
-def _path_options(fields: dict[str, Any], context: _Context, where: str) -> dict[str, Any]:
-    strict = fields.get('strict', False)
-    if not isinstance(strict, bool):
-        raise ProgramError(f'{where}.strict must be true or false, not {shown(strict)}')
-    blend = _within(fields.get('blend_m', 0.0), f'{where}.blend_m', 0.0, BLEND_MAX_M)
+def _limits(fields: Section, defaults: Limits) -> Limits:
+    return Limits(*(fields.read(key, _limit, getattr(defaults, key)) for key in _LIMIT_KEYS))
+
+
+def _blend(value: Any, where: str) -> float:
+    blend = _within(0.0, BLEND_MAX_M)(value, where)
     if 0.0 < blend < BLEND_MIN_M:
-        raise ProgramError(f'{where}.blend_m is {blend:g}, but must be 0 or at least {BLEND_MIN_M:g}')
-    return {'limits': _limits(fields, context.limits, where), 'blend_m': blend, 'strict': strict}
+        refuse(f'{where} is {blend:g}, but must be 0 or at least {BLEND_MIN_M:g}')
+    return blend
+
+
+def _path_options(fields: Section, context: _Context) -> dict[str, Any]:
+    return {
+        'limits': _limits(fields, context.limits),
+        'blend_m': fields.read('blend_m', _blend, 0.0),
+        'strict': fields.read('strict', _flag, False),
+    }
 
 
 def _parse_move_l(value: Any, where: str, context: _Context) -> Statement:
-    fields = _mapping(value, where, {'to_m', *_PATH_KEYS}, {'to_m'})
-    return MoveL(
-        _target(fields['to_m'], f'{where}.to_m', context.points), **_path_options(fields, context, where)
-    )
+    fields = Section(value, where, context.errors, {'to_m', *_PATH_KEYS}, ('to_m',))
+    to = fields.read('to_m', lambda value, where: _target(value, where, context))
+    return MoveL(to, **_path_options(fields, context))  # type: ignore[arg-type]
 
 
 def _parse_move_c(value: Any, where: str, context: _Context) -> Statement:
-    fields = _mapping(value, where, {'via_m', 'to_m', *_PATH_KEYS}, {'via_m', 'to_m'})
-    return MoveC(
-        _target(fields['via_m'], f'{where}.via_m', context.points),
-        _target(fields['to_m'], f'{where}.to_m', context.points),
-        **_path_options(fields, context, where),
+    fields = Section(value, where, context.errors, {'via_m', 'to_m', *_PATH_KEYS}, ('to_m', 'via_m'))
+    via, to = (
+        fields.read(key, lambda value, where: _target(value, where, context)) for key in ('via_m', 'to_m')
     )
+    return MoveC(via, to, **_path_options(fields, context))  # type: ignore[arg-type]
 
 
 def _parse_move_sb(value: Any, where: str, context: _Context) -> Statement:
-    fields = _mapping(value, where, {'through_m', *_PATH_KEYS}, {'through_m'})
-    through = fields['through_m']
-    if not isinstance(through, list) or not through:
-        raise ProgramError(f'{where}.through_m must be a list of at least one point')
-    if len(through) > SPLINE_POINTS_MAX:
-        raise ProgramError(f'{where}.through_m has {len(through)} points, the limit is {SPLINE_POINTS_MAX}')
-    targets = tuple(
-        _target(item, f'{where}.through_m[{n}]', context.points) for n, item in enumerate(through)
-    )
-    return MoveSB(targets, **_path_options(fields, context, where))
+    fields = Section(value, where, context.errors, {'through_m', *_PATH_KEYS}, ('through_m',))
+
+    def through(points: Any, name: str) -> tuple[Target, ...]:
+        if not isinstance(points, list) or not points:
+            refuse(f'{name} must be a list of at least one point')
+        if len(points) > SPLINE_POINTS_MAX:
+            refuse(f'{name} has {len(points)} points, the limit is {SPLINE_POINTS_MAX}')
+        targets = []
+        for item, place_name, place in numbered(points, name):
+            with context.errors.noted(place):
+                targets.append(_target(item, place_name, context))
+        return tuple(targets)  # type: ignore[arg-type]
+
+    return MoveSB(fields.read('through_m', through, ()), **_path_options(fields, context))
 
 
 def _parse_cubic(value: Any, where: str, context: _Context) -> Statement:
-    fields = _mapping(value, where, {'to_m', 'duration_s', 'end_velocity_m_s'}, {'to_m', 'duration_s'})
-    velocity = _vector(fields.get('end_velocity_m_s', [0.0, 0.0, 0.0]), f'{where}.end_velocity_m_s', 'm/s')
-    if max(abs(item) for item in velocity) > VELOCITY_MAX_M_S:
-        raise ProgramError(f'{where}.end_velocity_m_s may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
+    keys = {'to_m', 'duration_s', 'end_velocity_m_s'}
+    fields = Section(value, where, context.errors, keys, ('duration_s', 'to_m'))
+
+    def velocity(value: Any, where: str) -> Point:
+        vector = _vector(value, where, 'm/s')
+        if max(abs(item) for item in vector) > VELOCITY_MAX_M_S:
+            refuse(f'{where} may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
+        return vector
+
     return Cubic(
-        _target(fields['to_m'], f'{where}.to_m', context.points),
-        _duration(fields['duration_s'], f'{where}.duration_s'),
-        velocity,
+        fields.read('to_m', lambda value, where: _target(value, where, context)),  # type: ignore[arg-type]
+        fields.read('duration_s', _within(1e-3, TIME_MAX_S)),
+        fields.read('end_velocity_m_s', velocity, (0.0, 0.0, 0.0)),
     )
 
 
-def _duration(value: Any, where: str) -> float:
-    time = _number(value, where)
-    if not 1e-3 <= time <= TIME_MAX_S:
-        raise ProgramError(f'{where} is {time:g}, but must be between 0.001 and {TIME_MAX_S:g}')
-    return time
+def _parse_dwell(value: Any, where: str, context: _Context) -> Statement:
+    def duration(value: Any, where: str) -> float:
+        time = _number(value, where)
+        if not 0.0 < time <= TIME_MAX_S:
+            refuse(f'{where} is {time}, but must be positive and at most {TIME_MAX_S:g}')
+        return time
+
+    return Dwell(Section(value, where, context.errors, ('time_s',), ('time_s',)).read('time_s', duration))
 
 
-def _parse_dwell(value: Any, where: str, _: _Context) -> Statement:
-    fields = _mapping(value, where, {'time_s'}, {'time_s'})
-    time = _number(fields['time_s'], f'{where}.time_s')
-    if not 0.0 < time <= TIME_MAX_S:
-        raise ProgramError(f'{where}.time_s is {time}, but must be positive and at most {TIME_MAX_S:g}')
-    return Dwell(time)
+def _parse_output(value: Any, where: str, context: _Context) -> Statement:
+    keys = {'name', 'value', 'before_m', 'payload_kg'}
+    fields = Section(value, where, context.errors, keys, ('name', 'value'))
 
+    def output(value: Any, where: str) -> str:
+        if value not in OUTPUTS:
+            nearest = nearest_of(value, OUTPUTS)
+            refuse(f'{where} is {shown(value)}, but must be one of {", ".join(OUTPUTS)}{nearest}')
+        return str(value)
 
-def _parse_output(value: Any, where: str, _: _Context) -> Statement:
-    fields = _mapping(value, where, {'name', 'value', 'before_m', 'payload_kg'}, {'name', 'value'})
-    name, state = fields['name'], fields['value']
-    if name not in OUTPUTS:
-        raise ProgramError(f'{where}.name is {shown(name)}, but must be one of {", ".join(OUTPUTS)}')
-    if not isinstance(state, bool):
-        raise ProgramError(f'{where}.value must be true or false, not {shown(state)}')
-    before = _within(fields.get('before_m', 0.0), f'{where}.before_m', 0.0, REACH_M)
-    payload = _payload(fields['payload_kg'], f'{where}.payload_kg') if 'payload_kg' in fields else None
-    return Output(name, float(state), before, payload)
+    return Output(
+        fields.read('name', output),
+        float(fields.read('value', _flag, False)),
+        fields.read('before_m', _within(0.0, REACH_M), 0.0),
+        fields.read('payload_kg', _payload),
+    )
 
 
 _PARSERS: dict[str, Callable[[Any, str, _Context], Statement]] = {
@@ -390,11 +452,16 @@ _PARSERS: dict[str, Callable[[Any, str, _Context], Statement]] = {
 
 
 def _statement(value: Any, where: str, context: _Context) -> Statement:
-    fields = _mapping(value, where, set(_PARSERS), set())
-    if len(fields) != 1:
-        raise ProgramError(f'{where} must hold exactly one of {", ".join(_PARSERS)}')
-    ((kind, content),) = fields.items()
-    return _PARSERS[kind](content, f'{where}.{kind}', context)
+    if not isinstance(value, dict):
+        refuse(f'{where} must be a mapping, not {shown(value)}')
+    for key in value:
+        if key not in _PARSERS:
+            refuse(f'{where}: unknown key {shown(key)}, {expected(key, _PARSERS)}', place_of_key(value, key))
+    if len(value) != 1:
+        refuse(f'{where} must hold exactly one of {", ".join(_PARSERS)}')
+    ((kind, content),) = value.items()
+    with at(place_in(value, kind)):
+        return _PARSERS[kind](content, f'{where}.{kind}', context)
 
 
 def point_text(point_m: ArrayLike) -> str:

@@ -22,10 +22,10 @@ from rclpy.validate_namespace import validate_namespace
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from delta3_pacdrive import interrupts, recording, simulation
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive import recording, simulation
 from delta3_pacdrive.bus.silence import BOUND_S
-from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.errors import ParameterError, RunError, RunInterruptedError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes import discovery, runtime
@@ -222,7 +222,8 @@ class Bringup:
             child.patience_s = CLOSE_BAG_S
         self._children.append(child)
 
-    def _interrupt(self, *_: Any) -> None:
+    def _interrupt(self, number: int, _: Any) -> None:
+        interrupts.note(number)
         self._interrupted = True
 
     def _watch(self, show: Callable[[dict[str, Any]], None]) -> None:
@@ -250,7 +251,7 @@ class Bringup:
         monitor = self._monitor
         self._process.spin_for(seconds)
         if self._interrupted and (self._program is not None or not self.ready_s):
-            raise RunError('interrupted')
+            raise RunInterruptedError('interrupted')
         for child in self._children:
             # who ends all processes at once, as a service manager does, wants none of them back
             if child.poll() is not None and not self._interrupted:

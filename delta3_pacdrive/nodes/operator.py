@@ -15,10 +15,11 @@ from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header, String
 
+from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller import messages
 from delta3_pacdrive.controller.messages import Reply, Request
 from delta3_pacdrive.controller.reason import Code
-from delta3_pacdrive.errors import InterruptedRunError, ProgramError, RunError, TelegramError
+from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.polling import PollingNode
 from delta3_pacdrive.nodes.progress_report import read_progress
@@ -39,7 +40,6 @@ OF_THE_TASK = {
 }
 OF_THE_PLANNER = ('start', 'resume', 'clear')
 SERVICES = (*OF_THE_PLANNER, *OF_THE_TASK)
-STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class RefusedError(ProgramError):
@@ -297,11 +297,15 @@ class OperatorNode(PollingNode):
 def operating(namespace: str) -> Iterator[OperatorNode]:
     """Be an operator of the robot in a namespace, in a process that does nothing else with ROS.
 
-    A signal that asks for the end raises InterruptedRunError where the operator waits, once; he can still act after it.
+    A signal that asks for the end raises RunInterruptedError where the operator waits, once; he can still act after it.
     """
     discovery.keep_to_this_machine()
     signals: list[int] = []
-    before = {number: signal.signal(number, lambda n, _: signals.append(n)) for number in STOPPING_SIGNALS}
+    before = {
+        number: signal.signal(number, lambda n, _: signals.append(n))
+        for number in interrupts.NUMBERS
+        if signal.getsignal(number) != signal.SIG_IGN
+    }
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     process = runtime.Process()
 
@@ -310,7 +314,8 @@ def operating(namespace: str) -> Iterator[OperatorNode]:
         if signals and operator.interruptible:
             number = signals[0]
             signals.clear()
-            raise InterruptedRunError(number)
+            interrupts.note(number)
+            raise RunInterruptedError(interrupts.sentence(number))
 
     operator = OperatorNode(spin_for, namespace='/' + namespace.strip('/'))
     process.add(operator)

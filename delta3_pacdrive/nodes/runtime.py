@@ -13,7 +13,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.nodes import domain
 
 _separate = False
 
@@ -66,12 +68,15 @@ def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = N
     """Be the main function of a process: build the nodes, spin, clean up; return the exit status."""
     global _separate  # noqa: PLW0603 (a fact about the process)
     _separate = len(factories) == 1
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     process: Process | None = None
     try:
+        domain.check()
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         process = Process()
-        for stopping in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(stopping, process.stop)
+        for stopping in interrupts.NUMBERS:
+            # a bring-up in the background, or under nohup, ignores signals but sends them to its children
+            if stopping != signal.SIGHUP or signal.getsignal(stopping) is not signal.SIG_IGN:
+                signal.signal(stopping, process.stop)
         for factory in factories:
             process.add(factory())
         # long-lived objects need not be walked again by the collector in the middle of a cycle
@@ -98,19 +103,21 @@ def run_single(factory: Callable[[], Node]) -> int:
     """
     # an operator's process has no use for the robot's core
     from delta3_pacdrive import parameters, simulation
-    from delta3_pacdrive.kernel import all_compiled, alone
+    from delta3_pacdrive.kernel import Lines
     from delta3_pacdrive.nodes import discovery
 
+    # an exception would be lost where the compiler calls back; whatever the node is to leave behind comes later
+    interrupts.install()
     discovery.keep_to_this_machine()
     try:
-        if not all_compiled():
-            print(
-                'compiling the numerical kernels, once for this version (about 30 s) ...',
-                file=sys.stderr,
-                flush=True,
-            )
-        with alone():  # nodes that are started together compile once, not each for itself
-            simulation.rehearse(parameters.load())
-    except KeyboardInterrupt:
-        return 0
-    return run([factory])
+        domain.check()
+        simulation.compile_kernels(
+            Lines().show
+        )  # nodes that are started together compile once, not each for itself
+        simulation.rehearse(parameters.load())
+    except Delta3Error as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    status = run([factory])
+    interrupts.ignore()
+    return status

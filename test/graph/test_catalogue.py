@@ -177,7 +177,9 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     try:
         refused = delta3('faults', 'inject', '{fault: rain}')
         assert refused.returncode == 1
-        assert refused.stderr.startswith("error: fault.fault is 'rain', but must be one of drop_mdt")
+        assert refused.stderr.startswith(
+            "error: line 1, column 9: fault.fault is 'rain', but must be one of drop_mdt"
+        )
         assert delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005', '--no-wait').returncode == 0
         injected = delta3('faults', 'inject', '{fault: kill, node: axis3}')
         assert injected.stdout.startswith('kill axis3 from bus cycle')

@@ -1,0 +1,146 @@
+"""``delta3 check``: read and plan files as the robot would, and tell everything that is wrong with them."""
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.configuration.packaged import program_names
+from delta3_pacdrive.errors import Delta3Error, ProgramError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return the exit status."""
+    parser = parser_for(
+        'check',
+        'Read files and plan programs as the robot would; tell moves, notices and up to ten errors of each.',
+    )
+    names = ', '.join(program_names())
+    parser.add_argument(
+        'file', nargs='+', help=f'program, parameter file or list of faults; packaged programs: {names}'
+    )
+    parser.add_argument(
+        '--parameters',
+        metavar='FILE',
+        help='plan for the robot of this parameter file, or rich: the built robot',
+    )
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    options = parser.parse_args(arguments)
+    return guarded(lambda: _check(options), options.json)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from delta3_pacdrive import parameters as core
+
+    robot = core.load(options.parameters)
+    results = [_result(name, robot) for name in options.file]
+    ok = all(result['ok'] for result in results)
+    if options.json:
+        print(json.dumps({'ok': ok, 'files': results}))
+        return int(not ok)
+    for result in results:
+        _print(result)
+    return int(not ok)
+
+
+def _result(name: str, robot: Any) -> dict[str, Any]:
+    result: dict[str, Any] = {'ok': True, 'file': name}
+    try:
+        return result | _content(name, robot)
+    except Delta3Error as error:
+        return result | {'ok': False, 'errors': str(error).split('; ')}
+
+
+def _content(name: str, robot: Any) -> dict[str, Any]:
+    """Return what a file holds; what is in it says what it is."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import yaml_file
+    from delta3_pacdrive.motion import program as programs
+
+    path = programs.find(name)
+    if path == Path(name) and not path.exists():
+        path = core.find(name)
+    document = yaml_file.read(path, 'file', ProgramError)
+    keys = list(document) if isinstance(document, dict) else []
+    if 'moves' not in keys and (isinstance(document, list) or keys in (['faults'],) or 'fault' in keys):
+        return {'kind': 'faults', 'faults': _faults(document)}
+    if any(isinstance(document[key], dict) and 'ros__parameters' in document[key] for key in keys):
+        return {'kind': 'parameters', 'checksum': core.load(path).checksum}
+    return _planned(programs.parse(document, robot.motion, path.stem), robot)
+
+
+def _faults(document: Any) -> list[str]:
+    from delta3_pacdrive.configuration.checked import Errors
+    from delta3_pacdrive.configuration.located import numbered
+    from delta3_pacdrive.injection import read_fault
+
+    source = document.source
+    if isinstance(document, dict):
+        document = document.get('faults', [document])
+    errors = Errors(source)
+    found = []
+    with errors.raised_as(ProgramError):
+        if not isinstance(document, list):
+            raise ProgramError(f'{source}: faults must be a list')
+        for item, where, place in numbered(document, 'faults'):
+            with errors.noted(place):
+                found.append(read_fault(item, where, errors))
+    return [_fault_text(fault) for fault in found]
+
+
+def _fault_text(fault: Any) -> str:
+    end = f' for {fault.for_s:g} s' if math.isfinite(fault.for_s) else ''
+    return f'{fault.text} after {fault.after_s:g} s{end}'
+
+
+def _planned(program: Any, robot: Any) -> dict[str, Any]:
+    from delta3_pacdrive.motion import planning
+
+    start = robot.motion.home_m if program.start_m is None else program.start_m
+    planned = planning.plan(program, start, robot)
+    # every round is the same but for the way into the first one: the moves are told once
+    count = len(planned.plan) // planned.repeat
+    moves = [planned.plan.move(n) for n in range(count)]
+    return {
+        'kind': 'program',
+        'program': planned.name,
+        'moves': [
+            {'kind': move.kind.name.lower(), 'length_m': move.length_m, 'time_s': move.duration_s}
+            for move in moves
+        ],
+        'repeat': planned.repeat,
+        'time_s': planned.plan.duration_s,
+        'override_max': planned.rate_max,
+        'rms_current_a': list(planned.rms_current_a),
+        'notices': list(planned.notices),
+        'faults': [_fault_text(fault) for fault in program.faults],
+    }
+
+
+def _print(result: dict[str, Any]) -> None:
+    if not result['ok']:
+        for error in result['errors']:
+            print(f'error: {error}', file=sys.stderr)
+        return
+    print(f'{result["file"]}: good, {result["kind"]}')
+    for number, move in enumerate(result.get('moves', ())):
+        length = '' if move['kind'] in ('dwell', 'cubic') else f'{move["length_m"] * 1e3:9.3f} mm'
+        print(f'{number + 1:>6}  {move["kind"]:<8} {length:>12}  {move["time_s"]:8.3f} s')
+    if 'time_s' in result:
+        rounds = f' in {result["repeat"]} rounds' if result['repeat'] > 1 else ''
+        print(
+            f' whole  {result["time_s"]:.3f} s{rounds}, override up to {100.0 * result["override_max"]:.0f} %'
+        )
+    for name, key in (('note', 'notices'), ('fault', 'faults')):
+        for text in result.get(key, ()):
+            print(f'{name:>6}  {text}')
+    if 'checksum' in result:
+        print(f'        checksum {result["checksum"]}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,140 @@
+"""The strict reader of documents: names place and rule of what is wrong, and tells up to ten errors at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn, TypeVar
+
+from delta3_pacdrive.configuration.located import Place, place_in, place_of, place_of_key
+from delta3_pacdrive.errors import Delta3Error, shown
+
+ERRORS_MAX = 10
+NAME_MAX = 60  # longer ones are nobody's slip
+
+_Value = TypeVar('_Value')
+
+
+class Refusal(Exception):  # noqa: N818 (it never leaves a reader)
+    """A value breaks a rule; where it stands is known by who asked for it, unless it is told here."""
+
+    def __init__(self, sentence: str, place: Place | None = None) -> None:
+        super().__init__(sentence)
+        self.place = place
+
+
+class _EnoughError(Exception):
+    """Ten errors are enough."""
+
+
+class Errors:
+    """What is wrong with a document."""
+
+    def __init__(self, source: str = '') -> None:
+        self._source = source
+        self._found: dict[str, Place] = {}
+
+    def add(self, refusal: Refusal, place: Place | None) -> None:
+        """Note an error with its place."""
+        place = refusal.place or place
+        if not self._source:
+            where = f'line {place.line}, column {place.column}: ' if place else ''
+        else:
+            where = f'{self._source}:{place.line}:{place.column}: ' if place else f'{self._source}: '
+        sentence = f'{where}{refusal}'
+        self._found.setdefault(sentence, place or Place(0, 0))
+        if len(self._found) >= ERRORS_MAX:
+            raise _EnoughError
+
+    @contextmanager
+    def noted(self, place: Place | None = None) -> Iterator[None]:
+        """Note the refusal that ends a piece of reading, and go on after it."""
+        try:
+            yield
+        except Refusal as refusal:
+            self.add(refusal, place)
+
+    @contextmanager
+    def raised_as(self, kind: type[Delta3Error]) -> Iterator[None]:
+        """Raise all errors as one at the end, in the order in which they stand in the file."""
+        more = ''
+        try:
+            yield
+        except _EnoughError:
+            more = f'; reading ended after {ERRORS_MAX} errors'
+        if self._found:
+            raise kind('; '.join(sorted(self._found, key=lambda one: self._found[one])) + more)
+
+
+class Section:
+    """A mapping that is read key by key; an error in one value does not hide those in the others.
+
+    Raises
+    ------
+    Refusal
+        It is no mapping.
+
+    """
+
+    def __init__(
+        self, value: Any, where: str, errors: Errors, allowed: Iterable[str], required: Iterable[str] = ()
+    ) -> None:
+        if not isinstance(value, dict):
+            raise Refusal(f'{where} must be a mapping, not {shown(value)}', place_of(value))
+        self._value, self._where, self._errors = value, where, errors
+        allowed = sorted(allowed)
+        for key in value:
+            if key not in allowed:
+                with errors.noted(place_of_key(value, key)):
+                    raise Refusal(f'{where}: unknown key {shown(key)}, {expected(key, allowed)}')
+        for key in required:
+            if key not in value:
+                with errors.noted(place_of(value)):
+                    raise Refusal(f'{where}: missing key {key}')
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._value
+
+    def read(
+        self,
+        key: str,
+        reader: Callable[[Any, str], _Value],
+        default: Any = None,
+        prefix: str | None = None,
+    ) -> _Value:
+        """Return what a reader makes of the value of a key; the default if it is not there, or wrong and noted."""
+        where = f'{self._where}.{key}' if prefix is None else f'{prefix}{key}'
+        if key in self._value:
+            with self._errors.noted(place_in(self._value, key)):
+                return reader(self._value[key], where)
+        return default  # type: ignore[no-any-return]
+
+
+def expected(value: Any, allowed: Iterable[str]) -> str:
+    """Say what may stand there, and what is nearest to what stands there."""
+    names = list(allowed)
+    return f'expected one of {", ".join(names)}{nearest_of(value, names)}'
+
+
+def nearest_of(value: Any, names: Iterable[str]) -> str:
+    """Ask for the nearest name; empty if none is near."""
+    if not isinstance(value, str) or len(value) > NAME_MAX:
+        return ''
+    nearest = difflib.get_close_matches(value, [name for name in names if len(name) <= NAME_MAX], 1)
+    return f': did you mean {nearest[0]}?' if nearest else ''
+
+
+def refuse(sentence: str, place: Place | None = None) -> NoReturn:
+    """Raise a refusal."""
+    raise Refusal(sentence, place)
+
+
+@contextmanager
+def at(place: Place | None) -> Iterator[None]:
+    """Give a refusal that knows no place this one."""
+    try:
+        yield
+    except Refusal as refusal:
+        refusal.place = refusal.place or place
+        raise

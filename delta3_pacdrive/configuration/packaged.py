@@ -1,0 +1,14 @@
+"""Names of the packaged programs. Light: the help of a command tells them."""
+
+import os
+
+_PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+
+
+def program_names() -> list[str]:
+    """Return the names that go without a path, sorted."""
+    for root in (_PACKAGE, os.path.dirname(_PACKAGE)):  # installed, or in the source tree
+        folder = os.path.join(root, 'config', 'programs')
+        if os.path.isdir(folder):
+            return sorted(name.removesuffix('.yaml') for name in os.listdir(folder) if name.endswith('.yaml'))
+    return []

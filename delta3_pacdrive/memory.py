@@ -1,0 +1,23 @@
+"""A limit of memory under which numerical libraries hang, instead of failing, is refused before they load."""
+
+import os
+import resource
+
+from delta3_pacdrive.errors import RunError
+
+OFFLINE_MB, GRAPH_MB = (
+    800,
+    1400,
+)  # measured: 650 for an offline command, 1260 for a process of a robot, on two cores
+CORE_MB = 100  # linear algebra holds this much for each further core
+
+
+def require(in_a_graph: bool) -> None:
+    """Raise RunError if this process may have less memory than its libraries reserve."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    cores = len(os.sched_getaffinity(0))
+    needed = (GRAPH_MB if in_a_graph else OFFLINE_MB) + CORE_MB * max(cores - 2, 0)
+    if limit != resource.RLIM_INFINITY and limit < needed * 10**6:
+        raise RunError(
+            f'memory is limited to {limit // 10**6} MB, but at least {needed} MB are needed: see ulimit -v'
+        )

@@ -1,0 +1,177 @@
+"""Facts about the command line itself: what it prints for people, check, completion, version."""
+
+import json
+import subprocess
+
+import pytest
+
+from delta3_pacdrive.cli import check, completion
+from delta3_pacdrive.cli.main import COMMANDS, main
+from delta3_pacdrive.cli.output import parser_of, print_figures
+from delta3_pacdrive.motion import program as programs
+
+FIGURES = {
+    'bus_time_s': 2.5,
+    'wall_time_s': 0.5,
+    'cycles': 1250,
+    'final_tcp_m': [0.1, -0.0002, -0.75],
+    'tcp_error_max_m': 0.00031,
+    'tcp_error_rms_m': 0.00012,
+    'current_peak_a': [1.25, 2.5, 3.75],
+    'current_rms_a': [0.1, 0.2, 0.3],
+}
+
+
+def printed(figures, capsys):
+    """Return what people read, by the name of the row; rows of one name as a list."""
+    print_figures(figures)
+    rows = {}
+    for line in capsys.readouterr().out.splitlines():
+        assert line[14:16] == '  '
+        rows.setdefault(line[:14].strip(), []).append(line[16:])
+    return rows
+
+
+def test_people_read_the_figures_of_a_run_in_their_units(capsys):
+    assert printed(FIGURES, capsys) == {
+        'bus time': ['2.500 s in 1250 cycles'],
+        'wall time': ['0.500 s (5.00 x real time)'],
+        'TCP error': ['0.310 mm max, 0.120 mm rms'],
+        'final TCP': ['(100.000, -0.200, -750.000) mm'],
+        'current peak': ['1.25 / 2.50 / 3.75 A'],
+        'current rms': ['0.10 / 0.20 / 0.30 A'],
+    }
+
+
+def test_people_read_rounds_notices_and_the_bus(capsys):
+    more = {'repeat': 6, 'program_s': 12.0, 'notices': ['one', 'two'], 'overruns': 3, 'lost_telegrams': 4}
+    rows = printed(FIGURES | more, capsys)
+    assert rows['rounds'] == ['6 in 12.000 s: 30.0 per minute']
+    assert rows['note'] == ['one', 'two']
+    assert rows['bus'] == ['3 overruns, 4 lost AT']
+    assert 'rounds' not in printed(FIGURES | more | {'repeat': 1}, capsys)
+
+
+LINE = (
+    'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\nrepeat: 1\n'
+)
+
+
+def test_check_tells_kind_length_and_time_of_every_move(tmp_path, capsys):
+    path = tmp_path / 'line.yaml'
+    path.write_text(LINE)
+    assert check.main([str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f'{path}: good, program'
+    assert lines[1].split()[:4] == ['1', 'line', '100.000', 'mm']
+    assert lines[2].split() == ['2', 'dwell', '0.250', 's']
+    time = float(lines[1].split()[4])
+    # at 1.5 m/s, 15 m/s2 and 600 m/s3 at the most: longer than without limit of jerk, which takes 2 sqrt(s / a)
+    assert 0.163 < time < 0.25
+    assert lines[3].split()[:3] == ['whole', f'{time + 0.25:.3f}', 's,']
+
+
+def test_check_tells_a_program_the_same_to_programs(tmp_path, capsys):
+    path = tmp_path / 'line.yaml'
+    path.write_text(
+        LINE + 'faults: [{fault: overload, axis: axis1, torque_n_m: 2, after_s: 0.1, for_s: 0.2}]'
+    )
+    assert check.main([str(path), '--json']) == 0
+    (result,) = json.loads(capsys.readouterr().out)['files']
+    assert [move['kind'] for move in result['moves']] == ['line', 'dwell']
+    assert result['moves'][0]['length_m'] == pytest.approx(0.1, abs=1e-9)
+    assert result['time_s'] == pytest.approx(sum(move['time_s'] for move in result['moves']))
+    assert result['faults'] == ['overload axis1 torque_n_m 2 after 0.1 s for 0.2 s']
+
+
+def test_check_tells_a_move_that_is_slowed_down(tmp_path, capsys):
+    path = tmp_path / 'fast.yaml'
+    path.write_text(
+        'start_m: [0, 0, -0.8]\n'
+        'moves: [{move_l: {to_m: [0.4, 0, -0.8], speed_m_s: 9, acceleration_m_s2: 500, jerk_m_s3: .inf}}]'
+    )
+    assert check.main([str(path)]) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith('  note')]
+    assert len(notes) == 2
+    assert 'moves[0].move_l is slowed down' in notes[0]
+    assert 'rms current' in notes[1]
+
+
+def test_check_tells_all_mistakes_of_all_files(tmp_path, capsys):
+    (tmp_path / 'bad.yaml').write_text('moves:\n- {move_l: {to_m: [0.1, x, -0.8]}}\n- {dwel: {time_s: 1}}\n')
+    (tmp_path / 'far.yaml').write_text('moves: [{move_l: {to_m: [5, 0, -0.8]}}]')
+    (tmp_path / 'faults.yaml').write_text('- {fault: drop_mdt, axis: axis1}\n- {fault: kil, node: plant}\n')
+    names = [str(tmp_path / name) for name in ('bad.yaml', 'far.yaml', 'faults.yaml', 'none.yaml')]
+    assert check.main([*names, 'packaging']) == 1
+    output, errors = capsys.readouterr()
+    lines = errors.splitlines()
+    assert all(line.startswith('error: ') for line in lines)
+    assert len(lines) == 5
+    assert 'bad.yaml:2:25: moves[0]' in lines[0]
+    assert "bad.yaml:3:4: moves[1]: unknown key 'dwel'" in lines[1]
+    assert 'moves[0]' in lines[2]
+    assert 'faults.yaml:2:11: faults[1].fault' in lines[3]
+    assert 'cannot read file' in lines[4]
+    assert 'packaging: good, program' in output
+
+
+def test_check_reads_parameters_and_faults(tmp_path, capsys):
+    path = tmp_path / 'faults.yaml'
+    path.write_text('faults: [{fault: drop_mdt, axis: axis1, after_s: 0.2}]')
+    assert check.main(['rich', str(path)]) == 0
+    output = capsys.readouterr().out
+    assert 'rich: good, parameters' in output
+    assert 'drop_mdt axis1 after 0.2 s' in output
+    path.write_text('/**: {ros__parameters: {motor: {}}}')
+    assert check.main([str(path)]) == 1
+
+
+def test_the_packaged_programs_stand_in_the_help(capsys):
+    for command in ('run', 'simulate', 'check'):
+        with pytest.raises(SystemExit, match='0'):
+            main([command, '--help'])
+        text = ' '.join(capsys.readouterr().out.split())
+        assert ', '.join(programs.packaged_names()) in text
+
+
+def test_the_version_is_told(capsys):
+    assert main(['--version']) == 0
+    name, version = capsys.readouterr().out.split()
+    assert name == 'delta3_pacdrive'
+    assert version[0].isdigit()
+
+
+def completed(script, *words):
+    """Return what bash offers for the last word."""
+    line = ' '.join(f"'{word}'" for word in words)
+    ask = f'COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; _delta3; printf "%s\\n" "${{COMPREPLY[@]}}"'
+    done = subprocess.run(
+        ['bash', '--norc', '-c', f'{script}\n{ask}'], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert not done.stderr
+    return done.stdout.split()
+
+
+def test_bash_completes_commands_options_choices_and_programs(capsys):
+    assert completion.main(['bash']) == 0
+    script = capsys.readouterr().out
+    assert set(completed(script, 'delta3', '')) == {*COMMANDS, '--help', '--version'}
+    assert completed(script, 'delta3', 'sim') == ['simulate']
+    assert completed(script, 'delta3', 'simulate', '--tr') == ['--trace']
+    assert completed(script, 'delta3', 'simulate', 'pack') == ['packaging', 'packaging_stops']
+    assert completed(script, 'delta3', 'move', 'emer') == ['emergency_stop']
+    assert completed(script, 'delta3', 'move', 'program', 'exper') == [
+        'experiment1',
+        'experiment2',
+        'experiment3',
+    ]
+    assert completed(script, 'delta3', 'tune', '--sw') == ['--sweep']
+    assert completed(script, 'delta3', 'nosuch', '--') == []
+
+
+def test_every_command_has_a_parser_of_its_name():
+    import importlib
+
+    for command in COMMANDS:
+        parser = parser_of(importlib.import_module(f'delta3_pacdrive.cli.{command}').main)
+        assert parser.prog == f'delta3 {command}'

@@ -1,0 +1,297 @@
+"""Facts about how commands end: by signals at any moment, without space, memory or a home; one sentence each."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.errors import RunInterruptedError
+
+COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
+MOMENTS = 20
+LIMIT_S = 120.0  # of one command on a busy machine
+# each offline command in the shortest way that goes through all of its stages
+OFFLINE = {
+    'simulate': ['simulate', '--trace', 'trace.npz'],
+    'plot': ['plot', '{trace}'],
+    'arm': ['arm', '--figures', 'arm'],
+    'check': ['check', 'packaging'],
+    'completion': ['completion', 'bash'],
+    'experiment': ['experiment', '1', '--no-attribution'],
+    'jacobian': ['jacobian', 'experiment1'],
+    'tune': ['tune', '--program', 'experiment1'],
+    'estimate': ['estimate', '--group', 'motor'],
+}
+
+
+@pytest.fixture(scope='module')
+def trace(tmp_path_factory):
+    """Return the file of a trace; kernels are compiled after this."""
+    path = tmp_path_factory.mktemp('trace') / 'trace.npz'
+    subprocess.run([*COMMAND, 'simulate', '--trace', path], check=True, capture_output=True, timeout=LIMIT_S)
+    return path
+
+
+def catches(process, number):
+    """Whether a process has a handler for a signal."""
+    try:
+        lines = Path(f'/proc/{process.pid}/status').read_text().splitlines()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    (mask,) = (int(line.split()[1], 16) for line in lines if line.startswith('SigCgt'))
+    return bool(mask >> (number - 1) & 1)
+
+
+def start(arguments, folder, **options):
+    """Start a command; return it once it answers signals (before that it is Python that starts, not the command)."""
+    process = subprocess.Popen(
+        [*COMMAND, *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+    while not catches(process, signal.SIGTERM) and process.poll() is None:
+        os.sched_yield()
+    return process
+
+
+def ended(command, **options):
+    """Return a command that has ended."""
+    defaults = {'capture_output': True, 'text': True, 'timeout': LIMIT_S}
+    return subprocess.run(command, check=False, **defaults | options)
+
+
+def assert_one_sentence(errors, expected):
+    lines = [line for line in errors.splitlines() if line]
+    assert len(lines) == 1, errors
+    assert expected in lines[0]
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('name', OFFLINE)
+def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, trace, tmp_path):
+    arguments = [text.format(trace=trace) for text in OFFLINE[name]]
+    process = start(arguments, tmp_path)
+    begin = time.monotonic()
+    _, errors = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, errors
+    whole_s = time.monotonic() - begin
+    interrupted = 0
+    # denser at the begin: imports, kernels and the first work come one after the other there
+    for moment in range(MOMENTS):
+        process = start(arguments, tmp_path)
+        try:
+            process.wait(whole_s * (moment / MOMENTS) ** 2)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=LIMIT_S)
+        assert 'Traceback' not in errors
+        if process.returncode:  # else it was over before, or had nothing left to do but to end
+            assert process.returncode == 130, errors
+            assert_one_sentence(errors, 'interrupted')
+            interrupted += 1
+    assert interrupted >= MOMENTS // 2
+
+
+@pytest.mark.parametrize('name', ['simulate', 'tune'])
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_the_end_by_another_signal_is_told_and_has_its_own_status(name, number, status, trace, tmp_path):
+    process = start(OFFLINE[name], tmp_path)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == status
+    assert_one_sentence(errors, f'ended by {number.name}')
+
+
+def test_thirty_times_ctrl_c_is_one_sentence_too(trace, tmp_path):
+    for name in ('simulate', 'jacobian'):
+        process = start([text.format(trace=trace) for text in OFFLINE[name]], tmp_path)
+        for _ in range(30):
+            process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=LIMIT_S)
+        assert process.returncode == 130
+        assert_one_sentence(errors, 'interrupted')
+
+
+def test_an_interrupted_command_answers_in_json_as_well(tmp_path):
+    process = start(['estimate', '--json'], tmp_path)
+    while not process.poll() and 'numpy' not in Path(f'/proc/{process.pid}/maps').read_text():
+        os.sched_yield()  # options are read, heavy modules are being loaded
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 130
+    assert json.loads(output) == {'ok': False, 'error': 'interrupted'}
+
+
+def test_signals_that_the_parent_ignores_stay_ignored(tmp_path):
+    def ignore():
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    process = start(['arm'], tmp_path, preexec_fn=ignore)
+    process.send_signal(signal.SIGHUP)
+    process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0
+
+
+SWALLOWED = """
+import ctypes, signal, time
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.cli.output import guarded
+interrupts.install()
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    signal.raise_signal(signal.SIGINT)  # as at the moment at which a compiler calls back
+
+def work():
+    callback()
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        pass
+    return 0
+
+with interrupts.raising():
+    raise SystemExit(guarded(work))
+"""
+
+
+def test_an_interrupt_that_a_callback_swallows_is_raised_again():
+    begin = time.monotonic()
+    done = ended([sys.executable, '-P', '-c', SWALLOWED])
+    assert done.returncode == 130
+    assert_one_sentence(done.stderr, 'interrupted')
+    assert time.monotonic() - begin < 20.0  # not when the work was over by itself
+
+
+CONVERTED = """
+import signal
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.cli.output import guarded
+interrupts.install()
+
+def work():
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    except KeyboardInterrupt:
+        raise RuntimeError('as the import of an extension does')
+
+with interrupts.raising():
+    raise SystemExit(guarded(work))
+"""
+
+
+def test_what_an_interrupt_becomes_on_its_way_is_still_an_interrupt():
+    done = ended([sys.executable, '-P', '-c', CONVERTED])
+    assert done.returncode == 143
+    assert_one_sentence(done.stderr, 'ended by SIGTERM')
+
+
+def test_a_signal_that_ros_has_taken_for_itself_is_an_interrupt_too(capfd):
+    class ExternalShutdownException(Exception):  # noqa: N818 (as rclpy calls it)
+        pass
+
+    def work():
+        raise ExternalShutdownException
+
+    def run():
+        raise RunInterruptedError('interrupted')
+
+    assert guarded(run) == 130
+    assert_one_sentence(capfd.readouterr().err, 'interrupted')
+    assert guarded(work) == 130
+    assert_one_sentence(capfd.readouterr().err, 'interrupted')
+
+
+def test_a_mistake_in_the_code_keeps_its_traceback():
+    def work():
+        raise RuntimeError('a mistake')
+
+    with pytest.raises(RuntimeError, match='a mistake'):
+        guarded(work)
+
+
+@pytest.mark.parametrize(
+    ('error', 'sentence'),
+    [
+        (MemoryError(), 'there is not enough memory'),
+        (OSError(28, 'No space left on device', 'x.csv'), 'x.csv: No space left on device'),
+        (KeyboardInterrupt(), 'interrupted'),
+        (interrupts.Interrupted(signal.SIGHUP), 'ended by SIGHUP'),
+    ],
+)
+def test_errors_of_the_machine_are_one_sentence(error, sentence, capfd):
+    def work():
+        raise error
+
+    assert guarded(work) != 0
+    assert_one_sentence(capfd.readouterr().err, sentence)
+
+
+@pytest.mark.parametrize(
+    'arguments', [['--help'], ['simulate', '--help'], ['arm'], ['arm', '--json'], ['drive', 'list']]
+)
+def test_a_full_disk_behind_the_output_is_told(arguments):
+    with open('/dev/full', 'w') as full:
+        done = ended([*COMMAND, *arguments], capture_output=False, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 1
+    assert_one_sentence(done.stderr, 'No space left on device')
+
+
+@pytest.mark.parametrize('domain', ['abc', '999', '-1', ' '])
+@pytest.mark.parametrize(
+    'command', [['move', 'state'], ['run'], ['drive', '1', 'S-0-0104'], ['experiment', '1', '--graph']]
+)
+def test_a_ros_domain_that_cannot_be_is_told(command, domain):
+    environment = os.environ | {'ROS_DOMAIN_ID': domain}
+    done = ended([*COMMAND, *command], env=environment)
+    assert done.returncode == 1
+    assert_one_sentence(done.stderr, f'ROS_DOMAIN_ID is {domain!r}, but must be a whole number from 0 to 232')
+
+
+def test_commands_without_a_graph_do_not_care_for_the_domain():
+    environment = os.environ | {'ROS_DOMAIN_ID': 'abc'}
+    for command in (['arm'], ['drive', 'list'], ['move', '--help']):
+        done = ended([*COMMAND, *command], env=environment)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('command', [['simulate'], ['tune'], ['run']])
+def test_too_little_memory_is_told_before_libraries_hang_in_it(command):
+    def limit():
+        resource.setrlimit(resource.RLIMIT_AS, (600_000 * 1024,) * 2)
+
+    done = ended([*COMMAND, *command], preexec_fn=limit)
+    assert done.returncode == 1
+    assert_one_sentence(done.stderr, 'memory is limited to 614 MB')
+
+
+def test_names_that_are_no_text_are_names(tmp_path):
+    name = os.fsdecode(b'a\xff')
+    done = ended([*COMMAND, 'simulate', name])
+    assert done.returncode == 1
+    assert_one_sentence(done.stderr, 'cannot read program file a\\udcff')
+    done = ended([*COMMAND, 'arm', '--figures', name], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / name).glob('*.png'))
+
+
+def test_no_home_is_no_obstacle(tmp_path):
+    environment = {key: value for key, value in os.environ.items() if key not in ('HOME', 'XDG_CACHE_HOME')}
+    for home in ({}, {'HOME': '/proc'}):  # none, and one in which nothing can be written
+        done = ended(
+            [*COMMAND, 'arm'],
+            env=environment | home,
+            cwd=tmp_path,
+        )
+        assert done.returncode == 0, done.stderr
+    assert not list(tmp_path.iterdir())  # no folder that is called ~

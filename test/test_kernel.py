@@ -1,0 +1,190 @@
+"""Facts about the cache of compiled kernels: whose it is, what fills it, what does not spoil it."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import delta3_pacdrive
+from delta3_pacdrive import kernel, simulation
+
+LIMIT_S = 400.0  # for a compilation on a busy machine
+PACKAGE = Path(delta3_pacdrive.__file__).parent
+# a program that only needs a few kernels, and tells whether it had to compile
+FORWARD = """
+import json, sys, time
+import numpy as np
+from delta3_pacdrive import kernel, kinematics, parameters
+saved = []
+with kernel.watched(lambda: saved.append(1)):
+    p = kinematics.forward(np.array([0.3, 0.35, 0.4]), parameters.load().kinematics)
+print(json.dumps({'package': kernel.__file__, 'compiled': len(saved), 'p': p.tolist()}))
+"""
+COMPILE = """
+import json
+from delta3_pacdrive import kernel, simulation
+shown, saved = [], []
+kernel_watched = kernel.watched
+def watched(tell):
+    return kernel_watched(lambda: (saved.append(1), tell()))
+simulation.watched = watched
+simulation.compile_kernels(lambda done, total: shown.append((done, total)))
+print(json.dumps({'saved': len(saved), 'shown': shown, 'all': kernel.all_compiled(), 'compiled': kernel.compiled()}))
+"""
+
+
+def environment(cache, root=None):
+    found = os.environ | {'NUMBA_CACHE_DIR': str(cache)}
+    return found | ({'PYTHONPATH': str(root)} if root else {})
+
+
+def output_of(program, cache, root=None):
+    command = [sys.executable, '-P', '-c', program]
+    done = subprocess.run(
+        command, env=environment(cache, root), capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """Return a folder that holds a second copy of the package."""
+    root = tmp_path / 'second place'
+    shutil.copytree(PACKAGE, root / PACKAGE.name)
+    if not (PACKAGE / 'config').is_dir():
+        shutil.copytree(PACKAGE.parent / 'config', root / 'config')
+    return root
+
+
+def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, tmp_path):
+    first = output_of(FORWARD, tmp_path / 'cache')
+    assert first['compiled'] > 5
+    second = output_of(FORWARD, tmp_path / 'cache', copy)
+    assert Path(second['package']).is_relative_to(copy)
+    assert second['compiled'] == 0
+    assert second['p'] == first['p']
+
+
+def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, tmp_path):
+    output_of(FORWARD, tmp_path / 'cache')
+    for name in ('figures.py', 'cli/plot.py', 'tuning/report.py', 'motion/planning.py', 'nodes/plant.py'):
+        with (copy / PACKAGE.name / name).open('a') as file:
+            file.write('\n# an edit\n')
+    assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] == 0
+    # errors holds no kernel, but what kinematics imports may change what its kernels do
+    for name in ('kinematics.py', 'errors.py'):
+        with (copy / PACKAGE.name / name).open('a') as file:
+            file.write('\n# an edit\n')
+        assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] > 5, name
+
+
+def test_a_damaged_binary_is_made_again(tmp_path):
+    first = output_of(FORWARD, tmp_path / 'cache')
+    for number, path in enumerate((tmp_path / 'cache').rglob('*.nb[ci]')):
+        path.write_bytes(path.read_bytes()[:100] if number % 2 else b'')
+    again = output_of(FORWARD, tmp_path / 'cache')
+    assert again['compiled'] == first['compiled']
+    assert again['p'] == first['p']
+    assert output_of(FORWARD, tmp_path / 'cache')['compiled'] == 0
+
+
+def test_a_folder_of_somebody_else_is_not_used(monkeypatch, tmp_path):
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'mine'))
+    monkeypatch.setattr(kernel.tempfile, 'gettempdir', lambda: str(tmp_path))
+    assert kernel.cache_directory().is_relative_to(tmp_path / 'mine')
+    assert kernel.cache_directory().stat().st_mode & 0o077 == 0
+    monkeypatch.setattr(
+        kernel.os, 'getuid', lambda: 54321
+    )  # what lies there belongs to the one who runs this test
+    with pytest.raises(kernel.KernelError, match='no folder for compiled kernels can be written: tried'):
+        kernel.cache_directory()
+
+
+def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(tmp_path):
+    command = [sys.executable, '-P', '-c', COMPILE]
+    processes = [
+        subprocess.Popen(
+            command,
+            env=environment(tmp_path / 'cache'),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    answers = []
+    for process in processes:
+        output, errors = process.communicate(timeout=LIMIT_S)
+        assert process.returncode == 0, errors
+        answers.append(json.loads(output))
+    assert min(answer['saved'] for answer in answers) == 0
+    for answer in answers:
+        assert answer['all']
+        assert answer['compiled'] == simulation.KERNELS
+        assert {total for _, total in answer['shown']} == {simulation.KERNELS}
+        done = [count for count, _ in answer['shown']]
+        assert done == sorted(done)
+        assert len(set(done)) > 10  # also who waits sees how far the other one is
+    binaries = len(list((tmp_path / 'cache').rglob('*.nbc')))
+    # this process compiled some of them, its helpers the others, and none was compiled by both
+    assert max(answer['saved'] for answer in answers) <= binaries
+    if len(os.sched_getaffinity(0)) > 1:
+        assert max(answer['saved'] for answer in answers) < binaries
+    # nothing is compiled in the middle of a run
+    run = 'import json; from delta3_pacdrive import kernel, parameters, simulation; saved = []\n'
+    run += 'with kernel.watched(lambda: saved.append(1)): simulation.rehearse(parameters.load())\n'
+    assert output_of(run + 'print(json.dumps(len(saved)))', tmp_path / 'cache') == 0
+
+
+NODE = [
+    sys.executable,
+    '-P',
+    '-c',
+    'from delta3_pacdrive.nodes import start; raise SystemExit(start.plant())',
+]
+
+
+def test_one_signal_ends_a_node_that_compiles(tmp_path):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    process = subprocess.Popen(NODE, env=environment(tmp_path), stderr=subprocess.PIPE, text=True)
+    assert process.stderr.readline().startswith(f'{kernel.COMPILING}: 0 of ')
+    while len(list(tmp_path.rglob('*.nbc'))) < 5:
+        os.sched_yield()
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == 'error: interrupted'
+    assert 'Traceback' not in errors
+
+
+def catches_sigterm(process):
+    lines = Path(f'/proc/{process.pid}/status').read_text().splitlines()
+    (mask,) = (int(line.split()[1], 16) for line in lines if line.startswith('SigCgt'))
+    return bool(mask >> (signal.SIGTERM - 1) & 1)
+
+
+def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
+    """Also while it loads kernels, where an exception would be lost in the compiler's callbacks."""
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    alone = os.environ | {'ROS_DOMAIN_ID': str(110 + os.getpid() % 100)}
+    statuses = []
+    for moment in range(20):
+        process = subprocess.Popen(NODE, env=alone, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not catches_sigterm(process) and process.poll() is None:
+            os.sched_yield()  # until then it is Python that starts, not the node
+        try:
+            process.wait(2.0 * (moment / 20) ** 2)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30.0)
+        assert 'Traceback' not in errors
+        assert process.returncode in (0, 130), errors  # 0: the node was up, and ended as a node ends
+        statuses.append(process.returncode)
+    assert statuses.count(130) >= 5
