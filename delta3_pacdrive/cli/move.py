@@ -27,6 +27,7 @@ ACTIONS = {
     'enable': 'enable the drives',
     'disable': 'disable the drives',
     'state': 'say what the robot does',
+    'wait': 'wait until the robot is up: in cyclic operation, enabled or stopped by a fault',
 }
 MOVES = ('l', 'c', 'sb', 'program')
 STOPS = ('hold', 'abort', 'emergency_stop', 'disable')  # free for all, whoever has control
@@ -40,7 +41,7 @@ ONLY_FOR = {
     'relative': ('l', 'c', 'sb'),
     'queue': MOVES,
     'detach': (*MOVES, 'start', 'resume'),
-    'take_over': tuple(action for action in ACTIONS if action not in (*STOPS, 'state')),
+    'take_over': tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait')),
 }
 COUNTS = {'override': 1, 'program': 1}  # of values, besides those of the moves; all others take none
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
@@ -185,7 +186,9 @@ def _act(options: argparse.Namespace, operator: Any, document: str, percent: flo
         if not options.json:
             print(sentence, flush=True)
 
-    if options.action == 'state':
+    if options.action == 'wait':
+        tell(_wait(operator))
+    elif options.action == 'state':
         tell(_state_text(_state_facts(operator)))
     elif options.action in STOPS:
         tell(operator.enable(False) if options.action == 'disable' else operator.call(options.action))
@@ -211,6 +214,25 @@ def _act(options: argparse.Namespace, operator: Any, document: str, percent: flo
     return sentences
 
 
+def _wait(operator: Any) -> str:
+    """Wait until a robot is up, and a planner with it; raises RunError if it has a fault, or if none comes."""
+    operator.wait_until(
+        lambda: (
+            operator.progress.get('phase') == 'CP4' and (operator.progress['in_torque'] or _fault(operator))
+        ),
+        'robot in cyclic operation',
+        UP_S,
+    )
+    if _fault(operator):
+        raise RunError(_fault(operator))
+    operator.wait_until(lambda: operator.queue, 'unit_robot/queue', UP_S)
+    return 'the robot is up'
+
+
+def _fault(operator: Any) -> str:
+    return str(operator.progress['fault'])
+
+
 def _state_facts(operator: Any) -> dict[str, Any]:
     """Return what is known of the robot now."""
     seen = operator.progress
@@ -224,6 +246,7 @@ def _state_facts(operator: Any) -> dict[str, Any]:
     return facts | {'queue': queue['moves'], 'override': queue['override'], 'planning': queue['working']}
 
 
+UP_S = 120.0  # for a robot that is asked to come up, the first compilation of its kernels included
 PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
     'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m',

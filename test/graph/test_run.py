@@ -93,7 +93,7 @@ def test_interrupt_stops_every_process_and_leaves_a_readable_bag(
     assert len(processes()) >= 8
     process.send_signal(signal.SIGINT)
     duration, errors = _end(process)
-    assert process.returncode == 1
+    assert process.returncode == 130
     assert errors.strip().endswith('error: interrupted')
     assert duration < END_DEADLINE_S
     assert processes() == []
