@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         NDArray[np.int64], Floats
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
+SUFFIXES = ('.npz', '.csv')  # of trace files
 METADATA_KEY = 'delta3_pacdrive'
 LITTLE_ENDIAN = b'\0\1'  # how a message begins that this reads without a parser
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
@@ -98,17 +99,28 @@ def load(path: str | Path) -> Trace:
         raise TraceError(f'there is no recording {path}')
     if path.suffix.lower() == '.csv':
         return trace_csv.read(path)
-    if path.suffix != '.npz':
+    if path.suffix.lower() != '.npz':
         raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
     return Trace.load(path)
 
 
 def save(trace: Trace, path: str | Path) -> None:
-    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError."""
+    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError for any other end."""
+    if refusal := suffix_refusal(path):
+        raise TraceError(f'cannot write trace {path}: {refusal}')
     if Path(path).suffix.lower() == '.csv':
         trace_csv.write(trace, path)
     else:
         trace.save(path)
+
+
+def suffix_refusal(path: str | Path) -> str | None:
+    """Return why no trace can be written to a file of this name, None if one can."""
+    suffix = Path(path).suffix
+    if suffix.lower() in SUFFIXES:
+        return None
+    told = f'ends in {suffix}' if suffix else 'has no ending'
+    return f'the name {told}, but must end in {" or ".join(SUFFIXES)}'
 
 
 def missing(path: Path) -> dict[str, int]:

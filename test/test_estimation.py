@@ -450,8 +450,8 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
     still = {name: np.zeros_like(values) for name, values in bus.signals.items()}
     Trace(bus.time_s, still).save(standing)
     cases = {
-        ('nowhere.npz',): 'cannot read',
-        ('nowhere',): 'cannot read',
+        ('nowhere.npz',): 'error: cannot read nowhere.npz: No such file',
+        ('nowhere',): 'error: cannot read nowhere: No such file',
         (cut(bus, 'tcp_measured'), '--group', 'geometry'): 'every geometry closes',
         (cut(bus, 'motor_command'), '--group', 'masses'): 'needs motor_command',
         (cut(scope, 'current'), '--group', 'masses'): 'no signal current',
@@ -471,8 +471,48 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         assert reason in sentence
 
 
-def test_options_out_of_range_are_refused_before_anything_runs():
-    for arguments in (['--noise', '-1'], ['--seed', '-1'], ['--start-off', 'nan'], ['x', '--resume', 'y']):
-        with pytest.raises(SystemExit) as caught:
-            estimate.main(arguments)
-        assert caught.value.code == 2
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--noise', '-1'], "--noise: '-1' must be a number between 0 and 1000"),
+        (['--noise', '1001'], 'between 0 and 1000'),
+        (['--seed', '-1'], "--seed: '-1' must be a whole number between 0 and"),
+        (['--seed', '1.5'], 'must be a whole number'),
+        (['--start-off', 'nan'], "--start-off: 'nan' must be a number between -0.9 and 9"),
+        (['--start-off', '9.1'], 'between -0.9 and 9'),
+        (
+            ['--measurement', 'out.xlsx'],
+            'cannot write out.xlsx: the name ends in .xlsx, but must end in .npz or .csv',
+        ),
+        (['--measurement', 'out'], 'the name has no ending'),
+        (['--design', 'own.xlsx'], 'the name of a program must end in .yaml'),
+        (['x', '--resume', 'y'], '--resume goes on with the inputs'),
+    ],
+)
+def test_options_out_of_range_are_refused_before_anything_runs(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as caught:
+        estimate.main(arguments)
+    assert caught.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_an_input_that_cannot_be_read_leaves_an_earlier_estimation_as_it_is(bus, tmp_path):
+    settings = settings_of(tmp_path, bus)
+    Session(settings, tmp_path / 'run', 'test', quiet).run()
+    before = {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
+    arguments = ['nowhere.npz', '--output', str(tmp_path / 'run')]
+    assert estimate.main(arguments) == 1
+    assert {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()} == before
+
+
+# from 50 % off F_s lies above the break-away torque of the built robot, which is switched off
+
+
+def test_a_start_above_the_break_away_torque_is_no_robot_that_cannot_be(bus, robot):
+    model = ReplayModel(bus, robot)
+    true = values_of(robot)
+    for static in (1.5 * true['F_s'], 10.0 * true['F_s']):
+        assert np.isfinite(model.residuals(true | {'F_s': static})[0]).all()
+    rich = parameters.load('rich')
+    assert with_values(rich, {'F_s': 0.5}).rich.break_away_torque_n_m == 0.5
+    assert with_values(rich, {'F_s': 0.05}).rich.break_away_torque_n_m == rich.rich.break_away_torque_n_m

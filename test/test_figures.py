@@ -79,3 +79,25 @@ def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> No
         recording.load(tmp_path / name)
     assert name in str(refusal.value)
     assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize('name', ['run.xlsx', 'run', 'run.npz.bak'])
+def test_a_trace_that_would_not_be_what_its_name_says_is_refused_by_name(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    for command in (['simulate', '--trace'], ['tune', '--excite'], ['estimate', '--measurement']):
+        with pytest.raises(SystemExit) as end:
+            main([*command, str(path)])
+        assert end.value.code == 2
+        assert f'cannot write {path}: the name ' in (told := capsys.readouterr().err)
+        assert 'must end in .npz or .csv' in told
+    with pytest.raises(TraceError, match=r'must end in \.npz or \.csv'):
+        recording.save(Trace(np.zeros(1), {}), path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_ending_in_capitals_is_the_same_ending(trace: Trace, tmp_path: Path) -> None:
+    for name in ('RUN.NPZ', 'RUN.CSV'):
+        recording.save(trace, tmp_path / name)
+        assert recording.load(tmp_path / name).time_s.tobytes() == trace.time_s.tobytes()
