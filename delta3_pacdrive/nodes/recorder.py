@@ -174,10 +174,11 @@ class RecorderNode(PollingNode):
             found['stopped'] = self._writer.stopped
         self._writer.close({METADATA_KEY: json.dumps(found)})
         self._announce()
-        total = sum(messages for messages, _ in counts.values())
-        self.get_logger().info(
-            f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}'
-        )
+        if not self._writer.stopped:
+            total = sum(messages for messages, _ in counts.values())
+            self.get_logger().info(
+                f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}'
+            )
         super().destroy_node()
 
 
