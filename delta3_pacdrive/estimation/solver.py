@@ -29,6 +29,7 @@ BLOCK_PER_LAG = (
     6  # length of a block of residuals that is independent of its neighbours, in correlation lengths
 )
 BLOCKS_MIN = 12
+QUIET = 0.7  # of the sensors' noise: residuals below it show something else
 
 
 @dataclass(frozen=True)
@@ -245,6 +246,11 @@ def whiteness_of(residuals: Floats) -> Whiteness:
     )
 
 
+def quieter_than_sensors(rms: float, sensor_noise: float) -> bool:
+    """Whether residuals are too small to be noise of the sensors."""
+    return rms < QUIET * sensor_noise
+
+
 def _covariance(
     problem: Problem,
     x: Floats,
@@ -257,6 +263,8 @@ def _covariance(
 
     (J'J)^-1 (sum over blocks of time s s') (J'J)^-1, s being the sum of jacobian times residual within a block that
     is longer than the residuals' memory: right for coloured and uneven noise as well (White; Liang and Zeger).
+    Residuals that are smaller than any sensor's noise are no sample of what may be off: they are the errors of the
+    model and of the encoders' increments, alike in every part of a trace. In their place the sensors' noise counts.
     """
     jacobian = problem.jacobian(x, columns)
     count = len(columns)
@@ -265,8 +273,13 @@ def _covariance(
     for slopes, errors, sigma, white, block in zip(
         jacobian, residuals, sigmas, whiteness, problem.blocks, strict=True
     ):
+        product = np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
+        normal += product
+        if quieter_than_sensors(white.rms, block.sigma):
+            middle += product * (block.sigma / sigma) ** 2
+            blocks += len(errors)
+            continue
         scores = slopes * errors[..., None] / sigma**2
-        normal += np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
         memory = max(white.lag if white.lag > 1 else 0, round(block.memory_s / block.period_s))
         length = BLOCK_PER_LAG * memory
         length = max(1, min(length, len(errors) // BLOCKS_MIN))
