@@ -221,7 +221,7 @@ def _print(document: dict[str, Any]) -> None:
         colour = 'white' if signal['white'] else f'correlated over {signal["lag"]} samples'
         print(
             f'{signal["signal"]:>20}  residuals {signal["rms"]:.3g} {signal["unit"]} rms, '
-            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}'
+            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}; intervals from {signal["intervals_from"]}'
         )
     if not document['solver']['converged']:
         print(f'{"note":>14}  {document["solver"]["message"]}')

@@ -29,6 +29,7 @@ BLOCK_PER_LAG = (
     6  # length of a block of residuals that is independent of its neighbours, in correlation lengths
 )
 BLOCKS_MIN = 12
+FAR = 0.5  # relative way from the start of a quantity that starts a second time
 QUIET = 0.7  # of the sensors' noise: residuals below it show something else
 
 
@@ -125,12 +126,38 @@ def fit(
     start, so that the others reach every sum that can be seen. After each round signals are weighted by their own
     residuals. ``on_iterate`` is called with every accepted iterate.
 
+    Quantities that went far may have gone into a side valley: they start a second time, beside what the others have
+    found, and the better solution counts.
+
     Raises
     ------
     EstimationError
         Signals show none of the quantities, or residuals are not finite.
 
     """
+    start = np.asarray(start, dtype=np.float64)
+    found = _fit_once(problem, start, on_iterate, resume)
+    far = np.abs(found.x - start) > FAR * np.maximum(np.abs(start), problem.scales)
+    if not far.any() or far.all():
+        return found
+    again = Iterate(found.iterations, np.where(far, start, found.x), found.cost)
+    other = _fit_once(problem, start, on_iterate, again)
+    return other if _misfit(other) < _misfit(found) else found
+
+
+def _misfit(found: Fit) -> float:
+    """Negative logarithm of the likelihood of signals whose noise is what their residuals are."""
+    return float(sum(array.size * np.log(max(w.rms, 1e-300))
+                     for array, w in zip(found.residuals, found.whiteness, strict=True)))  # fmt: skip
+
+
+def _fit_once(
+    problem: Problem,
+    start: Floats,
+    on_iterate: OnIterate | None,
+    resume: Iterate | None,
+) -> Fit:
+    """Estimate from one start, or from an iterate."""
     x = np.array(start if resume is None else resume.x, dtype=np.float64)
     sigmas = [block.sigma for block in problem.blocks]
     report = analyse(problem, x)
