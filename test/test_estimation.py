@@ -694,3 +694,25 @@ def test_a_design_is_a_program_for_the_group_with_its_seed(tmp_path, robot, monk
         assert programs.load(path, robot.motion).statements
     assert wanted == [('geometry', 5), ('masses', 6), ('masses', 7)]
     capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['run.npz', '--noise', '1'], 'the inputs are traces: --noise would change nothing'),
+        (['run.csv', '--sampling', 'bus', '--seed', '2'], 'the inputs are traces: --sampling, --seed would'),
+        (['run.npz', '--measurement', 'own.npz'], 'the inputs are traces: --measurement would'),
+        (['--group', 'thesis', '--method', 'replay'], 'of its own: --method would'),
+        (['--group', 'thesis', '--free', 'K_m'], 'of its own: --free would'),
+        (
+            ['--group', 'geometry', '--sampling', 'bus'],
+            'once per bus cycle and has one model: --sampling would',
+        ),
+        (['--design', 'own.yaml', '--start-off', '0.1'], '--design only writes a program: --start-off would'),
+        (['experiment1', '--design', 'own.yaml'], '--design only writes a program: INPUT would'),
+        (['--resume', 'folder', '--noise', '2'], 'the settings of the folder: --noise would'),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_refused(arguments, sentence, capsys):
+    assert estimate.main(arguments) == 1
+    assert sentence in capsys.readouterr().err

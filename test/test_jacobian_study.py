@@ -469,3 +469,26 @@ def test_bad_input_is_refused_in_a_sentence(arguments, status, sentence, capsys,
     assert found == status
     assert sentence in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('signals', ['actual', 'true'])
+def test_the_command_compares_the_signals_and_the_pose_that_are_asked_for(
+    signals, robot, trace, tmp_path, capsys
+):
+    trace.save(tmp_path / 'run.npz')
+    arguments = ['--signals', signals, '--pose', 'inverse', '--error', 'R_A=0.01', '--error', 'l_A=-0.002']
+    assert (
+        main(['jacobian', str(tmp_path / 'run.npz'), *arguments, '--output', str(tmp_path / 'o'), '--json'])
+        == 0
+    )
+    (row,) = json.loads(capsys.readouterr().out)['trajectories']
+    own = motion.of_trace(trace, robot, Signals(signals), 'run')
+    wrong = joint_motion(own, inexact(robot.kinematics, {'R_A': 0.01, 'l_A': -0.002}), Pose.INVERSE)
+    velocity, acceleration = largest(wrong, own)
+    assert row['inexact']['velocity']['of_peak']['max'] == pytest.approx(velocity, rel=1e-9)
+    assert row['inexact']['acceleration']['of_peak']['max'] == pytest.approx(acceleration, rel=1e-9)
+    # other signals and another pose would have told something else
+    for others, pose in (('command', Pose.INVERSE), (signals, Pose.RECORDED)):
+        different = motion.of_trace(trace, robot, Signals(others), 'run')
+        changed = joint_motion(different, inexact(robot.kinematics, {'R_A': 0.01, 'l_A': -0.002}), pose)
+        assert abs(largest(changed, different)[0] / velocity - 1.0) > 1e-5

@@ -97,12 +97,70 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options
 
 
+def _refuse_ignored(options: argparse.Namespace) -> None:
+    """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
+    from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.estimation.session import is_trace
+
+    given = {
+        '--sampling': options.sampling != 'drive',
+        '--noise': options.noise != 0.0,
+        '--measurement': options.measurement is not None,
+        '--method': options.method != 'auto',
+        '--free': bool(options.free),
+        '--known': bool(options.known),
+        '--start-off': options.start_off is not None,
+        'INPUT': bool(options.inputs),
+        '--seed': options.seed != 0,
+    }
+    cases = [
+        (
+            any(is_trace(text) for text in options.inputs),
+            'the inputs are traces',
+            ('--sampling', '--noise', '--seed', '--measurement'),
+        ),
+        (
+            options.group == 'thesis' and not options.design,
+            'the group thesis has signals and quantities of its own',
+            ('--sampling', '--method', '--measurement', '--free', '--known'),
+        ),
+        (
+            options.group == 'geometry' and not options.design,
+            'the group geometry is measured once per bus cycle and has one model',
+            ('--sampling', '--method'),
+        ),
+        (
+            bool(options.design),
+            '--design only writes a program',
+            (
+                'INPUT',
+                '--sampling',
+                '--noise',
+                '--measurement',
+                '--method',
+                '--free',
+                '--known',
+                '--start-off',
+            ),
+        ),
+        (
+            bool(options.resume),
+            '--resume goes on with the settings of the folder',
+            ('--sampling', '--noise', '--seed', '--method', '--free', '--known', '--start-off'),
+        ),
+    ]
+    for holds, why, names in cases:
+        if holds and (ignored := [name for name in names if given[name]]):
+            raise EstimationError(f'{why}: {", ".join(ignored)} would change nothing')
+
+
 def _estimate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.errors import Delta3Error, EstimationError
     from delta3_pacdrive.estimation.session import Session, Settings
 
+    _refuse_ignored(options)
     announce_compilation()
     simulation.load_kernels(core.load(options.parameters))
     if options.design:

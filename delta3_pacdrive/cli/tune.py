@@ -89,6 +89,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.excite and (options.recording or options.changes or options.sweep):
         parser.error('--excite only writes a recording: it takes no --recording, --set or --sweep')
+    if options.excite and options.exchange_period is not None:
+        parser.error('--excite exchanges as often as the drives compute: it takes no --exchange-period')
+    if not options.excite and (options.place != 'current' or options.noise or options.seed):
+        parser.error('--place, --noise and --seed are for --excite')
     return options
 
 
