@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 BEFORE_S = 0.05  # shown of the idle cycles before the program
 AFTER_S = 0.10  # and of the rest after its end
+REST_S = 10.0  # between two programs of a recording that are not shown together
 ZOOM_S = 0.15  # length of Fig. 11.4
 SLOPE_S = 2.0e-3  # half window of the straight line whose slope is the actual acceleration
 FLAT = 0.4  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
@@ -129,11 +130,19 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
 
 
 def _end_of_motion(trace: Trace, cycles: NDArray[np.int64], start: int) -> int:
-    """Return the last cycle in which the command moves, at least the start; without commands the last one."""
+    """Return the last cycle in which the command moves, at least the start; without commands the last one.
+
+    A program that starts after a rest of more than ``REST_S`` is another run, which would make spikes of this one.
+    """
     if 'motor_command' not in trace.signals:
         return int(cycles[-1])
     moving = (np.diff(trace['motor_command'], axis=0) != 0.0).any(axis=1) & (np.diff(cycles) == 1)
     ends = cycles[1:][moving]
+    for later in trace.meta.get('starts', ()):
+        before = ends[ends < later]
+        if later > start and len(before) and later - before[-1] > REST_S / _positive(trace, 'cycle_time_s'):
+            ends = before
+            break
     return max(start, int(ends[-1])) if len(ends) else int(cycles[-1])
 
 

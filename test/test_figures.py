@@ -133,6 +133,23 @@ def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_
     assert label == 'time from program start (s)'
 
 
+@pytest.mark.parametrize(('rest_s', 'together'), [(2.0, True), (60.0, False)])
+def test_a_program_long_after_the_first_makes_no_spikes_of_it(
+    rest_s: float, together: bool, trace: Trace
+) -> None:
+    one = late(trace, 500_000, round(rest_s / 1e-3))
+    again = late(trace, 500_000 + len(one.time_s), 10)
+    signals = {name: np.concatenate([values, again[name]]) for name, values in one.signals.items()}
+    starts = [one.meta['start_cycle'], again.meta['start_cycle']]
+    both = Trace(np.concatenate([one.time_s, again.time_s]), signals, one.meta | {'starts': starts})
+    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3 + figures.AFTER_S
+    second_s = (starts[1] - starts[0]) * 1e-3
+    assert drawn(both)[1] == pytest.approx(end_s + (second_s if together else 0.0), abs=0.02)
+    assert drawn(figures.windowed(both, second_s, second_s + 0.3)) == pytest.approx(
+        (second_s, second_s + 0.3)
+    )
+
+
 @pytest.mark.parametrize(
     ('window', 'expected'),
     [

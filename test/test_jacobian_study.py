@@ -220,6 +220,10 @@ def test_percentages_are_what_their_names_say():
     expected = [[10.0, -10.0, np.nan], [np.nan, 0.0, np.nan], [0.0, np.nan, np.nan]]
     assert np.allclose(deviation.momentary, expected, equal_nan=True)
     assert deviation.summary()['momentary']['max'] == pytest.approx(10.0)
+    peak = deviation.summary()['of_peak']
+    assert peak['max'] == pytest.approx(25.0)
+    assert peak['rms'] == pytest.approx(math.sqrt((25.0 + 100.0 + 25.0 + 100.0 + 625.0) / 9.0))
+    assert peak['max_of_joints'] == pytest.approx([5.0, 10.0, 25.0])
 
 
 def test_the_error_that_is_said_to_be_needed_makes_the_deviation(robot, experiments):

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import optimize, signal
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.bus.service import format_idn
@@ -27,7 +27,7 @@ from delta3_pacdrive.tuning.analysis import (
     step_on_bench,
 )
 from delta3_pacdrive.tuning.bench import Place
-from delta3_pacdrive.tuning.load import extremes, load_at, modes_at
+from delta3_pacdrive.tuning.load import extremes, friction_slope, load_at, modes_at
 from delta3_pacdrive.tuning.loops import Entry, Shaft, linear_cascade
 from delta3_pacdrive.tuning.report import interpolated
 from delta3_pacdrive.tuning.response import bandwidth, margins, step_figures
@@ -129,6 +129,37 @@ def test_margins_of_loops_that_are_known_in_closed_form():
     assert integrator.delay_margin_s == pytest.approx(math.pi / 2.0 / 10.0, rel=1e-3)
     assert integrator.gain_margin_db is None
     assert bandwidth(frequencies, 10.0 / (s + 10.0)) == pytest.approx(10.0 / math.tau, rel=1e-3)
+
+
+def test_of_several_crossings_each_gain_margin_is_that_of_its_own():
+    def loop(rate):
+        s = 1j * rate
+        return 8.0 * (s + 1.0) ** 2 / (s**3 * (1.0 + s / 100.0) ** 2)
+
+    # conditionally stable: -180 degrees once above and once below a gain of one
+    above, below = (
+        optimize.brentq(lambda w: loop(w).imag, *bracket) for bracket in ((0.5, 3.0), (50.0, 200.0))
+    )
+    frequencies = np.geomspace(1e-3, 1e3, 8000)
+    found = margins(frequencies, loop(math.tau * frequencies))
+    assert found.gain_margin_db == pytest.approx(-20.0 * math.log10(abs(loop(below))), abs=0.01)
+    assert found.gain_margin_hz == pytest.approx(below / math.tau, rel=1e-3)
+    assert found.gain_reduction_db == pytest.approx(-20.0 * math.log10(abs(loop(above))), abs=0.01)
+    assert found.gain_margin_db > 0.0 > found.gain_reduction_db
+
+
+def test_the_friction_slope_is_the_derivative_of_the_friction(robot):
+    motor = robot.motor
+
+    def friction(speed):
+        return motor.static_friction_n_m * math.tanh(speed / motor.friction_smoothing_rad_s) + (
+            motor.viscous_friction_n_m_s_rad * speed
+        )
+
+    for speed in (0.0, 0.3, -1.0, 2.0, 50.0):
+        step = 1e-5
+        slope = (friction(speed + step) - friction(speed - step)) / (2.0 * step)
+        assert friction_slope(speed, robot) == pytest.approx(slope, rel=1e-6)
 
 
 def test_step_figures_of_a_second_order_system():

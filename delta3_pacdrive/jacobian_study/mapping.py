@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from delta3_pacdrive.kinematics import Floats
     from delta3_pacdrive.parameters import Kinematics
 
-ERROR_MAX_M = 0.1  # beyond that it is another robot, or millimetres were meant
 # lengths of P1 by the thesis' symbols
 LENGTHS = {
     'l_A': 'upper_arm_length_m',
@@ -58,17 +57,13 @@ def inexact(kinematics: Kinematics, errors: Mapping[str, float]) -> Kinematics:
     Raises
     ------
     ParameterError
-        A symbol is unknown, an error is larger than ``ERROR_MAX_M``, or a length would not be positive.
+        A symbol is unknown, or a length would not be positive.
 
     """
     values = {}
     for symbol, error in errors.items():
         if symbol not in LENGTHS:
             raise ParameterError(f'{symbol} is no length of P1, expected one of {", ".join(LENGTHS)}')
-        if not abs(error) <= ERROR_MAX_M:
-            raise ParameterError(
-                f'the error of {symbol} is {error:g} m, but must be between {-ERROR_MAX_M:g} and {ERROR_MAX_M:g} m'
-            )
         nominal = getattr(kinematics, LENGTHS[symbol])
         if not nominal + error > 0.0:
             raise ParameterError(

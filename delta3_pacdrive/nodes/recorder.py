@@ -7,7 +7,6 @@ more, for want of space, says so and goes on living: it never stops a machine.
 import json
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +159,11 @@ class RecorderNode(PollingNode):
             self._state.publish(String(data='recording'))
             self.get_logger().info(f'recording {len(CYCLIC) + len(OTHER)} topics into {self._writer.path}')
 
+    @property
+    def stopped(self) -> str:
+        """Why nothing is written any more; '' while it is."""
+        return self._writer.stopped
+
     def completeness(self) -> dict[str, tuple[int, int]]:
         """Messages and missing messages by cyclic topic."""
         return {topic: (item.messages, item.lost) for topic, item in self._completeness.items()}
@@ -183,8 +187,24 @@ class RecorderNode(PollingNode):
 
 
 def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
-    """Be a process that records a robot into a new folder until it is interrupted; return the exit status."""
+    """Be a process that records a robot into a new folder until it is interrupted; return the exit status.
+
+    Raises
+    ------
+    RunError
+        The recording ended before that, for want of space.
+
+    """
     flat = core.flatten(robot) | {'bag': str(folder)}
     overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
     discovery.keep_to_this_machine()
-    return runtime.run([partial(RecorderNode, namespace=namespace, parameter_overrides=overrides)], [])
+    made: list[RecorderNode] = []
+
+    def recorder() -> RecorderNode:
+        made.append(RecorderNode(namespace=namespace, parameter_overrides=overrides))
+        return made[0]
+
+    status = runtime.run([recorder], [])
+    if made and made[0].stopped:
+        raise RunError(f'the recording into {folder} ended before the robot did: {made[0].stopped}')
+    return status
