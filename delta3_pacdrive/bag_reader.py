@@ -139,7 +139,7 @@ def _open_cut(path: Path, files: list[Path], types: Mapping[str, str], error: Ex
             'torque_constant_n_m_a': robot.motor.torque_constant_n_m_a,
         }
         borrowed = (
-            '; its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
+            'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
         )
     missing = '' if all(file.ended for file in left) else _missing(information, counted, left)
     if missing or borrowed:

@@ -487,6 +487,7 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
     for words in ('cut off', 'those of the packaged parameters', 'it ends at bus time'):
         assert words in trace.meta['cut']
         assert words in caplog.text
+    assert '; ;' not in trace.meta['cut']
     factor = TORQUE_CONSTANT / robot.motor.torque_constant_n_m_a
     np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
 
