@@ -233,16 +233,14 @@ class BagWriter:
                 return
 
     def _go_back(self, mark: _Mark) -> None:
+        """Forget what came after a mark; nothing is written but the index of what was before."""
         self._file.truncate(mark.size)
-        storage, writer = self._storage, self._writer
+        storage = self._storage
         del storage.chunks[mark.chunks :]
-        storage.chunk = type(storage.chunk)(
-            _NEVER_NS, 0, type(storage.chunk.bio)(), type(storage.chunk.msgs)(list)
-        )
+        chunk = storage.chunk
+        storage.chunk = type(chunk)(_NEVER_NS, 0, type(chunk.bio)(), type(chunk.msgs)(list))
         storage.channel_stats = dict(mark.counts)
-        storage.message_start_time = writer.min_timestamp = mark.first_ns
-        storage.message_end_time = writer.max_timestamp = mark.last_ns
-        writer.counts = dict(mark.counts)
+        storage.message_start_time, storage.message_end_time = mark.first_ns, mark.last_ns
 
     def _rewrite_metadata(self) -> None:
         try:

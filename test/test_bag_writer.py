@@ -43,6 +43,11 @@ def held(folder):
             counts[connection.topic] += 1
         assert counts == {connection.topic: connection.msgcount for connection in reader.connections}
         assert reader.message_count == sum(counts.values())
+        # the file by itself, as its own statistics have it
+        (file,) = reader.storage.storages
+        assert {connection.topic: connection.msgcount for connection in file.connections} == counts
+        assert file.metadata.message_count == reader.message_count
+        assert (file.metadata.start_time, file.metadata.end_time) == (reader.start_time, reader.end_time)
         return counts, dict(reader.storage.metadata.custom)
 
 
@@ -155,9 +160,12 @@ def test_a_disk_that_is_full_at_the_end_costs_the_last_chunks_at_most(disk, tmp_
 def test_a_bag_that_cannot_begin_is_refused_with_the_reason(disk, tmp_path):
     writer = BagWriter(tmp_path / 'bag', {})
     writer.add_topic('/a', TEXT, 10, False)
-    disk.room = 0
+    path = tmp_path / 'bag' / 'bag.mcap'
+    before = path.read_bytes()
+    disk.room = len(before) + 10
     with pytest.raises(RunError, match='no space left on device'):
         writer.begin()
+    assert path.read_bytes() == before  # no half of a chunk
     with pytest.raises(RunError, match='exists already'):
         BagWriter(tmp_path / 'bag', {})
 

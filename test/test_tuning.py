@@ -148,6 +148,17 @@ def test_of_several_crossings_each_gain_margin_is_that_of_its_own():
     assert found.gain_margin_db > 0.0 > found.gain_reduction_db
 
 
+def test_of_many_crossings_below_a_gain_of_one_the_first_is_the_margin():
+    dead_s, gain = 0.3, 2.0
+    frequencies = np.geomspace(1e-3, 1e2, 20_000)
+    s = 2j * np.pi * frequencies
+    # the phase of a dead time passes -180 degrees again and again, with less and less gain
+    rate = optimize.brentq(lambda w: math.atan(w) + w * dead_s - math.pi, 1.0, 10.0)
+    found = margins(frequencies, gain * np.exp(-s * dead_s) / (s + 1.0))
+    assert found.gain_margin_hz == pytest.approx(rate / math.tau, rel=1e-3)
+    assert found.gain_margin_db == pytest.approx(20.0 * math.log10(math.hypot(rate, 1.0) / gain), abs=0.01)
+
+
 def test_the_friction_slope_is_the_derivative_of_the_friction(robot):
     motor = robot.motor
 
