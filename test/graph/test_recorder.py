@@ -72,7 +72,7 @@ def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: An
     assert 'start_cycle' not in meta  # it knows of no program
 
 
-def test_what_was_recorded_is_on_the_disk_within_a_second(graph: Any, tmp_path: Path) -> None:
+def test_what_was_recorded_reaches_the_file_of_a_bag_that_stays_open(graph: Any, tmp_path: Path) -> None:
     studio = Studio(graph, tmp_path / 'bag')
     studio.say(0)
     graph.spin_until(lambda: studio.counts()[0] == 1, 'a message')
@@ -80,7 +80,7 @@ def test_what_was_recorded_is_on_the_disk_within_a_second(graph: Any, tmp_path: 
     def left() -> int:
         return sum(channel.msgcount for channel in recover(tmp_path / 'bag' / 'bag.mcap').channels.values())
 
-    graph.spin_until(left, 'the message on the disk', 1.0)
+    graph.spin_until(left, 'the message in the file')  # every FLUSH_S, which is less than a second
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_recorder(graph: Any, small_disk: Path) -> None:
