@@ -29,7 +29,7 @@ from rosbags.typesys import Stores, get_typestore
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from rosbags.interfaces import Connection
@@ -103,6 +103,9 @@ class _Mark:
 class BagWriter:
     """Writes a new bag. ``stopped`` says why nothing is written any more, '' while it is.
 
+    ``custom`` is the custom data of its metadata. ``at_stop`` returns, from the reason, what replaces it in a bag whose
+    writing stops: there may be no room for it later.
+
     Raises
     ------
     RunError
@@ -110,8 +113,14 @@ class BagWriter:
 
     """
 
-    def __init__(self, folder: Path, custom: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        custom: Mapping[str, str],
+        at_stop: Callable[[str], Mapping[str, str]] | None = None,
+    ) -> None:
         self.path = folder
+        self._at_stop = at_stop
         self.stopped = ''
         self._custom = dict(custom)
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
@@ -220,6 +229,8 @@ class BagWriter:
         """Stop writing; close what there is, with the last chunks given up as far as the index needs their room."""
         self.stopped = _why(error)
         self._custom[STOPPED_KEY] = self.stopped
+        if self._at_stop is not None:
+            self._custom |= self._at_stop(self.stopped)
         while self._marks:
             mark = self._marks[-1]
             try:

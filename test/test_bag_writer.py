@@ -23,7 +23,7 @@ TMPFS_BYTES = 1 << 20
 
 
 def opened(folder, topics=('/a', '/b')):
-    writer = BagWriter(folder, {'delta3_pacdrive': '{}'})
+    writer = BagWriter(folder, {'delta3_pacdrive': '{}'}, lambda why: {'delta3_pacdrive': json.dumps(why)})
     connections = [writer.add_topic(topic, TEXT, 10, latched) for latched, topic in enumerate(topics)]
     writer.begin()
     return writer, connections
@@ -136,7 +136,7 @@ def test_a_full_disk_stops_the_writing_and_leaves_a_whole_bag(room, disk, tmp_pa
     assert sum(counts.values()) == writer.messages
     # what the index needs is given up besides, in whole chunks of 50 kB
     assert (tmp_path / 'bag' / 'bag.mcap').stat().st_size > room - 3 * 60_000
-    assert custom[STOPPED_KEY] == writer.stopped
+    assert custom[STOPPED_KEY] == json.loads(custom['delta3_pacdrive']) == writer.stopped
     assert OPEN_KEY not in custom
     disk.room = 1 << 40
     fill(writer, topics, 10)  # it stays stopped: the bag is closed

@@ -79,7 +79,7 @@ class RecorderNode(PollingNode):
             'cycle_time_s': parameters.bus.cycle_time_s,
             'exchange_period_s': parameters.bus.exchange_period_s,
         }
-        self._writer = BagWriter(Path(folder), {METADATA_KEY: json.dumps(self._meta)})
+        self._writer = BagWriter(Path(folder), {METADATA_KEY: json.dumps(self._meta)}, self._about)
         self._completeness: dict[str, Completeness] = {}
         self._starts: set[int] = set()
         self._drains: list[Callable[[], None]] = []
@@ -168,18 +168,23 @@ class RecorderNode(PollingNode):
         """Messages and missing messages by cyclic topic."""
         return {topic: (item.messages, item.lost) for topic, item in self._completeness.items()}
 
+    def _lost(self) -> dict[str, int]:
+        """Missing messages of the cyclic topics that lack some."""
+        return {topic: gone for topic, (_, gone) in self.completeness().items() if gone}
+
+    def _about(self, stopped: str) -> dict[str, str]:
+        """Return what the metadata says of a bag that ends now."""
+        found = self._meta | {'lost': self._lost()} | ({'stopped': stopped} if stopped else {})
+        return {METADATA_KEY: json.dumps(found)}
+
     def destroy_node(self) -> None:
         """Close the bag; what is written is complete and readable."""
         self._catch_up()
-        counts = self.completeness()
-        lost = {topic: gone for topic, (_, gone) in counts.items() if gone}
-        found = self._meta | {'lost': lost}
-        if self._writer.stopped:
-            found['stopped'] = self._writer.stopped
-        self._writer.close({METADATA_KEY: json.dumps(found)})
+        self._writer.close(self._about(self._writer.stopped))
         self._announce()
         if not self._writer.stopped:
-            total = sum(messages for messages, _ in counts.values())
+            counts = self.completeness()
+            total, lost = sum(messages for messages, _ in counts.values()), self._lost()
             self.get_logger().info(
                 f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}'
             )
