@@ -1,7 +1,8 @@
 """The thesis' figures of one run (11.1 to 11.8): TCP path, arm angles, speeds, accelerations, currents and errors.
 
 Every figure is a function from a trace to a ``matplotlib.figure.Figure``; pyplot and its global state stay out.
-Times count from the start of the program, arm values are motor values over the gear ratio (4.17).
+Times count from the start of the program, the first one of a recording with several; without one they are bus time.
+Arm values are motor values over the gear ratio (4.17).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure, save
-from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,11 +25,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
+    from numpy.typing import NDArray
 
     from delta3_pacdrive.kinematics import Floats
 
 BEFORE_S = 0.05  # shown of the idle cycles before the program
 AFTER_S = 0.10  # and of the rest after its end
+REST_S = 10.0  # between two programs of a recording that are not shown together
 ZOOM_S = 0.15  # length of Fig. 11.4
 SLOPE_S = 2.0e-3  # half window of the straight line whose slope is the actual acceleration
 FLAT = 0.4  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
@@ -39,23 +42,30 @@ ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': (0, (4, 2)), 'color': '#111111'}
 
 
-def draw(trace: Trace, folder: str | Path, metadata: Mapping[str, str] | None = None) -> list[Path]:
+def draw(
+    trace: Trace,
+    folder: str | Path,
+    metadata: Mapping[str, str] | None = None,
+    signals: Sequence[str] | None = None,
+) -> list[Path]:
     """Write the figures of a run as PNG files.
 
     Parameters
     ----------
     trace
         A simulation or a recording; ``meta`` holds ``gear_ratio`` and ``cycle_time_s`` and may hold ``program``,
-        ``start_cycle`` and ``end_cycle``.
+        ``start_cycle``, ``end_cycle`` and, from ``windowed``, ``window_s``.
     folder
         Where to write; made if it is not there. Files of the same names are overwritten.
     metadata
         Goes into the text fields of every file.
+    signals
+        What is drawn, by the names in ``SIGNALS``; None: the thesis' figures.
 
     Returns
     -------
     list of Path
-        The files, in the order of the thesis' figures.
+        The files, in the order of the thesis' figures; then signals that are in none of these.
 
     Raises
     ------
@@ -65,32 +75,94 @@ def draw(trace: Trace, folder: str | Path, metadata: Mapping[str, str] | None = 
         A file cannot be written.
 
     """
-    return save({name: partial(make, trace) for name, make in FIGURES.items()}, folder, metadata)
+    makers = {name: partial(make, trace) for name, make in FIGURES.items() if shows(name, signals)}
+    for signal in signals or ():
+        if signal not in SUBJECTS.values():
+            makers[f'{signal}.png'] = partial(signal_panels, trace, signal)
+    return save(makers, folder, metadata)
+
+
+def shows(figure: str, signals: Sequence[str] | None) -> bool:
+    """Whether a figure is drawn where these signals are asked for."""
+    return signals is None or SUBJECTS[figure] in signals
+
+
+def windowed(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
+    """Return the trace with another part of it to be shown: times [s] from the start of the program, None as usual."""
+    return Trace(trace.time_s, trace.signals, trace.meta | {'window_s': [from_s, to_s]})
+
+
+def shown_cycles(trace: Trace) -> tuple[int, int]:
+    """First and last bus cycle of the part that is shown.
+
+    That is what ``windowed`` asks for, else the program: from shortly before its start until shortly after its end,
+    or after the last motion of a recording that does not know the end. Without a start it is everything.
+
+    Raises
+    ------
+    TraceError
+        The trace does not tell its cycle time, or holds no cycle of that part.
+
+    """
+    period = _positive(trace, 'cycle_time_s')
+    cycles = np.rint(trace.time_s / period).astype(np.int64)
+    if not len(cycles):
+        raise TraceError('the recording holds no cycle')
+    start, end = trace.meta.get('start_cycle'), trace.meta.get('end_cycle')
+    first, last = int(cycles[0]), int(cycles[-1])
+    if start is not None:
+        first = start - round(BEFORE_S / period)
+        end = _end_of_motion(trace, cycles, start) if end is None else end
+    if end is not None:
+        last = end + round(AFTER_S / period)
+    from_s, to_s = trace.meta.get('window_s', (None, None))
+    if from_s is not None:
+        first = (start or 0) + math.ceil(from_s / period - 1e-6)
+        # a window behind the program shows what is there
+        last = last if last > first else int(cycles[-1])
+    if to_s is not None:
+        last = (start or 0) + math.floor(to_s / period + 1e-6)
+    if not ((cycles >= first) & (cycles <= last)).any():
+        low, high = ((edge - (start or 0)) * period for edge in cycles[[0, -1]])
+        wanted = 'of the program' if from_s is None and to_s is None else 'of that window'
+        raise TraceError(f'the recording holds no cycle {wanted}: it goes from {low:g} to {high:g} s')
+    return first, last
+
+
+def _end_of_motion(trace: Trace, cycles: NDArray[np.int64], start: int) -> int:
+    """Return the last cycle in which the command moves, at least the start; without commands the last one.
+
+    A program that starts after a rest of more than ``REST_S`` is another run, which would make spikes of this one.
+    """
+    if 'motor_command' not in trace.signals:
+        return int(cycles[-1])
+    moving = (np.diff(trace['motor_command'], axis=0) != 0.0).any(axis=1) & (np.diff(cycles) == 1)
+    ends = cycles[1:][moving]
+    for later in trace.meta.get('starts', ()):
+        before = ends[ends < later]
+        if later > start and len(before) and later - before[-1] > REST_S / _positive(trace, 'cycle_time_s'):
+            ends = before
+            break
+    return max(start, int(ends[-1])) if len(ends) else int(cycles[-1])
 
 
 def program_part(trace: Trace) -> Trace:
     """Cut out the cycles that are shown, with times [s] from the start of the program.
 
     Cycles that the recording lacks are filled with nan: lines have gaps there, and differences are over one cycle.
-    Without ``start_cycle`` in ``meta`` everything is shown, in bus time.
 
     Raises
     ------
     TraceError
-        The trace does not tell its cycle time, or holds no cycle of the program.
+        The trace does not tell its cycle time, or holds no cycle of that part.
 
     """
     period = _positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
-    start, end = trace.meta.get('start_cycle'), trace.meta.get('end_cycle')
-    keep = np.ones(len(cycles), dtype=bool)
-    if start is not None:
-        keep &= cycles >= start - round(BEFORE_S / period)
-    if end is not None:
-        keep &= cycles <= end + round(AFTER_S / period)
+    start = trace.meta.get('start_cycle')
+    first, last = shown_cycles(trace)
+    keep = (cycles >= first) & (cycles <= last)
     cycles = cycles[keep]
-    if not len(cycles):
-        raise TraceError('the recording holds no cycle of the program')
     rows = cycles - cycles[0]
     numbers = np.arange(rows[-1] + 1)
     signals = {}
@@ -219,6 +291,16 @@ def following_error(trace: Trace) -> Figure:
     return figure
 
 
+def signal_panels(trace: Trace, signal: str) -> Figure:
+    """One signal as it is, in SI units: a panel for each of its columns."""
+    run = program_part(trace)
+    unit, meaning = (SIGNALS | TRUE_SIGNALS)[signal]
+    names = 'xyz' if signal.startswith('tcp_') else '123'
+    figure, panels = _panels(trace, meaning, [f'{name} ({unit})' for name in names])
+    _plot_single(panels, run.time_s, run[signal])
+    return figure
+
+
 FIGURES = {
     'tcp_path_3d.png': tcp_path_3d,
     'arm_angles.png': arm_angles,
@@ -228,6 +310,17 @@ FIGURES = {
     'tcp_components.png': tcp_components,
     'tcp_error_norm.png': tcp_error_norm,
     'following_error.png': following_error,
+}
+# the signal that asks for a figure
+SUBJECTS = {
+    'tcp_path_3d.png': 'tcp_actual',
+    'arm_angles.png': 'motor_position',
+    'arm_velocities.png': 'motor_speed',
+    'arm_accelerations.png': 'motor_speed',
+    'currents.png': 'current',
+    'tcp_components.png': 'tcp_actual',
+    'tcp_error_norm.png': 'tcp_error',
+    'following_error.png': 'following_error',
 }
 
 

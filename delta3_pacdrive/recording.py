@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import sys
+import logging
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -15,13 +14,12 @@ from delta3_pacdrive import trace_csv
 from delta3_pacdrive.bus.time import NANOSECONDS, Clock
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
-from delta3_pacdrive.trace import SIGNALS, Trace, reason
+from delta3_pacdrive.trace import SIGNALS, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
-    from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
     from delta3_pacdrive.kinematics import Floats
@@ -30,12 +28,13 @@ if TYPE_CHECKING:
         NDArray[np.int64], Floats
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
-METADATA_KEY = 'delta3_pacdrive'
+SUFFIXES = ('.npz', '.csv')  # of trace files
 LITTLE_ENDIAN = b'\0\1'  # how a message begins that this reads without a parser
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
 
 AXES = ('axis1', 'axis2', 'axis3')
 SHAFTS = 'plant/motor_shafts'
+_LOG = logging.getLogger(__name__)
 _JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
@@ -77,6 +76,8 @@ TOPICS = {
     SHAFTS: _Topic(_JOINT_STATE, AXES, (3, 3, 3), ('shaft_position', 'shaft_speed', 'coupling_torque')),
 }
 
+TYPES = {name: topic.type for name, topic in TOPICS.items()}
+
 
 def load(path: str | Path) -> Trace:
     """Read a trace file (``.npz``, ``.csv``) or the folder of a bag.
@@ -98,17 +99,28 @@ def load(path: str | Path) -> Trace:
         raise TraceError(f'there is no recording {path}')
     if path.suffix.lower() == '.csv':
         return trace_csv.read(path)
-    if path.suffix != '.npz':
+    if path.suffix.lower() != '.npz':
         raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
     return Trace.load(path)
 
 
 def save(trace: Trace, path: str | Path) -> None:
-    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError."""
+    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError for any other end."""
+    if refusal := suffix_refusal(path):
+        raise TraceError(f'cannot write trace {path}: {refusal}')
     if Path(path).suffix.lower() == '.csv':
         trace_csv.write(trace, path)
     else:
         trace.save(path)
+
+
+def suffix_refusal(path: str | Path) -> str | None:
+    """Return why no trace can be written to a file of this name, None if one can."""
+    suffix = Path(path).suffix
+    if suffix.lower() in SUFFIXES:
+        return None
+    told = f'ends in {suffix}' if suffix else 'has no ending'
+    return f'the name {told}, but must end in {" or ".join(SUFFIXES)}'
 
 
 def missing(path: Path) -> dict[str, int]:
@@ -120,12 +132,28 @@ def missing(path: Path) -> dict[str, int]:
         There is no such bag, or none of a robot.
 
     """
-    from rosbags.rosbag2 import Reader, ReaderError
+    return dict(_about(path).get('lost', {}))
+
+
+def cut(path: Path) -> str:
+    """Return a sentence if a bag ends before its robot, cut off or for want of space; '' for a whole one.
+
+    Raises
+    ------
+    TraceError
+        There is no such bag, or none of a robot.
+
+    """
+    return str(_about(path).get('cut', ''))
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """Return the metadata of a bag whose messages nobody asks for; raises TraceError."""
+    from delta3_pacdrive.bag_reader import open_bag
 
     try:
-        with Reader(path) as reader:
-            return dict(_metadata(reader.storage.metadata.custom).get('lost', {}))
-    except (OSError, ReaderError, TraceError) as error:
+        return open_bag(path, TYPES).meta
+    except (OSError, TraceError) as error:
         raise TraceError(f'cannot read recording {path}: {error}') from error
 
 
@@ -143,10 +171,12 @@ def read_bag(path: str | Path) -> Trace:
         All bus cycles that every recorded cyclic topic has, with the signals whose topics are recorded; ``meta``
         is what the recorder wrote, without a ``start_cycle`` or ``end_cycle`` that it did not know.
 
+    A bag that was cut off is read up to the cut; ``meta['cut']`` says then how much is missing, and so does the log.
+
     Raises
     ------
     TraceError
-        There is no such folder, it is no bag, it was cut off or is damaged; it holds no cyclic topic, more than
+        There is no such folder, it is no bag, or nothing can be read of it; it holds no cyclic topic, more than
         one robot or more than one run; its metadata is missing or contradicts the stamps; no cycle is complete.
 
     """
@@ -160,7 +190,22 @@ def read_bag(path: str | Path) -> Trace:
 
 
 def _read_bag(path: Path) -> Trace:
-    columns, meta = _read_messages(path)
+    # what only bags need takes longer to import than everything else here
+    from rosbags.typesys import Stores, get_typestore
+
+    from delta3_pacdrive.bag_reader import COURSE, Courses, open_bag
+
+    bag = open_bag(path, TYPES)
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    columns = {name: _Column(TOPICS[name], typestore) for name in TOPICS if name in bag.names.values()}
+    courses = Courses(typestore)
+    add = {topic: columns[name].add for topic, name in bag.names.items()}
+    bag.read(add | {bag.robot + COURSE: courses.add})
+    meta = bag.meta
+    if 'cycle_time_s' not in meta:
+        meta['cycle_time_s'] = _cycle_time(
+            column.table()[0] for name, column in columns.items() if name != SHAFTS
+        )
     clock = Clock(meta['cycle_time_s'])
     tables = {}
     for name, column in columns.items():
@@ -178,93 +223,27 @@ def _read_bag(path: Path) -> Trace:
         )
     if refused := {name: column.refused for name, column in columns.items() if column.refused}:
         meta['refused'] = refused
+    if courses.starts:
+        meta['starts'] = courses.starts
+        heard = [start for start in courses.starts if start >= cycles[0]]
+        # who joined in the middle of a program knows when it began
+        meta['start_cycle'] = heard[0] if heard else courses.starts[-1]
+    if 'cut' in meta:
+        meta['cut'] += f'; it ends at bus time {cycles[-1] * meta["cycle_time_s"]:.3f} s'
+        _LOG.warning('note: recording %s: %s', path, meta['cut'])
     signals = _signals(tables, cycles)
     if 'current' in signals:
         signals['current'] /= meta['torque_constant_n_m_a']
     return Trace(cycles * meta['cycle_time_s'], signals, meta)
 
 
-def _read_messages(path: Path) -> tuple[dict[str, _Column], dict[str, Any]]:
-    """Return the columns of the cyclic topics by relative name, and the metadata."""
-    from rosbags.rosbag2 import Reader
-    from rosbags.typesys import Stores, get_typestore
-
-    if not path.is_dir():
-        raise TraceError('there is no such folder')
-    if not (path / 'metadata.yaml').exists():
-        cut_off = any(file.suffix in {'.mcap', '.db3'} for file in path.iterdir())
-        raise TraceError(
-            'it was cut off, metadata.yaml is missing'
-            if cut_off
-            else 'it is no bag, metadata.yaml is missing'
-        )
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    try:
-        with Reader(path) as reader:
-            names = _cyclic_topics(reader.connections)
-            meta = _metadata(reader.storage.metadata.custom)
-            columns = {name: _Column(TOPICS[name], typestore) for name in TOPICS if name in names.values()}
-            add = {topic: columns[name].add for topic, name in names.items()}
-            wanted = [connection for connection in reader.connections if connection.topic in add]
-            for connection, _, data in reader.messages(wanted):
-                add[connection.topic](data)
-    except TraceError:
-        raise
-    except (
-        Exception
-    ) as error:  # what the readers and decompressors trip over in a damaged file is not bounded
-        raise TraceError(f'it was cut off or is damaged ({reason(error)})') from error
-    return columns, meta
-
-
-def _cyclic_topics(connections: Iterable[Connection]) -> dict[str, str]:
-    """Return the relative names of the cyclic topics of the one robot, by topic."""
-    names: dict[str, str] = {}
-    robots: set[str] = set()
-    for connection in connections:
-        topic = '/' + connection.topic.lstrip('/')
-        name = next((name for name in TOPICS if topic.endswith('/' + name)), None)
-        if name is None or not connection.msgcount:
-            continue
-        if connection.msgtype != TOPICS[name].type:
-            raise TraceError(f'{topic} is of type {connection.msgtype}, not {TOPICS[name].type}')
-        names[connection.topic] = name
-        robots.add(topic.removesuffix('/' + name) or '/')
-    if not names:
-        raise TraceError('it holds no cyclic topic of a robot (sercos/mdt, sercos/at/axis1, ...)')
-    if len(robots) > 1:
-        raise TraceError(f'it holds {len(robots)} robots, in the namespaces {", ".join(sorted(robots))}')
-    return names
-
-
-def _metadata(custom: Any) -> dict[str, Any]:
-    """Return the checked metadata of the recorder."""
-    if not isinstance(custom, dict) or METADATA_KEY not in custom:
-        raise TraceError(f'its metadata is missing, metadata.yaml has no custom_data {METADATA_KEY}')
-    try:
-        meta = json.loads(custom[METADATA_KEY])
-        items = dict(meta.items())
-    except (AttributeError, RecursionError, TypeError, ValueError):
-        raise TraceError(f'its metadata, custom_data {METADATA_KEY}, is no JSON object') from None
-    for key in ('gear_ratio', 'torque_constant_n_m_a', 'cycle_time_s'):
-        value = items.get(key)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not 0.0 < value <= sys.float_info.max
-        ):
-            raise TraceError(f'its metadata gives no positive {key}')
-    if items['cycle_time_s'] not in CYCLE_TIMES_S:
-        raise TraceError(
-            f'its metadata says cycle_time_s is {items["cycle_time_s"]:g}, not 0.001, 0.002 or 0.004'
-        )
-    for key in ('start_cycle', 'end_cycle'):
-        value = items.pop(key, None)
-        if value is not None and type(value) is not int:
-            raise TraceError(f'its metadata says {key} is {value!r:.40}, not a whole number')
-        if value is not None and value >= 0:
-            items[key] = value
-    return items
+def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
+    """Return the smallest distance [s] of stamps [ns], which is one bus cycle; raises TraceError."""
+    steps = [int(step.min()) for own in stamps if len(step := np.diff(np.unique(own)))]
+    found = min(steps, default=0) / NANOSECONDS
+    if found not in CYCLE_TIMES_S:
+        raise TraceError(f'its metadata is missing, and stamps {found:g} s apart tell no cycle time')
+    return found
 
 
 class _Column:

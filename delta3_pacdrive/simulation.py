@@ -342,5 +342,6 @@ def _meta(planned: planning.Planned, parameters: Parameters, task: Transformatio
         'exchange_period_s': parameters.bus.exchange_period_s,
         'start_cycle': parameters.motion.start_cycle,
         'end_cycle': task.end_cycle,
+        'planned_end_m': planned.plan.end_m().tolist(),
         'figures': vars(figures),
     }

@@ -1,5 +1,6 @@
 """Facts about parameter estimation (chapter 9): what signals tell, what they do not, and how sure the figures are."""
 
+import dataclasses
 import json
 import struct
 
@@ -9,7 +10,7 @@ import pytest
 from delta3_pacdrive import dynamics, parameters, simulation, trace_csv
 from delta3_pacdrive.cli import estimate
 from delta3_pacdrive.errors import EstimationError, TraceError
-from delta3_pacdrive.estimation import excitation, measurement, thesis_setup
+from delta3_pacdrive.estimation import excitation, measurement, solver, thesis_setup
 from delta3_pacdrive.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.estimation.identifiability import Verdict, analyse, analyse_jacobian
 from delta3_pacdrive.estimation.motor_models import TorqueModel, WindingModel
@@ -24,13 +25,16 @@ from delta3_pacdrive.estimation.quantities import (
 )
 from delta3_pacdrive.estimation.replay_model import ReplayModel
 from delta3_pacdrive.estimation.session import Session, Settings
-from delta3_pacdrive.estimation.solver import fit, whiteness_of
+from delta3_pacdrive.estimation.solver import QUIET, fit, whiteness_of
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.trace import Trace
 
 EXACT = 1e-3  # relative, without noise; the issue asks for 1e-2
 SEEDS = 40
-COVERAGE = (0.85, 1.0)  # of 95 % intervals over so many seeds, which are fixed
+COVERAGE = (0.85, 1.0)  # of the 95 % intervals of one quantity over so many seeds, which are fixed
+POOLED = (0.91, 0.98)  # of all quantities together: twice as wide holds 99.99 %, half as wide 67 %
+# rms of error over half width: 0.51 where 95 % are right, 0.26 with intervals twice as wide, 1.02 with half as wide
+SCATTER = (0.43, 0.60)
 REPLAYED = 0.02  # without noise but through the increments of encoders, from once per bus cycle
 THROUGH = [[0.0, 0.25, -0.86], [-0.3, 0.1, -0.74], [-0.1, -0.3, -0.9], [0.25, -0.2, -0.75], [0.2, 0.0, -0.8]]
 LIMITS = {'speed_m_s': 2.5, 'acceleration_m_s2': 30.0, 'jerk_m_s3': 1500.0}
@@ -167,18 +171,80 @@ def test_what_was_weighed_makes_the_other_masses_identifiable(scope, robot):
     assert max(map(abs, errors(found, robot).values())) < EXACT
 
 
+def errors_in_half_widths(found, robot):
+    """Return the errors of all estimates that mean anything, in half widths of their intervals, by symbol."""
+    true = values_of(robot)
+    truth = true | {c.symbol: c.value(true, robot) for c in COMBINATIONS}
+    return {symbol: (e.value - truth[symbol]) / e.half_width for symbol, e in shown(found).items()}
+
+
 @pytest.mark.parametrize('group', MODELS)
 def test_the_truth_lies_in_the_intervals_at_their_rate(group, scope, bus, robot):
-    exact, true = bus if group == 'geometry' else scope, values_of(robot)
-    combined = {c.symbol: c.value(true, robot) for c in COMBINATIONS}
-    inside = dict.fromkeys(IDENTIFIABLE[group], 0)
+    exact = bus if group == 'geometry' else scope
+    off = {symbol: [] for symbol in IDENTIFIABLE[group]}
     for seed in range(SEEDS):
         noisy = measurement.with_noise(exact, robot, 1.0, seed)
-        for symbol, e in shown(estimate_from(problem_of(group, noisy, robot), robot, 0.3)).items():
-            inside[symbol] += abs(e.value - (true | combined)[symbol]) <= e.half_width
-    rates = {symbol: count / SEEDS for symbol, count in inside.items()}
-    print(group, rates)
-    assert all(COVERAGE[0] <= rate <= COVERAGE[1] for rate in rates.values())
+        found = estimate_from(problem_of(group, noisy, robot), robot, 0.3)
+        for symbol, error in errors_in_half_widths(found, robot).items():
+            off[symbol].append(error)
+    rates = {symbol: np.mean(np.abs(own) <= 1.0) for symbol, own in off.items()}
+    pooled = np.concatenate(list(off.values()))
+    scatter, rate = float(np.sqrt(np.mean(pooled**2))), float(np.mean(np.abs(pooled) <= 1.0))
+    print(group, rates, scatter, rate)
+    assert len(pooled) == SEEDS * len(IDENTIFIABLE[group])
+    assert all(COVERAGE[0] <= own <= COVERAGE[1] for own in rates.values())
+    assert POOLED[0] <= rate <= POOLED[1]
+    assert SCATTER[0] <= scatter <= SCATTER[1]
+    # the bounds would see intervals of another width
+    for factor in (0.5, 2.0):
+        assert not SCATTER[0] <= scatter / factor <= SCATTER[1]
+        assert not POOLED[0] <= np.mean(np.abs(pooled) <= factor) <= POOLED[1]
+
+
+@pytest.mark.parametrize('group', MODELS)
+def test_intervals_hold_without_noise_and_are_those_of_the_sensors(group, scope, bus, robot):
+    exact = bus if group == 'geometry' else scope
+    found, noisy = (
+        estimate_from(problem_of(group, trace, robot), robot, 0.3)
+        for trace in (exact, measurement.with_noise(exact, robot, 1.0, 0))
+    )
+    assert max(map(abs, errors_in_half_widths(found, robot).values())) < 1.0
+    for symbol, e in shown(found).items():
+        assert e.half_width == pytest.approx(shown(noisy)[symbol].half_width, rel=0.4)
+
+
+def test_intervals_of_a_replay_hold_although_its_encoder_has_no_increments(bus, robot):
+    problem = problem_of('motor', bus, robot, known=['R', 'L'], models=[ReplayModel(bus, robot)])
+    found = estimate_from(problem, robot, 0.3)
+    assert found.whiteness[0].rms < QUIET * problem.blocks[0].sigma
+    off = errors_in_half_widths(found, robot)
+    assert off.keys() == {'K_m', 'F_v', 'F_s', 'I_m'}
+    assert max(map(abs, off.values())) < 1.0
+
+
+def test_quantities_that_went_far_start_a_second_time_beside_what_the_others_found(scope, robot, monkeypatch):
+    problem = problem_of('motor', scope, robot)
+    start = start_values(problem.quantities, robot, 0.3)
+    right = fit(problem, start)
+    valley = right.x * np.array([4.0, 0.2, 1.0, 1.0, 1.0, 1.0])
+    calls = []
+
+    def once(_problem, _start, _on_iterate, resume):
+        calls.append(None if resume is None else resume.x)
+        white = [
+            dataclasses.replace(w, rms=w.rms * (2.0 if resume is None else 1.0)) for w in right.whiteness
+        ]
+        x = valley if resume is None else right.x
+        return dataclasses.replace(right, x=x, whiteness=tuple(white))
+
+    monkeypatch.setattr(solver, '_fit_once', once)
+    assert fit(problem, start).x.tolist() == right.x.tolist()
+    assert calls[0] is None
+    np.testing.assert_array_equal(calls[1], [*start[:2], *right.x[2:]])
+    calls.clear()
+    valley = right.x
+    fit(problem, start)  # nothing has gone far
+    assert len(calls) == 1
 
 
 # identifiability
@@ -345,6 +411,35 @@ def test_units_in_the_header_are_turned_into_si(tmp_path):
     assert trace['tcp_measured'][1] == pytest.approx([4e-3, 5e-3, 6e-3])
 
 
+# written down from the definitions of the units, not from the reader's table
+ONE_UNIT_IN_SI = {
+    's': 1.0, 'ms': 0.001, 'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
+    'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977, 'A': 1.0, 'mA': 0.001, 'm': 1.0, 'mm': 0.001, 'V': 1.0,
+    'N m': 1.0,
+}  # fmt: skip
+IN_UNITS = {'s': 'time', 'rad': 'motor_position', 'rad/s': 'motor_speed', 'A': 'current', 'm': 'tcp_measured',
+            'V': 'phase_voltage', 'N m': 'coupling_torque'}  # fmt: skip
+
+
+@pytest.mark.parametrize('unit', ONE_UNIT_IN_SI)
+def test_every_unit_is_what_it_says(unit, tmp_path):
+    assert trace_csv.UNITS.keys() == ONE_UNIT_IN_SI.keys()
+    signal = IN_UNITS[trace_csv.UNITS[unit][0]]
+    suffixes = 'xyz' if signal == 'tcp_measured' else '123'
+    columns = (
+        [f'time [{unit}]']
+        if signal == 'time'
+        else ['time [s]', *(f'{signal}_{i} [{unit}]' for i in suffixes)]
+    )
+    path = tmp_path / 'run.csv'
+    path.write_text(
+        f'{",".join(columns)}\n{",".join(["0"] * len(columns))}\n{",".join(["1"] * len(columns))}\n'
+    )
+    trace = trace_csv.read(path)
+    values = trace.time_s[1] if signal == 'time' else trace[signal][1]
+    assert np.all(np.abs(values / ONE_UNIT_IN_SI[unit] - 1.0) < 1e-15)
+
+
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
@@ -450,8 +545,8 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
     still = {name: np.zeros_like(values) for name, values in bus.signals.items()}
     Trace(bus.time_s, still).save(standing)
     cases = {
-        ('nowhere.npz',): 'cannot read',
-        ('nowhere',): 'cannot read',
+        ('nowhere.npz',): 'error: cannot read nowhere.npz: No such file',
+        ('nowhere',): 'error: cannot read nowhere: No such file',
         (cut(bus, 'tcp_measured'), '--group', 'geometry'): 'every geometry closes',
         (cut(bus, 'motor_command'), '--group', 'masses'): 'needs motor_command',
         (cut(scope, 'current'), '--group', 'masses'): 'no signal current',
@@ -471,8 +566,182 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         assert reason in sentence
 
 
-def test_options_out_of_range_are_refused_before_anything_runs():
-    for arguments in (['--noise', '-1'], ['--seed', '-1'], ['--start-off', 'nan'], ['x', '--resume', 'y']):
-        with pytest.raises(SystemExit) as caught:
-            estimate.main(arguments)
-        assert caught.value.code == 2
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--noise', '-1'], "--noise: '-1' must be a number between 0 and 1000"),
+        (['--noise', '1001'], 'between 0 and 1000'),
+        (['--seed', '-1'], "--seed: '-1' must be a whole number between 0 and"),
+        (['--seed', '1.5'], 'must be a whole number'),
+        (['--start-off', 'nan'], "--start-off: 'nan' must be a number between -0.9 and 9"),
+        (['--start-off', '9.1'], 'between -0.9 and 9'),
+        (
+            ['--measurement', 'out.xlsx'],
+            'cannot write out.xlsx: the name ends in .xlsx, but must end in .npz or .csv',
+        ),
+        (['--measurement', 'out'], 'the name has no ending'),
+        (['--design', 'own.xlsx'], 'the name of a program must end in .yaml'),
+        (['x', '--resume', 'y'], '--resume goes on with the inputs'),
+    ],
+)
+def test_options_out_of_range_are_refused_before_anything_runs(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as caught:
+        estimate.main(arguments)
+    assert caught.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_an_input_that_cannot_be_read_leaves_an_earlier_estimation_as_it_is(bus, tmp_path):
+    settings = settings_of(tmp_path, bus)
+    Session(settings, tmp_path / 'run', 'test', quiet).run()
+    before = {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
+    arguments = ['nowhere.npz', '--output', str(tmp_path / 'run')]
+    assert estimate.main(arguments) == 1
+    assert {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()} == before
+
+
+# from 50 % off F_s lies above the break-away torque of the built robot, which is switched off
+
+
+def test_a_start_above_the_break_away_torque_is_no_robot_that_cannot_be(bus, robot):
+    model = ReplayModel(bus, robot)
+    true = values_of(robot)
+    for static in (1.5 * true['F_s'], 10.0 * true['F_s']):
+        assert np.isfinite(model.residuals(true | {'F_s': static})[0]).all()
+    rich = parameters.load('rich')
+    assert with_values(rich, {'F_s': 0.5}).rich.break_away_torque_n_m == 0.5
+    assert with_values(rich, {'F_s': 0.05}).rich.break_away_torque_n_m == rich.rich.break_away_torque_n_m
+
+
+# every option changes what it should
+
+
+def run_json(arguments, capsys):
+    assert estimate.main([*arguments, '--json']) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def estimates(report):
+    return {row['quantity']: row['estimate'] for row in report['estimates'] if row['estimate'] is not None}
+
+
+@pytest.fixture(scope='module')
+def short(tmp_path_factory):
+    """Return the file of a short program."""
+    path = tmp_path_factory.mktemp('program') / 'short.yaml'
+    moves = '\n'.join(
+        f'  - move_l: {{to_m: {p}, speed_m_s: 2.5, acceleration_m_s2: 30}}' for p in THROUGH[:3]
+    )
+    path.write_text(f'name: short\nstart_m: {THROUGH[-1]}\nmoves:\n{moves}\n')
+    return str(path)
+
+
+def test_the_estimation_of_the_thesis_runs_as_the_readme_has_it(tmp_path, capsys):
+    report = run_json(['--group', 'thesis', '--output', str(tmp_path)], capsys)
+    assert any('the initial values came back' in sentence for sentence in report['explanation'])
+    assert {'K_m', 'F_s'} <= estimates(report).keys()
+
+
+def test_bus_cycles_from_50_percent_off_are_estimated(short, tmp_path, capsys):
+    arguments = [
+        short,
+        '--sampling',
+        'bus',
+        '--start-off',
+        '0.5',
+        '--known',
+        'R,L,I_m',
+        '--output',
+        str(tmp_path),
+    ]
+    report = run_json(arguments, capsys)
+    assert [row['signal'] for row in report['residuals']] == ['current by replay']
+    for row in report['estimates']:
+        assert row['start'] == pytest.approx(1.5 * row['true'])
+        assert row['low_95'] <= row['true'] <= row['high_95']
+
+
+def test_sampling_method_and_free_choose_models_and_quantities(short, tmp_path, capsys):
+    base = [short, '--group', 'masses', '--output', str(tmp_path)]
+    drive = run_json(base, capsys)
+    assert [row['signal'] for row in drive['residuals']] == ['current by torques']
+    assert drive['residuals'][0]['intervals_from'] == 'sensor noise'
+    balance = run_json([*base, '--sampling', 'bus', '--method', 'balance'], capsys)
+    assert [row['signal'] for row in balance['residuals']] == ['current by torques']
+    assert balance['residuals'][0]['samples'] != drive['residuals'][0]['samples']
+    freed = run_json([*base, '--free', 'K_m'], capsys)
+    named = [{row['quantity'] for row in report['estimates']} for report in (drive, freed)]
+    assert 'K_m' in named[1] - named[0]
+    held = run_json([*base, '--known', 'm_fb,m_payload'], capsys)
+    assert 'm_n' in estimates(held)
+    assert 'm_n' not in estimates(drive)
+
+
+def test_start_off_noise_and_seed_change_the_start_and_the_measurement(short, tmp_path, capsys):
+    base = [short, '--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path)]
+    reports = {
+        options: run_json([*base, *options], capsys)
+        for options in (
+            (),
+            ('--start-off', '-0.2'),
+            ('--noise', '1'),
+            ('--noise', '1', '--seed', '1'),
+            ('--noise', '3'),
+        )
+    }
+    starts = {options: report['estimates'][0]['start'] for options, report in reports.items()}
+    true = reports[()]['estimates'][0]['true']
+    assert starts.pop(('--start-off', '-0.2')) == pytest.approx(0.8 * true)
+    assert all(start == pytest.approx(1.3 * true) for start in starts.values())
+    rms = {options: report['residuals'][0]['rms'] for options, report in reports.items()}
+    assert rms[('--noise', '3')] == pytest.approx(3.0 * rms[('--noise', '1')], rel=0.05)
+    assert rms[()] < 1e-2 * rms[('--noise', '1')]
+    assert rms[('--noise', '1')] != rms[('--noise', '1', '--seed', '1')]
+    assert reports[('--noise', '1')]['residuals'][0]['intervals_from'] == 'residuals'
+
+
+def test_the_measurement_that_is_written_is_the_one_that_was_estimated_from(short, tmp_path, capsys):
+    for name in ('own.npz', 'own.csv'):
+        base = ['--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path / 'out')]
+        one = run_json([short, *base, '--noise', '1', '--measurement', str(tmp_path / name)], capsys)
+        again = run_json([str(tmp_path / name), *base, '--start-off', '0.3'], capsys)
+        assert estimates(one) == estimates(again)
+
+
+def test_a_design_is_a_program_for_the_group_with_its_seed(tmp_path, robot, monkeypatch, capsys):
+    path, wanted = tmp_path / 'own.yaml', []
+    design = excitation.design
+
+    def quick(group, parameters, seed, on_progress=None):
+        wanted.append((group, seed))
+        return design(group, parameters, seed=seed, tries=2, refinements=2, on_progress=on_progress)
+
+    monkeypatch.setattr(excitation, 'design', quick)
+    for group, seed in (('geometry', '5'), ('masses', '6'), ('motor', '7')):
+        assert estimate.main(['--group', group, '--design', str(path), '--seed', seed]) == 0
+        assert f'# seed: {seed}' in path.read_text()
+        assert programs.load(path, robot.motion).statements
+    assert wanted == [('geometry', 5), ('masses', 6), ('masses', 7)]
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['run.npz', '--noise', '1'], 'the inputs are traces: --noise would change nothing'),
+        (['run.csv', '--sampling', 'bus', '--seed', '2'], 'the inputs are traces: --sampling, --seed would'),
+        (['run.npz', '--measurement', 'own.npz'], 'the inputs are traces: --measurement would'),
+        (['--group', 'thesis', '--method', 'replay'], 'of its own: --method would'),
+        (['--group', 'thesis', '--free', 'K_m'], 'of its own: --free would'),
+        (
+            ['--group', 'geometry', '--sampling', 'bus'],
+            'once per bus cycle and has one model: --sampling would',
+        ),
+        (['--design', 'own.yaml', '--start-off', '0.1'], '--design only writes a program: --start-off would'),
+        (['experiment1', '--design', 'own.yaml'], '--design only writes a program: INPUT would'),
+        (['--resume', 'folder', '--noise', '2'], 'the settings of the folder: --noise would'),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_refused(arguments, sentence, capsys):
+    assert estimate.main(arguments) == 1
+    assert sentence in capsys.readouterr().err

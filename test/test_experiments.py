@@ -374,3 +374,20 @@ def test_one_changed_bit_is_no_agreement(robot, short_program):
     other['current'][300, 1] = np.nextafter(other['current'][300, 1], np.inf)
     changed = Trace(trace.time_s, other, trace.meta)
     assert experiment_graph.same_as(changed, trace) == 'nodes and simulation differ in current'
+
+
+def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
+    bits, seeds = [], []
+    for seed in ('5', '6', '5'):
+        folder = tmp_path / str(len(bits))
+        arguments = ['1', '--no-attribution', '--seed', seed, '--output', str(folder), '--json']
+        assert experiment.main(arguments) == 0
+        capsys.readouterr()
+        rows = [
+            line for line in (folder / 'signals.csv').read_text().splitlines() if not line.startswith('#')
+        ]
+        bits.append('\n'.join(rows))
+        seeds.append(parameters.load(folder / 'robot.yaml').rich.sensor_seed)
+        assert parameters.load(folder / 'model.yaml').checksum == parameters.load().checksum
+    assert seeds == [5, 6, 5]
+    assert bits[0] == bits[2] != bits[1]

@@ -79,3 +79,167 @@ def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> No
         recording.load(tmp_path / name)
     assert name in str(refusal.value)
     assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize('name', ['run.xlsx', 'run', 'run.npz.bak'])
+def test_a_trace_that_would_not_be_what_its_name_says_is_refused_by_name(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    for command in (['simulate', '--trace'], ['tune', '--excite'], ['estimate', '--measurement']):
+        with pytest.raises(SystemExit) as end:
+            main([*command, str(path)])
+        assert end.value.code == 2
+        assert f'cannot write {path}: the name ' in (told := capsys.readouterr().err)
+        assert 'must end in .npz or .csv' in told
+    with pytest.raises(TraceError, match=r'must end in \.npz or \.csv'):
+        recording.save(Trace(np.zeros(1), {}), path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_ending_in_capitals_is_the_same_ending(trace: Trace, tmp_path: Path) -> None:
+    for name in ('RUN.NPZ', 'RUN.CSV'):
+        recording.save(trace, tmp_path / name)
+        assert recording.load(tmp_path / name).time_s.tobytes() == trace.time_s.tobytes()
+
+
+# windows and signals
+
+
+def late(trace: Trace, cycles: int, idle: int = 5000) -> Trace:
+    """Return the run as a recorder has it that joined a robot which had been up: no end, and long rest behind it."""
+    rest = {name: np.repeat(values[-1:], idle, axis=0) for name, values in trace.signals.items()}
+    count = len(trace.time_s) + idle
+    meta = {key: value for key, value in trace.meta.items() if key != 'end_cycle'}
+    meta['start_cycle'] += cycles
+    signals = {name: np.concatenate([values, rest[name]]) for name, values in trace.signals.items()}
+    return Trace((cycles + np.arange(count)) * 1e-3, signals, meta)
+
+
+def drawn(trace: Trace) -> tuple[float, float]:
+    """Return the first and the last time of the curves of a figure [s]."""
+    line = figures.currents(trace).axes[0].get_lines()[0]
+    times = np.asarray(line.get_xdata(), dtype=float)
+    return float(times[0]), float(times[-1])
+
+
+def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_motion(trace: Trace) -> None:
+    own = late(trace, 500_000)
+    first, last = drawn(own)
+    assert first == pytest.approx(-figures.BEFORE_S)
+    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3
+    assert last == pytest.approx(end_s + figures.AFTER_S, abs=0.01)
+    (label,) = {axes.get_xlabel() for axes in figures.currents(own).axes} - {''}
+    assert label == 'time from program start (s)'
+
+
+@pytest.mark.parametrize(('rest_s', 'together'), [(2.0, True), (60.0, False)])
+def test_a_program_long_after_the_first_makes_no_spikes_of_it(
+    rest_s: float, together: bool, trace: Trace
+) -> None:
+    one = late(trace, 500_000, round(rest_s / 1e-3))
+    again = late(trace, 500_000 + len(one.time_s), 10)
+    signals = {name: np.concatenate([values, again[name]]) for name, values in one.signals.items()}
+    starts = [one.meta['start_cycle'], again.meta['start_cycle']]
+    both = Trace(np.concatenate([one.time_s, again.time_s]), signals, one.meta | {'starts': starts})
+    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3 + figures.AFTER_S
+    second_s = (starts[1] - starts[0]) * 1e-3
+    assert drawn(both)[1] == pytest.approx(end_s + (second_s if together else 0.0), abs=0.02)
+    assert drawn(figures.windowed(both, second_s, second_s + 0.3)) == pytest.approx(
+        (second_s, second_s + 0.3)
+    )
+
+
+@pytest.mark.parametrize(
+    ('window', 'expected'),
+    [
+        ((0.2, 0.5), (0.2, 0.5)),
+        ((0.2, None), (0.2, None)),
+        ((None, 0.5), (-figures.BEFORE_S, 0.5)),
+        ((-0.01, 0.0), (-0.01, 0.0)),
+        ((4.0, 4.5), (4.0, 4.5)),
+        ((4.0, None), (4.0, 6.512)),  # behind the program: what is there
+    ],
+)
+def test_a_window_counts_from_the_start_of_the_program(
+    window: tuple[float | None, float | None], expected: tuple[float, float | None], trace: Trace
+) -> None:
+    own = late(trace, 500_000)
+    first, last = drawn(figures.windowed(own, *window))
+    assert first == pytest.approx(expected[0], abs=1e-9)
+    assert last == pytest.approx(drawn(own)[1] if expected[1] is None else expected[1], abs=0.1)
+
+
+def test_a_window_without_a_program_counts_bus_time(trace: Trace) -> None:
+    meta = {key: value for key, value in trace.meta.items() if key not in ('start_cycle', 'end_cycle')}
+    own = figures.windowed(Trace(trace.time_s, trace.signals, meta), 0.3, 0.4)
+    assert drawn(own) == pytest.approx((0.3, 0.4))
+
+
+def test_a_gap_in_a_recording_makes_no_spike(trace: Trace) -> None:
+    keep = np.ones(len(trace.time_s), dtype=bool)
+    keep[400:430] = False
+    cut = Trace(trace.time_s[keep], {n: v[keep] for n, v in trace.signals.items()}, trace.meta)
+    for whole, gapped in zip(
+        figures.arm_accelerations(trace).axes, figures.arm_accelerations(cut).axes, strict=True
+    ):
+        highest = [
+            max(np.nanmax(np.abs(np.asarray(line.get_ydata(), float))) for line in axes.get_lines())
+            for axes in (whole, gapped)
+        ]
+        assert highest[1] <= highest[0]
+
+
+def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_for(
+    trace: Trace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = late(trace, 500_000)
+    own.meta['starts'] = [own.meta['start_cycle'], own.meta['start_cycle'] + 3000]
+    own.save(tmp_path / 'run.npz')
+    arguments = ['--from', '0.1', '--to', '0.3', '--signals', 'current,coupling_torque']
+    folder = tmp_path / 'figures'
+    assert main(['plot', str(tmp_path / 'run.npz'), *arguments, '--output', str(folder)]) == 0
+    printed = capsys.readouterr()
+    assert 'programs started at 0, 3 s' in printed.err
+    assert {path.name for path in folder.iterdir()} == {'currents.png', 'coupling_torque.png', 'signals.csv'}
+    data = recording.load(folder / 'signals.csv')
+    assert set(data.signals) == {'current', 'coupling_torque'}
+    assert data.time_s[[0, -1]] == pytest.approx([500.22, 500.42])  # bus time
+    assert len(data.time_s) == 201
+    first = round(0.22 / 1e-3)
+    np.testing.assert_array_equal(data['current'], trace['current'][first : first + 201])
+
+
+@pytest.mark.parametrize('signal', figures.SUBJECTS.values())
+def test_a_signal_asks_for_its_figures(signal: str) -> None:
+    chosen = {name for name in figures.FIGURES if figures.shows(name, [signal])}
+    assert chosen == {name for name, subject in figures.SUBJECTS.items() if subject == signal} != set()
+    assert figures.SUBJECTS.keys() == figures.FIGURES.keys()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'status', 'sentence'),
+    [
+        (['--from', '2', '--to', '1'], 2, '--from is 2, but must be less than --to, 1'),
+        (['--from', 'nan'], 2, "argument --from: 'nan' must be a number"),
+        (['--to', 'x'], 2, "argument --to: 'x' must be a number"),
+        (['--signals', 'currents'], 2, "'currents' is no signal, expected some of motor_command"),
+        (['--signals', ','], 2, 'it names no signal'),
+        (['--from', '100', '--to', '101'], 1, 'holds no cycle of that window: it goes from -0.12 to'),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_in_a_sentence(
+    arguments: list[str],
+    status: int,
+    sentence: str,
+    trace: Trace,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    trace.save(tmp_path / 'run.npz')
+    try:
+        found = main(['plot', str(tmp_path / 'run.npz'), *arguments, '--output', str(tmp_path / 'figures')])
+    except SystemExit as end:
+        found = end.code
+    assert found == status
+    assert sentence in capsys.readouterr().err

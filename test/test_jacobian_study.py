@@ -220,6 +220,10 @@ def test_percentages_are_what_their_names_say():
     expected = [[10.0, -10.0, np.nan], [np.nan, 0.0, np.nan], [0.0, np.nan, np.nan]]
     assert np.allclose(deviation.momentary, expected, equal_nan=True)
     assert deviation.summary()['momentary']['max'] == pytest.approx(10.0)
+    peak = deviation.summary()['of_peak']
+    assert peak['max'] == pytest.approx(25.0)
+    assert peak['rms'] == pytest.approx(math.sqrt((25.0 + 100.0 + 25.0 + 100.0 + 625.0) / 9.0))
+    assert peak['max_of_joints'] == pytest.approx([5.0, 10.0, 25.0])
 
 
 def test_the_error_that_is_said_to_be_needed_makes_the_deviation(robot, experiments):
@@ -452,7 +456,9 @@ def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experime
         (['nowhere.npz'], 1, 'there is no recording nowhere.npz'),
         (['nowhere'], 1, 'cannot read program file'),
         (['1', '--error', 'R_B=-0.06'], 1, 'R_B would be -0.01 m'),
-        (['1', '--error', 'l_B=-0.9', '--pose', 'forward'], 1, 'the forearms do not meet'),
+        (['1', '--error', 'l_A=5'], 1, 'the error of l_A is 5 m, but must be between -0.1 and 0.1 m'),
+        (['1', '--error', 'l_B=-0.1001'], 1, 'the error of l_B is -0.1001 m, but must be'),
+        (['1', '--error', 'l_A=0.01', '--error', 'l_A=0.02'], 2, '--error l_A stands twice'),
         (['1', '--error', 'l_A'], 2, "'l_A' is no error of a length"),
         (['1', '--error', 'x=1'], 2, "'x=1' is no error of a length"),
         (['1', '--pose', 'guessed'], 2, 'invalid choice'),
@@ -467,3 +473,26 @@ def test_bad_input_is_refused_in_a_sentence(arguments, status, sentence, capsys,
     assert found == status
     assert sentence in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('signals', ['actual', 'true'])
+def test_the_command_compares_the_signals_and_the_pose_that_are_asked_for(
+    signals, robot, trace, tmp_path, capsys
+):
+    trace.save(tmp_path / 'run.npz')
+    arguments = ['--signals', signals, '--pose', 'inverse', '--error', 'R_A=0.01', '--error', 'l_A=-0.002']
+    assert (
+        main(['jacobian', str(tmp_path / 'run.npz'), *arguments, '--output', str(tmp_path / 'o'), '--json'])
+        == 0
+    )
+    (row,) = json.loads(capsys.readouterr().out)['trajectories']
+    own = motion.of_trace(trace, robot, Signals(signals), 'run')
+    wrong = joint_motion(own, inexact(robot.kinematics, {'R_A': 0.01, 'l_A': -0.002}), Pose.INVERSE)
+    velocity, acceleration = largest(wrong, own)
+    assert row['inexact']['velocity']['of_peak']['max'] == pytest.approx(velocity, rel=1e-9)
+    assert row['inexact']['acceleration']['of_peak']['max'] == pytest.approx(acceleration, rel=1e-9)
+    # other signals and another pose would have told something else
+    for others, pose in (('command', Pose.INVERSE), (signals, Pose.RECORDED)):
+        different = motion.of_trace(trace, robot, Signals(others), 'run')
+        changed = joint_motion(different, inexact(robot.kinematics, {'R_A': 0.01, 'l_A': -0.002}), pose)
+        assert abs(largest(changed, different)[0] / velocity - 1.0) > 1e-5

@@ -252,7 +252,11 @@ def test_a_number_beyond_all_machine_numbers_is_refused(name, digits, robot, val
             'kinematics.arm_azimuth_deg is (0.0, 120.0, 360.0), but the arms must differ in direction',
         ),
         (
-            {'rich__break_away_torque_n_m': 0.09},
+            {
+                'rich__enabled': True,
+                'bus__exchange_period_s': 125e-6,
+                'rich__break_away_torque_n_m': 0.09,
+            },
             'rich.break_away_torque_n_m is 0.09, but must not be less than motor.static_friction_n_m (0.1)',
         ),
         (
@@ -264,6 +268,15 @@ def test_a_number_beyond_all_machine_numbers_is_refused(name, digits, robot, val
 )
 def test_rules_between_parameters_name_both(change, rule, robot):
     assert rule in refusal(lambda: robot.replace(**change))
+
+
+def test_an_effect_that_is_off_limits_nothing(robot):
+    plain = robot.replace(motor__static_friction_n_m=0.3)
+    assert plain.motor.static_friction_n_m > plain.rich.break_away_torque_n_m
+    without_friction = {'rich__enabled': True, 'rich__friction': False, 'bus__exchange_period_s': 125e-6}
+    assert plain.replace(**without_friction).rich.enabled
+    with pytest.raises(ParameterError, match='break_away'):
+        plain.replace(rich__enabled=True, bus__exchange_period_s=125e-6)
 
 
 @pytest.mark.parametrize('cycle_time_s', [1e-3, 2e-3, 4e-3])

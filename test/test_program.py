@@ -159,8 +159,8 @@ def only(**kind):
         (changed(repeat=True), 'repeat is True'),
         (changed(repeat=10_001), 'repeat is 10001'),
         (changed(repeat='2'), "repeat is '2'"),
-        (changed(payload_kg=-1), 'payload_kg is -1, but must be between 0 and 999'),
-        (changed(payload_kg=1000), 'payload_kg is 1000, but must be between 0 and 999'),
+        (changed(payload_kg=-1), 'payload_kg is -1, but must be between 0 and 10'),
+        (changed(payload_kg=10.001), 'payload_kg is 10.001, but must be between 0 and 10'),
         (changed(payload_kg='1'), "payload_kg must be a number, not '1'"),
         (changed(moves=[]), 'moves must be a list of at least one move'),
         (changed(moves=None), 'moves must be a list'),
@@ -257,7 +257,7 @@ def only(**kind):
         ),
         (
             only(output={'name': 'gripper', 'value': True, 'payload_kg': 1e6}),
-            'moves[0].output.payload_kg is 1e+06, but must be between 0 and 999',
+            'moves[0].output.payload_kg is 1e+06, but must be between 0 and 10',
         ),
         (
             changed(start_m=[0, 0, -750.0]),
@@ -664,14 +664,14 @@ SOME_STATEMENT = st.one_of(
             (
                 'output',
                 {'name': st.sampled_from(OUTPUTS), 'value': st.booleans()},
-                {'payload_kg': st.floats(0.0, 20.0)},
+                {'payload_kg': st.floats(0.0, 10.0)},
             ),
         )
     ]
 )
 SOME_PROGRAM = st.fixed_dictionaries(
     {'moves': st.lists(SOME_STATEMENT, min_size=1, max_size=5)},
-    optional={'repeat': st.integers(1, 3), 'payload_kg': st.floats(0.0, 20.0)},
+    optional={'repeat': st.integers(1, 3), 'payload_kg': st.floats(0.0, 10.0)},
 )
 
 

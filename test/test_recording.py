@@ -11,6 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from delta3_pacdrive import recording
+from delta3_pacdrive.bag_writer import BagWriter
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.errors import Delta3Error, TraceError
 from delta3_pacdrive.trace import SIGNALS, Trace
@@ -414,15 +415,10 @@ def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
 @pytest.mark.parametrize(
     ('damage', 'expected'),
     [
-        (lambda bag: (bag / 'metadata.yaml').unlink(), 'it was cut off, metadata.yaml is missing'),
         (lambda bag: [file.unlink() for file in bag.iterdir()], 'it is no bag, metadata.yaml is missing'),
         (lambda bag: (bag / 'bag.mcap').unlink(), 'damaged'),
         (lambda bag: (bag / 'bag.mcap').write_bytes(b''), 'damaged'),
         (lambda bag: (bag / 'bag.mcap').write_bytes(bytes(1000)), 'damaged'),
-        (lambda bag: (bag / 'metadata.yaml').write_bytes(b''), 'damaged'),
-        (lambda bag: (bag / 'metadata.yaml').write_bytes(b'\xff\xfe\x00'), 'damaged'),
-        (lambda bag: (bag / 'metadata.yaml').write_text('a: [1,\nb: {'), 'damaged'),
-        (lambda bag: (bag / 'metadata.yaml').write_text('rosbag2_bagfile_information: 5'), 'damaged'),
     ],
 )
 def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
@@ -432,15 +428,113 @@ def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
     assert expected in refusal(bag)
 
 
-@pytest.mark.parametrize('file', ['bag.mcap', 'metadata.yaml'])
-@settings(max_examples=40)
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda path: path.unlink(),
+        lambda path: path.write_bytes(b''),
+        lambda path: path.write_bytes(b'\xff\xfe\x00'),
+        lambda path: path.write_text('a: [1,\nb: {'),
+        lambda path: path.write_text('rosbag2_bagfile_information: 5'),
+        lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    ],
+)
+def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
+    bag = record(tmp_path / 'bag', messages())
+    damage(bag / 'metadata.yaml')
+    trace = recording.load(bag)
+    assert_holds(trace)
+    assert trace.meta == META  # the file keeps it too, and nothing is missing
+
+
+@settings(max_examples=60)
 @given(data=st.data())
-def test_a_bag_cut_off_anywhere_gets_one_sentence(tmp_path_factory, file, data):
+def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
     bag = record(tmp_path_factory.mktemp('cut') / 'bag', messages())
-    content = (bag / file).read_bytes()
-    # of metadata.yaml the end names the version and the storage, without which nothing is read
-    (bag / file).write_bytes(content[: data.draw(st.integers(0, len(content) - 20))])
-    assert 'it was cut off or is damaged' in refusal(bag)
+    content = (bag / 'bag.mcap').read_bytes()
+    whole = [content.find(message) + len(message) for _, message in messages()]
+    size = data.draw(st.integers(0, len(content) - 1))
+    (bag / 'bag.mcap').write_bytes(content[:size])
+    left = sum(end <= size for end in whole)
+    if left < len(TYPES):
+        try:  # not one cycle is whole: it is refused, or holds the topics that are left
+            trace = recording.load(bag)
+        except TraceError:
+            refusal(bag)
+        else:
+            assert trace.time_s.tolist() == [0.0]
+            assert set(trace.signals) < set(SIGNALS)
+        return
+    trace = recording.load(bag)
+    assert_holds(trace, range(left // len(TYPES)))
+    if left < len(whole):
+        assert f'{len(whole) - left} of {len(whole)} messages are missing' in trace.meta['cut']
+        assert trace.meta['cut'].endswith(f'it ends at bus time {trace.time_s[-1]:.3f} s')
+        assert recording.cut(bag) in trace.meta['cut']
+    else:
+        assert 'cut' not in trace.meta  # the index only
+        assert recording.cut(bag) == ''
+
+
+def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_path, caplog, robot):
+    bag = record(tmp_path / 'bag', messages())
+    (bag / 'metadata.yaml').unlink()
+    content = (bag / 'bag.mcap').read_bytes()
+    (bag / 'bag.mcap').write_bytes(content[: content.find(messages()[-1][1])])
+    trace = recording.load(bag)
+    assert trace.meta['cycle_time_s'] == 1e-3  # from the stamps
+    assert trace.meta['gear_ratio'] == robot.dynamics.gear_ratio
+    for words in ('cut off', 'those of the packaged parameters', 'it ends at bus time'):
+        assert words in trace.meta['cut']
+        assert words in caplog.text
+    assert '; ;' not in trace.meta['cut']
+    factor = TORQUE_CONSTANT / robot.motor.torque_constant_n_m_a
+    np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
+
+
+def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
+    writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
+    topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
+    writer.begin()
+    for i, (topic, data) in enumerate(messages(range(5))):
+        writer.write(topics[topic], i, data)
+    writer.flush()
+    for i, (topic, data) in enumerate(messages(range(5, 8))):
+        writer.write(topics[topic], 1000 + i, data)  # these wait in memory
+    trace = recording.load(tmp_path / 'bag')
+    assert_holds(trace, range(5))
+    assert 'what was not yet on the disk is missing' in trace.meta['cut']
+    assert f'{5 * len(TYPES)} messages are left' in caplog.text
+
+
+# programs
+
+
+def course(cycle, number=0, distance=0.0, held=0.0):
+    layout = STORE.types['std_msgs/msg/MultiArrayLayout']([], 0)
+    row = np.array([cycle, number, 1.0, held, 0.0, distance, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    kind = 'std_msgs/msg/Float64MultiArray'
+    return 'motion/course', bytes(STORE.serialize_cdr(STORE.types[kind](layout, row), kind))
+
+
+WITH_COURSES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
+
+
+@pytest.mark.parametrize(
+    ('courses', 'starts', 'start'),
+    [
+        ([course(4)], [4], 4),
+        ([course(0), course(3), course(6)], [0, 3, 6], 3),  # recorded from cycle 2 on
+        ([course(1)], [1], 1),  # who joined later was told of the program that runs
+        ([course(3), course(5, number=1), course(6, distance=0.2), course(7, held=1.0)], [3], 3),
+    ],
+)
+def test_a_program_starts_where_its_course_says(courses, starts, start, tmp_path):
+    meta = META | {'start_cycle': 120}  # as the parameters have it, of another time
+    arrivals = courses + messages(range(2, CYCLES))
+    trace = recording.load(record(tmp_path / 'bag', arrivals, meta, types=WITH_COURSES, namespace='/cell2/'))
+    assert trace.meta['starts'] == starts
+    assert trace.meta['start_cycle'] == start
 
 
 @pytest.mark.parametrize('file', ['bag.mcap', 'metadata.yaml'])

@@ -1,11 +1,13 @@
 """Facts about whole runs of the machine without ROS: experiment 1, its errors and currents, and that bits repeat."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.simulation import AXES, Robot, run
@@ -219,3 +221,20 @@ def test_what_is_no_trace_file_gets_one_sentence(content, tmp_path):
         Trace.load(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(('option', 'period_s'), [([], 1e-3), (['--exchange-period', '125e-6'], 125e-6)])
+def test_the_command_simulates_with_the_exchange_period_that_is_asked_for(
+    option, period_s, experiment1, robot, tmp_path, capsys
+):
+    assert main(['simulate', *option, '--trace', str(tmp_path / 'run.npz'), '--json']) == 0
+    result, back = json.loads(capsys.readouterr().out), Trace.load(tmp_path / 'run.npz')
+    own = run(experiment1, robot.replace(bus__exchange_period_s=period_s))
+    assert back.meta['exchange_period_s'] == period_s
+    for name in own.signals:
+        assert back[name].tobytes() == own[name].tobytes()
+    # what is printed is what happened
+    assert result['cycles'] == len(own.time_s)
+    assert result['bus_time_s'] == pytest.approx(own.time_s[-1] + robot.bus.cycle_time_s)
+    norms = np.linalg.norm(own['tcp_error'], axis=1)
+    assert result['tcp_error_max_m'] == pytest.approx(norms.max(), rel=1e-9)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import optimize, signal
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.bus.service import format_idn
@@ -16,7 +16,7 @@ from delta3_pacdrive.estimation import measurement
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.tuning import effect, identification, recorded, recording, settings
+from delta3_pacdrive.tuning import effect, identification, recorded, recording, settings, study
 from delta3_pacdrive.tuning.analysis import (
     LOOPS,
     Operation,
@@ -27,7 +27,7 @@ from delta3_pacdrive.tuning.analysis import (
     step_on_bench,
 )
 from delta3_pacdrive.tuning.bench import Place
-from delta3_pacdrive.tuning.load import extremes, load_at, modes_at
+from delta3_pacdrive.tuning.load import extremes, friction_slope, load_at, modes_at
 from delta3_pacdrive.tuning.loops import Entry, Shaft, linear_cascade
 from delta3_pacdrive.tuning.report import interpolated
 from delta3_pacdrive.tuning.response import bandwidth, margins, step_figures
@@ -129,6 +129,48 @@ def test_margins_of_loops_that_are_known_in_closed_form():
     assert integrator.delay_margin_s == pytest.approx(math.pi / 2.0 / 10.0, rel=1e-3)
     assert integrator.gain_margin_db is None
     assert bandwidth(frequencies, 10.0 / (s + 10.0)) == pytest.approx(10.0 / math.tau, rel=1e-3)
+
+
+def test_of_several_crossings_each_gain_margin_is_that_of_its_own():
+    def loop(rate):
+        s = 1j * rate
+        return 8.0 * (s + 1.0) ** 2 / (s**3 * (1.0 + s / 100.0) ** 2)
+
+    # conditionally stable: -180 degrees once above and once below a gain of one
+    above, below = (
+        optimize.brentq(lambda w: loop(w).imag, *bracket) for bracket in ((0.5, 3.0), (50.0, 200.0))
+    )
+    frequencies = np.geomspace(1e-3, 1e3, 8000)
+    found = margins(frequencies, loop(math.tau * frequencies))
+    assert found.gain_margin_db == pytest.approx(-20.0 * math.log10(abs(loop(below))), abs=0.01)
+    assert found.gain_margin_hz == pytest.approx(below / math.tau, rel=1e-3)
+    assert found.gain_reduction_db == pytest.approx(-20.0 * math.log10(abs(loop(above))), abs=0.01)
+    assert found.gain_margin_db > 0.0 > found.gain_reduction_db
+
+
+def test_of_many_crossings_below_a_gain_of_one_the_first_is_the_margin():
+    dead_s, gain = 0.3, 2.0
+    frequencies = np.geomspace(1e-3, 1e2, 20_000)
+    s = 2j * np.pi * frequencies
+    # the phase of a dead time passes -180 degrees again and again, with less and less gain
+    rate = optimize.brentq(lambda w: math.atan(w) + w * dead_s - math.pi, 1.0, 10.0)
+    found = margins(frequencies, gain * np.exp(-s * dead_s) / (s + 1.0))
+    assert found.gain_margin_hz == pytest.approx(rate / math.tau, rel=1e-3)
+    assert found.gain_margin_db == pytest.approx(20.0 * math.log10(math.hypot(rate, 1.0) / gain), abs=0.01)
+
+
+def test_the_friction_slope_is_the_derivative_of_the_friction(robot):
+    motor = robot.motor
+
+    def friction(speed):
+        return motor.static_friction_n_m * math.tanh(speed / motor.friction_smoothing_rad_s) + (
+            motor.viscous_friction_n_m_s_rad * speed
+        )
+
+    for speed in (0.0, 0.3, -1.0, 2.0, 50.0):
+        step = 1e-5
+        slope = (friction(speed + step) - friction(speed - step)) / (2.0 * step)
+        assert friction_slope(speed, robot) == pytest.approx(slope, rel=1e-6)
 
 
 def test_step_figures_of_a_second_order_system():
@@ -324,3 +366,134 @@ def test_command_compares_gains_and_tells_what_is_unstable(tmp_path, capsys, exc
 def test_command_refuses_nonsense_with_one_sentence(arguments, capsys, tmp_path):
     assert tune.main([*arguments, '--output', str(tmp_path)]) == 1
     assert capsys.readouterr().err.splitlines()[-1].startswith('error: ')
+
+
+# every option changes what it should
+
+
+@pytest.fixture
+def studied(monkeypatch):
+    """Return the studies that the command made, none of which is computed."""
+    made = []
+
+    def run(self):
+        made.append(self)
+        return {}
+
+    monkeypatch.setattr(study.Study, 'run', run)
+    return made
+
+
+def test_options_of_the_load_and_the_bench_change_what_they_say(studied, robot, tmp_path, capsys):
+    pose = (0.1, 0.0, -0.8)
+    lines = [
+        [],
+        ['--axis', '2'],
+        ['--axis', '3'],
+        ['--pose', *map(str, pose)],
+        ['--payload', '2'],
+        ['--speed', '5'],
+        ['--amplitude', '0.5'],
+        ['--exchange-period', '125e-6'],
+        ['--program', 'packaging'],
+    ]
+    for line in lines:
+        assert tune.main([*line, '--output', str(tmp_path), '--json']) == 0
+    plain, second, third, posed, loaded, slow, small, exact, other = studied
+    for axis, own in enumerate((plain, second, third)):
+        assert own.operation.load == load_at(robot.motion.home_m, axis, robot)
+    at_pose = [load_at(pose, axis, robot) for axis in range(3)]
+    assert posed.operation.load == at_pose[0] != plain.operation.load
+    assert loaded.operation.load.inertia_kg_m2 > plain.operation.load.inertia_kg_m2
+    assert loaded.robot.dynamics.payload_mass_kg == 2.0
+    assert (plain.operation.speed_rad_s, slow.operation.speed_rad_s) == (10.0, 5.0)
+    assert (plain.operation.amplitude, small.operation.amplitude) == (1.0, 0.5)
+    assert (plain.robot.bus.exchange_period_s, exact.robot.bus.exchange_period_s) == (1e-3, 125e-6)
+    assert (plain.program_name, other.program_name) == (
+        'experiment 1, pick and place',
+        'packaging cycle 25/305/25 mm',
+    )
+    capsys.readouterr()
+
+
+def test_the_exchange_period_reaches_the_program_and_the_workspace(tmp_path):
+    found = []
+    for period_s in (None, 125e-6):
+        own = study.Study(study.Settings(exchange_period_s=period_s), tmp_path, 'test', silent)
+        variant = own.variant(own.robot, '')
+        exchanged = [loops[-1].margins.gain_margin_db for _, loops in variant.workspace]
+        found.append((variant.effect.tcp_error_max_m, exchanged))
+    errors_m, margins_db = zip(*found, strict=True)
+    assert errors_m[0] != errors_m[1]
+    assert errors_m == pytest.approx([errors_m[1]] * 2, abs=5e-6)  # 3 um apart (README)
+    assert np.max(np.subtract(margins_db[1], margins_db[0])) > 3.0  # exchanging costs margin with light loads
+
+
+def test_the_recording_of_the_axis_that_is_asked_for_is_evaluated(excited, robot, tmp_path, monkeypatch):
+    excited.save(tmp_path / 'trace.npz')
+    asked = []
+    monkeypatch.setattr(recorded, 'identify', lambda _trace, axis, *_: asked.append(axis) or [])
+    for axis in (1, 3):
+        settings_ = study.Settings(axis=axis, recording=str(tmp_path / 'trace.npz'))
+        study.Study(settings_, tmp_path, 'test', silent)._recorded()
+    assert asked == [1, 3]
+
+
+def excite(arguments, tmp_path, capsys):
+    path = tmp_path / 'scope.npz'
+    assert tune.main(['--excite', str(path), *arguments, '--json']) == 0
+    capsys.readouterr()
+    return Trace.load(path)
+
+
+def test_options_of_an_excitation_change_what_they_say(tmp_path, capsys):
+    plain = excite(['--speed', '5'], tmp_path, capsys)
+    second = excite(['--speed', '5', '--axis', '2', '--amplitude', '0.5'], tmp_path, capsys)
+    position = excite(['--speed', '5', '--place', 'position'], tmp_path, capsys)
+    noisy, other = (
+        excite(['--speed', '5', '--noise', '1', '--seed', seed], tmp_path, capsys) for seed in ('0', '1')
+    )
+    added = [np.sqrt(np.mean(trace['current_added'] ** 2, axis=0)) for trace in (plain, second)]
+    assert added[0][0] > 0.0
+    assert added[1][1] == pytest.approx(0.5 * added[0][0], rel=1e-6)
+    assert added[0][1:].tolist() == [0.0, 0.0]
+    assert added[1][[0, 2]].tolist() == [0.0, 0.0]
+    assert (plain.meta['axis'], second.meta['axis']) == (1, 2)
+    assert 'position_added' not in plain.signals
+    assert np.ptp(position['position_added'][:, 0]) > 0.0
+    spread = [float(np.std(trace['current'] - plain['current'])) for trace in (noisy, other)]
+    assert spread == pytest.approx([measurement.NOISE.current_a] * 2, rel=0.05)
+    assert noisy['current'].tobytes() != other['current'].tobytes()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--place', 'position'], '--place, --noise and --seed are for --excite'),
+        (['--noise', '1'], '--place, --noise and --seed are for --excite'),
+        (['--excite', 'x.npz', '--exchange-period', '1e-3'], 'it takes no --exchange-period'),
+        (['--excite', 'x.npz', '--set', 'K_Pvel=1'], 'it takes no --recording, --set or --sweep'),
+        (['--axis', '4'], 'invalid choice'),
+        (['--noise', '-1', '--excite', 'x.npz'], "'-1' must be a number between 0 and 1000"),
+        (['--seed', '-1', '--excite', 'x.npz'], "'-1' must be a whole number between 0"),
+    ],
+)
+def test_options_that_cannot_be_obeyed_are_refused_by_name(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as end:
+        tune.main(arguments)
+    assert end.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--payload', '10.5'], 'the payload is 10.5 kg, but must be between 0 and 10 kg'),
+        (['--speed', '20.1'], 'the speed of the bench is 20.1 rad/s, but must be between 0 and 20'),
+        (['--amplitude', '0'], 'the amplitude is 0, but must be between 0.001 and 100'),
+        (['--exchange-period', '2e-3'], 'bus.exchange_period_s is 0.002, but must be between'),
+    ],
+)
+def test_numbers_out_of_range_are_refused_with_the_limit(arguments, sentence, capsys, tmp_path):
+    assert tune.main([*arguments, '--output', str(tmp_path)]) == 1
+    assert sentence in capsys.readouterr().err

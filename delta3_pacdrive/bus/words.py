@@ -6,6 +6,8 @@ S-0-0134: Beckhoff). Only bits that something here sets or reads have a name.
 
 from enum import IntEnum, IntFlag
 
+from delta3_pacdrive import parameters
+
 
 class Phase(IntEnum):
     """SERCOS communication phases."""
@@ -102,7 +104,7 @@ def in_torque(status: int) -> bool:
     return status & READINESS_AND_ERROR == IN_TORQUE
 
 
-PAYLOAD_MAX_KG = 999.0
+PAYLOAD_MAX_KG = parameters.PAYLOAD_MAX_KG  # telegrams carry what the robot may carry
 
 
 def payload_on_grid(payload_kg: float) -> float:

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
 from delta3_pacdrive.cli.output import (
     INTERRUPTED,
     announce_compilation,
-    finite_number,
     guarded,
     parser_for,
 )
@@ -48,7 +48,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--known', metavar='SYMBOLS', default='', help='quantities to hold, such as m_fb')
     parser.add_argument(
         '--start-off',
-        type=finite_number,
+        type=number_within(-0.9, 9.0),
         metavar='SHARE',
         help='start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
     )
@@ -66,14 +66,17 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--noise',
-        type=finite_number,
+        type=NOISE,
         default=0.0,
         metavar='X',
         help='sensor noise of a simulated measurement, 1: typical',
     )
-    parser.add_argument('--seed', type=int, default=0, help='of the noise, and of --design')
+    parser.add_argument('--seed', type=SEED, default=0, help='of the noise, and of --design')
     parser.add_argument(
-        '--measurement', metavar='FILE', help='write the simulated measurement to this .npz or .csv file'
+        '--measurement',
+        type=trace_file,
+        metavar='FILE',
+        help='write the simulated measurement to this .npz or .csv file',
     )
     parser.add_argument(
         '--output', metavar='FOLDER', default='estimation', help='for report, tables, figures'
@@ -82,27 +85,82 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--resume', metavar='FOLDER', help='go on with the estimation that began in this folder'
     )
     parser.add_argument(
-        '--design', metavar='FILE', help='write an exciting program for the group to this file instead'
+        '--design',
+        type=program_file,
+        metavar='FILE',
+        help='write an exciting program for the group to this file instead',
     )
     parser.add_argument('--json', action='store_true', help='print the report as JSON')
     options = parser.parse_args(arguments)
     if options.resume and (options.inputs or options.design or options.measurement):
         parser.error('--resume goes on with the inputs of the folder: it takes no others')
-    if options.seed < 0:
-        parser.error(f'--seed is {options.seed}, but must not be negative')
-    if not 0.0 <= options.noise <= 1e3:
-        parser.error(f'--noise is {options.noise:g}, but must be between 0 and 1000')
-    if options.start_off is not None and not -0.9 <= options.start_off <= 9.0:
-        parser.error(f'--start-off is {options.start_off:g}, but must be between -0.9 and 9')
     return options
+
+
+def _refuse_ignored(options: argparse.Namespace) -> None:
+    """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
+    from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.estimation.session import is_trace
+
+    given = {
+        '--sampling': options.sampling != 'drive',
+        '--noise': options.noise != 0.0,
+        '--measurement': options.measurement is not None,
+        '--method': options.method != 'auto',
+        '--free': bool(options.free),
+        '--known': bool(options.known),
+        '--start-off': options.start_off is not None,
+        'INPUT': bool(options.inputs),
+        '--seed': options.seed != 0,
+    }
+    cases = [
+        (
+            any(is_trace(text) for text in options.inputs),
+            'the inputs are traces',
+            ('--sampling', '--noise', '--seed', '--measurement'),
+        ),
+        (
+            options.group == 'thesis' and not options.design,
+            'the group thesis has signals and quantities of its own',
+            ('--sampling', '--method', '--measurement', '--free', '--known'),
+        ),
+        (
+            options.group == 'geometry' and not options.design,
+            'the group geometry is measured once per bus cycle and has one model',
+            ('--sampling', '--method'),
+        ),
+        (
+            bool(options.design),
+            '--design only writes a program',
+            (
+                'INPUT',
+                '--sampling',
+                '--noise',
+                '--measurement',
+                '--method',
+                '--free',
+                '--known',
+                '--start-off',
+            ),
+        ),
+        (
+            bool(options.resume),
+            '--resume goes on with the settings of the folder',
+            ('--sampling', '--noise', '--seed', '--method', '--free', '--known', '--start-off'),
+        ),
+    ]
+    for holds, why, names in cases:
+        if holds and (ignored := [name for name in names if given[name]]):
+            raise EstimationError(f'{why}: {", ".join(ignored)} would change nothing')
 
 
 def _estimate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.errors import Delta3Error, EstimationError
     from delta3_pacdrive.estimation.session import Session, Settings
 
+    _refuse_ignored(options)
     announce_compilation()
     simulation.load_kernels(core.load(options.parameters))
     if options.design:
@@ -136,6 +194,8 @@ def _estimate(options: argparse.Namespace) -> int:
             where = f'after iteration {session.iterate.number}; {again} goes on from there'
         print(f'interrupted {where}', file=sys.stderr)
         return INTERRUPTED
+    except Delta3Error:
+        raise  # some of them are OSErrors too, and know the file that they mean
     except OSError as error:
         raise EstimationError(f'cannot write to {options.output}: {error.strerror or error}') from error
     if options.json:
@@ -219,7 +279,7 @@ def _print(document: dict[str, Any]) -> None:
         colour = 'white' if signal['white'] else f'correlated over {signal["lag"]} samples'
         print(
             f'{signal["signal"]:>20}  residuals {signal["rms"]:.3g} {signal["unit"]} rms, '
-            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}'
+            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}; intervals from {signal["intervals_from"]}'
         )
     if not document['solver']['converged']:
         print(f'{"note":>14}  {document["solver"]["message"]}')

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive.cli.option_types import SEED, number_within
 from delta3_pacdrive.cli.output import (
     INTERRUPTED,
     announce_compilation,
@@ -41,7 +42,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument('--robot', metavar='FILE', default='rich', help='parameter file of the robot')
     parser.add_argument(
-        '--seed', type=int, help="of the robot's sensor noise, instead of the one in its file"
+        '--seed', type=SEED, help="of the robot's sensor noise, instead of the one in its file"
     )
     parser.add_argument(
         '--no-attribution', action='store_true', help='do not look for what explains the difference'
@@ -50,17 +51,17 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--graph', action='store_true', help='run both as ROS nodes, recorded into bags in the folder'
     )
     parser.add_argument(
-        '--real-time-factor', type=float, default=0.0, metavar='F', help='of --graph: bus time over wall time'
-    )  # fmt: skip
+        '--real-time-factor',
+        type=number_within(0.0, 1000.0),
+        default=0.0,
+        metavar='F',
+        help='of --graph: bus time over wall time',
+    )
     parser.add_argument('--output', metavar='DIR', help='folder of the report; experiment_N if not given')
     parser.add_argument('--json', action='store_true', help='print the report as JSON')
     options = parser.parse_args(arguments)
-    if not 0.0 <= options.real_time_factor <= 1000.0:
-        parser.error(f'--real-time-factor is {options.real_time_factor}, but must be between 0 and 1000')
     if options.real_time_factor and not options.graph:
         parser.error('--real-time-factor is for --graph: without nodes there is no clock')
-    if options.seed is not None and not 0 <= options.seed < 2**31:
-        parser.error(f'--seed is {options.seed}, but must be between 0 and {2**31 - 1}')
     return options
 
 

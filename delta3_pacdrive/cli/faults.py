@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from delta3_pacdrive.cli.option_types import csv_file
 from delta3_pacdrive.cli.output import (
     INTERRUPTED,
     announce_compilation,
@@ -34,7 +35,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('fault', nargs='?', default='', help='the fault to inject')
     parser.add_argument('--short', action='store_true', help='run: a dozen faults in various states')
     parser.add_argument('--only', metavar='TEXT', help='run: only lines that hold this text')
-    parser.add_argument('--csv', metavar='FILE', type=Path, help='run: write the table to this file')
+    parser.add_argument('--csv', metavar='FILE', type=csv_file, help='run: write the table to this file')
     parser.add_argument('--logs', metavar='DIR', type=Path, help='run: keep the logs of the processes here')
     parser.add_argument('--namespace', default='/', help='inject: ROS namespace of the robot')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')

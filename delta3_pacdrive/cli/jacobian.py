@@ -53,7 +53,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         type=_error,
         action='append',
         metavar='NAME=M',
-        help=f'error [m] of a length, {", ".join(SYMBOLS)}; may be repeated; R_A=0.035 if none is given',
+        help=f'error [m] of a length, {", ".join(SYMBOLS)}, at most 0.1 m; may be repeated; R_A=0.035 if none is given',
     )
     parser.add_argument(
         '--pose',
@@ -69,7 +69,11 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument('--output', metavar='DIR', default='jacobian', help='for report, tables, figures')
     parser.add_argument('--json', action='store_true', help='print the report as JSON')
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    symbols = [symbol for symbol, _ in options.error or ()]
+    if twice := sorted({symbol for symbol in symbols if symbols.count(symbol) > 1}):
+        parser.error(f'--error {twice[0]} stands twice: a length has one error')
+    return options
 
 
 def _error(text: str) -> tuple[str, float]:

@@ -6,7 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from delta3_pacdrive.cli.option_types import number_within
 from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
+
+TIME = number_within(-1e9, 1e9, 's')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -18,9 +22,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         '--output', metavar='DIR', default='figures', help='folder for the pictures and their data'
     )
+    parser.add_argument(
+        '--from',
+        type=TIME,
+        metavar='S',
+        dest='from_s',
+        help='begin here: bus time [s] from the start of the (first) program, or of the bus if there is none',
+    )
+    parser.add_argument('--to', type=TIME, metavar='S', dest='to_s', help='end here, as --from')
+    parser.add_argument(
+        '--signals',
+        type=_signals,
+        metavar='NAMES',
+        help='draw and write these only, such as current,tcp_error: ' + ', '.join(SIGNALS | TRUE_SIGNALS),
+    )
     parser.add_argument('--json', action='store_true', help='print the names of the files as JSON')
     options = parser.parse_args(arguments)
+    if None not in (options.from_s, options.to_s) and options.from_s >= options.to_s:
+        parser.error(f'--from is {options.from_s:g}, but must be less than --to, {options.to_s:g}')
     return guarded(lambda: _plot(options), options.json)
+
+
+def _signals(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(',') if name.strip()]
+    for name in names:
+        if name not in SIGNALS | TRUE_SIGNALS:
+            raise argparse.ArgumentTypeError(
+                f'{name!r} is no signal, expected some of {", ".join(SIGNALS | TRUE_SIGNALS)}'
+            )
+    if not names:
+        raise argparse.ArgumentTypeError('it names no signal')
+    return list(dict.fromkeys(names))
 
 
 def _plot(options: argparse.Namespace) -> int:
@@ -28,20 +60,40 @@ def _plot(options: argparse.Namespace) -> int:
     from delta3_pacdrive.provenance import Provenance, digest
 
     trace, folder = recording.load(options.recording), Path(options.output)
+    period, starts = trace.meta.get('cycle_time_s'), trace.meta.get('starts', [])
+    if len(starts) > 1 and period:
+        told = ', '.join(f'{(start - trace.meta["start_cycle"]) * period:g}' for start in starts)
+        print(f'note: programs started at {told} s; --from and --to choose what is shown', file=sys.stderr)
+    windowed = options.from_s is not None or options.to_s is not None
+    if windowed:
+        trace = figures.windowed(trace, options.from_s, options.to_s)
     # what was recorded knows its parameters itself
     inputs = [f'{options.recording} {digest(Path(options.recording))}']
     origin = Provenance.of(options.command_line, inputs=inputs).lines()
     origin['parameters'] = str(trace.meta.get('checksum', 'unknown'))
-    paths = figures.draw(trace, folder, origin)
+    paths = figures.draw(trace, folder, origin, options.signals)
     trace.meta['plotted'] = origin
     paths.append(folder / 'signals.csv')
-    recording.save(trace, paths[-1])
+    recording.save(_written(trace, windowed, options.signals), paths[-1])
     files = [str(path) for path in paths]
     if options.json:
         print(json.dumps({'ok': True, 'files': files, 'provenance': origin}))
     else:
         print('\n'.join(files))
     return 0
+
+
+def _written(trace: Trace, windowed: bool, signals: Sequence[str] | None) -> Trace:
+    """Return what goes beside the pictures, in bus time: everything, or what was asked for."""
+    from delta3_pacdrive import figures
+
+    rows = slice(None)
+    if windowed:
+        first, last = (edge * trace.meta['cycle_time_s'] for edge in figures.shown_cycles(trace))
+        half = trace.meta['cycle_time_s'] / 2.0
+        rows = slice(*trace.time_s.searchsorted([first - half, last + half]).tolist())
+    chosen = {name: trace[name][rows] for name in signals or trace.signals}
+    return Trace(trace.time_s[rows], chosen, trace.meta)
 
 
 if __name__ == '__main__':

@@ -129,10 +129,16 @@ def _run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(result, options, bringup.robot, [f'{options.program} {digest(program)}'])
     else:
-        print(f'{result["program"]}: done, ready after {result["ready_s"]:.2f} s')
+        ending = 'done' if result['ok'] else 'not arrived'
+        print(f'{result["program"]}: {ending}, ready after {result["ready_s"]:.2f} s')
         print_figures(result)
         if missing := result.get('bag_missing'):
             print(f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them')
+        if cut := result.get('bag_cut'):
+            print(f'{options.bag}: {cut}')
+    if not result['ok']:
+        print(f'error: {result["error"]}', file=sys.stderr)
+        return 1
     return 0
 
 

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+from delta3_pacdrive.cli.option_types import trace_file
 from delta3_pacdrive.cli.output import (
     add_robot_options,
     announce_compilation,
@@ -21,14 +22,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         'simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.'
     )
     add_robot_options(parser)
-    parser.add_argument('--trace', metavar='FILE', help='write every signal to this .npz or .csv file')
+    parser.add_argument(
+        '--trace', type=trace_file, metavar='FILE', help='write every signal to this .npz or .csv file'
+    )
     options = parser.parse_args(arguments)
     return guarded(lambda: _simulate(options), options.json)
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from delta3_pacdrive import arrival, recording, simulation
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import recording, simulation
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import program as programs
     from delta3_pacdrive.provenance import Provenance, digest
@@ -47,9 +50,15 @@ def _simulate(options: argparse.Namespace) -> int:
         origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
         trace.meta['provenance'] = origin.lines()
         recording.save(trace, options.trace)
+    stopped, figures = trace.meta['stopped'], trace.meta['figures']
+    if stopped:
+        raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
+    ends = figures['final_tcp_m'], trace.meta['planned_end_m']
+    missed = arrival.why_not_arrived(*ends)
     cycles = len(trace.time_s)
     result = {
-        'ok': True,
+        'ok': missed is None,
+        **({} if missed is None else {'error': missed}),
         'program': program.name,
         **{key: trace.meta[key] for key in ('notices', 'program_s', 'repeat')},
         'cycles': cycles,
@@ -57,17 +66,17 @@ def _simulate(options: argparse.Namespace) -> int:
         'wall_time_s': wall,
         'overruns': 0,  # there is no clock
         'lost_telegrams': trace.meta['lost_telegrams'],
-        **trace.meta['figures'],
+        'end_error_m': arrival.end_error_m(*ends),
+        **figures,
     }
-    stopped = trace.meta['stopped']
-    if stopped:
-        raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
     if options.json:
         print_json(result, options, robot, inputs)
     else:
-        print(f'{program.name}: done')
+        print(f'{program.name}: {"done" if missed is None else "not arrived"}')
         print_figures(result)
-    return 0
+    if missed is not None:
+        print(f'error: {missed}', file=sys.stderr)
+    return 0 if missed is None else 1
 
 
 if __name__ == '__main__':

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive.cli.option_types import NOISE, SEED, trace_file
 from delta3_pacdrive.cli.output import (
     INTERRUPTED,
     add_parameter_options,
@@ -73,6 +74,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--excite',
+        type=trace_file,
         metavar='FILE',
         help='excite one axis of the simulated robot and write the trace of it instead',
     )
@@ -80,19 +82,17 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--place', choices=('current', 'position'), default='current', help='set point that --excite adds to'
     )
     parser.add_argument(
-        '--noise', type=finite_number, default=0.0, metavar='X', help='sensor noise of --excite, 1: typical'
+        '--noise', type=NOISE, default=0.0, metavar='X', help='sensor noise of --excite, 1: typical'
     )
-    parser.add_argument('--seed', type=int, default=0, help='of the noise')
+    parser.add_argument('--seed', type=SEED, default=0, help='of the noise')
     parser.add_argument('--output', metavar='FOLDER', default='tuning', help='for report, tables, figures')
     options = parser.parse_args(arguments)
     if options.excite and (options.recording or options.changes or options.sweep):
         parser.error('--excite only writes a recording: it takes no --recording, --set or --sweep')
-    if options.excite and Path(options.excite).suffix.lower() not in ('.npz', '.csv'):
-        parser.error(f'--excite is {options.excite}, but must end in .npz or .csv')
-    if options.seed < 0:
-        parser.error(f'--seed is {options.seed}, but must not be negative')
-    if not 0.0 <= options.noise <= 1e3:
-        parser.error(f'--noise is {options.noise:g}, but must be between 0 and 1000')
+    if options.excite and options.exchange_period is not None:
+        parser.error('--excite exchanges as often as the drives compute: it takes no --exchange-period')
+    if not options.excite and (options.place != 'current' or options.noise or options.seed):
+        parser.error('--place, --noise and --seed are for --excite')
     return options
 
 

@@ -167,6 +167,9 @@ def values_of(parameters: Parameters) -> dict[str, float]:
 def with_values(parameters: Parameters, values: Mapping[str, float]) -> Parameters:
     """Return parameters with other values of some quantities; raises EstimationError for what no robot can have."""
     changes: dict[str, Any] = {}
+    if 'F_s' in values:
+        # no robot breaks away below its F_s: a start or a step beyond the break-away torque takes that along
+        changes['rich__break_away_torque_n_m'] = max(parameters.rich.break_away_torque_n_m, values['F_s'])
     azimuth = list(parameters.kinematics.arm_azimuth_deg)
     for symbol, value in values.items():
         name, _, place = TABLE[symbol].parameter.partition('[')

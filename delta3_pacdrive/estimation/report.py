@@ -10,7 +10,7 @@ import numpy as np
 
 from delta3_pacdrive.estimation.identifiability import Verdict
 from delta3_pacdrive.estimation.quantities import COMBINATIONS, TABLE, values_of
-from delta3_pacdrive.estimation.solver import COLOURED
+from delta3_pacdrive.estimation.solver import COLOURED, quieter_than_sensors
 from delta3_pacdrive.estimation.thesis_setup import FACTORS, SYMBOLS, explanation
 from delta3_pacdrive.provenance import write_table
 
@@ -108,6 +108,9 @@ def fit_document(
                 'samples': list(array.shape),
                 'rms': white.rms,
                 'sensor_noise': block.sigma,
+                'intervals_from': 'sensor noise'
+                if quieter_than_sensors(white.rms, block.sigma)
+                else 'residuals',
                 'white': white.lag <= 1,
                 'first_lag_below': COLOURED,
                 'lag': white.lag,

@@ -168,9 +168,10 @@ class Session:
             Inputs cannot be read, or hold nothing that can be estimated.
 
         """
+        # inputs are read first: one that cannot be read leaves an earlier estimation as it is
+        origin = {'settings': asdict(self.settings), 'stamp': self._stamp(), 'command': self.command}
         if self.iterate is None:
             (self.folder / ITERATE).unlink(missing_ok=True)
-        origin = {'settings': asdict(self.settings), 'stamp': self._stamp(), 'command': self.command}
         write_json(origin, self.folder / SETTINGS)
         if self.settings.group == THESIS:
             return self._run_thesis()

@@ -29,6 +29,8 @@ BLOCK_PER_LAG = (
     6  # length of a block of residuals that is independent of its neighbours, in correlation lengths
 )
 BLOCKS_MIN = 12
+FAR = 0.5  # relative way from the start of a quantity that starts a second time
+QUIET = 0.7  # of the sensors' noise: residuals below it show something else
 
 
 @dataclass(frozen=True)
@@ -124,12 +126,38 @@ def fit(
     start, so that the others reach every sum that can be seen. After each round signals are weighted by their own
     residuals. ``on_iterate`` is called with every accepted iterate.
 
+    Quantities that went far may have gone into a side valley: they start a second time, beside what the others have
+    found, and the better solution counts.
+
     Raises
     ------
     EstimationError
         Signals show none of the quantities, or residuals are not finite.
 
     """
+    start = np.asarray(start, dtype=np.float64)
+    found = _fit_once(problem, start, on_iterate, resume)
+    far = np.abs(found.x - start) > FAR * np.maximum(np.abs(start), problem.scales)
+    if not far.any() or far.all():
+        return found
+    again = Iterate(found.iterations, np.where(far, start, found.x), found.cost)
+    other = _fit_once(problem, start, on_iterate, again)
+    return other if _misfit(other) < _misfit(found) else found
+
+
+def _misfit(found: Fit) -> float:
+    """Negative logarithm of the likelihood of signals whose noise is what their residuals are."""
+    return float(sum(array.size * np.log(max(w.rms, 1e-300))
+                     for array, w in zip(found.residuals, found.whiteness, strict=True)))  # fmt: skip
+
+
+def _fit_once(
+    problem: Problem,
+    start: Floats,
+    on_iterate: OnIterate | None,
+    resume: Iterate | None,
+) -> Fit:
+    """Estimate from one start, or from an iterate."""
     x = np.array(start if resume is None else resume.x, dtype=np.float64)
     sigmas = [block.sigma for block in problem.blocks]
     report = analyse(problem, x)
@@ -245,6 +273,11 @@ def whiteness_of(residuals: Floats) -> Whiteness:
     )
 
 
+def quieter_than_sensors(rms: float, sensor_noise: float) -> bool:
+    """Whether residuals are too small to be noise of the sensors."""
+    return rms < QUIET * sensor_noise
+
+
 def _covariance(
     problem: Problem,
     x: Floats,
@@ -257,6 +290,8 @@ def _covariance(
 
     (J'J)^-1 (sum over blocks of time s s') (J'J)^-1, s being the sum of jacobian times residual within a block that
     is longer than the residuals' memory: right for coloured and uneven noise as well (White; Liang and Zeger).
+    Residuals that are smaller than any sensor's noise are no sample of what may be off: they are the errors of the
+    model and of the encoders' increments, alike in every part of a trace. In their place the sensors' noise counts.
     """
     jacobian = problem.jacobian(x, columns)
     count = len(columns)
@@ -265,8 +300,13 @@ def _covariance(
     for slopes, errors, sigma, white, block in zip(
         jacobian, residuals, sigmas, whiteness, problem.blocks, strict=True
     ):
+        product = np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
+        normal += product
+        if quieter_than_sensors(white.rms, block.sigma):
+            middle += product * (block.sigma / sigma) ** 2
+            blocks += len(errors)
+            continue
         scores = slopes * errors[..., None] / sigma**2
-        normal += np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
         memory = max(white.lag if white.lag > 1 else 0, round(block.memory_s / block.period_s))
         length = BLOCK_PER_LAG * memory
         length = max(1, min(length, len(errors) // BLOCKS_MIN))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 REPORT = 'report.json'
 # the one length whose error, by itself, comes closest to the thesis' 10 %, 5 %, 10 % of the peak velocities
 ERRORS_M = {'R_A': 0.035}
+ERROR_MAX_M = 0.1  # beyond that it is another robot, or millimetres were meant
 STEPS = 3  # of the progress per trajectory; and two for the workspace
 
 
@@ -99,6 +100,11 @@ def run(settings: Settings, folder: Path, command: str, on_progress: OnProgress)
     robot = core.load(settings.parameters)
     if not settings.errors:
         raise ParameterError('the inexact lengths need at least one error')
+    for symbol, error in settings.errors.items():
+        if not abs(error) <= ERROR_MAX_M:
+            raise ParameterError(
+                f'the error of {symbol} is {error:g} m, but must be between {-ERROR_MAX_M:g} and {ERROR_MAX_M:g} m'
+            )
     wrong = inexact(robot.kinematics, settings.errors)
     steps = STEPS * len(settings.inputs) + 2
     trials: list[Trial] = []

@@ -18,6 +18,7 @@ from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.master import PHASE_COLUMNS, master_at, sample_master, slowest
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 
 VERSION = 2
 # version, number of the move, number of moves, kind, phases, segments, events, acceleration and jerk of stops, payload
@@ -42,7 +43,8 @@ MOVE = np.dtype(
     ],
     align=True,
 )
-EVENT_COLUMNS = 4  # distance [m], number of the output, its value, payload from there on [kg] (-1: as it is)
+UNCHANGED = -1.0  # instead of a payload [kg]: it stays as it is
+EVENT_COLUMNS = 4  # distance [m], number of the output, its value, payload from there on [kg], or UNCHANGED
 
 
 class MoveKind(IntEnum):
@@ -172,6 +174,12 @@ class Move:
         if not jumps <= CONTINUOUS:
             raise ProgramError(f'{what}: its path jumps by {jumps:.3g} m')
         places, bits = self.events[:, 0], self.events[:, 1]
+        payloads = [self.payload_kg, *self.events[self.events[:, 3] != UNCHANGED, 3].tolist()]
+        for payload in payloads:
+            if not 0.0 <= payload <= PAYLOAD_MAX_KG:
+                raise ProgramError(
+                    f'{what}: a payload is {payload:g} kg, but must be between 0 and {PAYLOAD_MAX_KG:g}'
+                )
         if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(OUTPUTS)).any():
             raise ProgramError(f'{what}: its events are out of order, or for an unknown output')
 
@@ -236,6 +244,10 @@ class Plan:
     def start_m(self) -> Floats:
         """Point at which the plan begins, shape (3,)."""
         return self.move(0).start_m()
+
+    def end_m(self) -> Floats:
+        """Point at which the plan ends, shape (3,)."""
+        return self.move(len(self) - 1).end_m()
 
 
 class _Rows:

@@ -22,7 +22,7 @@ from rclpy.validate_namespace import validate_namespace
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from delta3_pacdrive import interrupts, recording, simulation
+from delta3_pacdrive import arrival, interrupts, recording, simulation
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bus.silence import BOUND_S
 from delta3_pacdrive.errors import ParameterError, RunError, RunInterruptedError
@@ -124,6 +124,7 @@ class Bringup:
                 self._stop()
         if self._options.bag:
             result['bag_missing'] = sum(recording.missing(self._options.bag).values())
+            result['bag_cut'] = recording.cut(self._options.bag)
         return result
 
     def _start_processes(self, logs: Path) -> None:
@@ -252,7 +253,7 @@ class Bringup:
         self._process.spin_for(seconds)
         if self._interrupted and (self._program is not None or not self.ready_s):
             raise RunInterruptedError('interrupted')
-        for child in self._children:
+        for child in list(self._children):
             # who ends all processes at once, as a service manager does, wants none of them back
             if child.poll() is not None and not self._interrupted:
                 self._replace(child)
@@ -281,9 +282,13 @@ class Bringup:
         """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
         sentence = f'{child.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
         now = time.monotonic()
+        if child.name == 'recorder':
+            self._children.remove(child)
+            self.notes.append(f'{sentence}; nothing is recorded any more, the robot goes on')
+            return
         self._restarted = [then for then in self._restarted if now - then < RESTARTS_S]
         if child.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:
-            if child.name not in ('robot', 'transformation_task', 'recorder', 'unit_robot'):
+            if child.name not in ('robot', 'transformation_task', 'unit_robot'):
                 self._await_standstill()
             raise RunError(sentence)
         self._restarted.append(now)
@@ -324,8 +329,12 @@ class Bringup:
         progress = self._monitor.progress
         figures = progress.get('figures', {})
         statistics = ('refused_telegrams', 'slip_s', 'lateness_ms', 'mdt_to_last_at_ms', 'outstanding')
+        missed = None
+        if self._planned and 'final_tcp_m' in figures:
+            missed = arrival.why_not_arrived(figures['final_tcp_m'], self._planned.plan.end_m().tolist())
         return {
-            'ok': True,
+            'ok': missed is None,
+            **({'error': missed} if missed else {}),
             'program': self._planned.name if self._planned else '',
             'notices': [*(self._planned.notices if self._planned else ()), *self.notes],
             'program_s': self._planned.plan.duration_s if self._planned else 0.0,

@@ -1,10 +1,12 @@
-"""Recorder: the raw serialised messages of a robot's topics into a rosbag2 folder (MCAP)."""
+"""Recorder: the raw serialised messages of a robot's topics into a rosbag2 folder (MCAP).
+
+Out: ``recorder/state``, latched: ``recording``, or ``stopped: ...`` with the reason. A recorder that cannot write any
+more, for want of space, says so and goes on living: it never stops a machine.
+"""
 
 import json
-import struct
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +15,12 @@ from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.rosbag2.errors import WriterError
-from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import parameters as core
+from delta3_pacdrive.bag_writer import FLUSH_S, METADATA_KEY, BagWriter
+from delta3_pacdrive.bus.completeness import Completeness
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.time import NANOSECONDS
 from delta3_pacdrive.bus.words import Phase
@@ -40,10 +33,7 @@ from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descr
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: all that was published has arrived
-CUSTOM_DATA_KEY = 'delta3_pacdrive'
 PHASE = 'sercos/phase'
-_STAMP = struct.Struct('<iI')
-_INFINITE = QosTime(9223372036, 854775807)
 
 CYCLIC: dict[str, type] = {
     'sercos/mdt': JointState,
@@ -71,38 +61,6 @@ OTHER: dict[str, tuple[type, QoSProfile]] = {
 }
 
 
-class _Completeness:
-    """Counts the messages of a cyclic topic, and those that its stamps say are missing.
-
-    ``starts`` are the bus times [ns] at which cyclic operation began: nothing is missing before them.
-    """
-
-    def __init__(self, period_ns: int, starts: set[int]) -> None:
-        self._period_ns = period_ns
-        self._starts = starts
-        self._last_ns = -period_ns
-        self._gaps: dict[int, int] = {}  # messages missing before a stamp
-        self.heard = False  # before cyclic operation
-        self.messages = 0
-
-    def count(self, data: bytes) -> None:
-        sec, nanosec = _STAMP.unpack_from(data, 4)
-        if sec < 0:
-            self.heard = True
-            return
-        now_ns = sec * NANOSECONDS + nanosec
-        self.messages += 1
-        gap = (now_ns - self._last_ns) // self._period_ns - 1
-        if gap > 0:
-            self._gaps[now_ns] = gap
-        self._last_ns = max(self._last_ns, now_ns)
-
-    @property
-    def lost(self) -> int:
-        """Messages that are missing."""
-        return sum(gap for stamp, gap in self._gaps.items() if stamp not in self._starts)
-
-
 class RecorderNode(PollingNode):
     """Writes a bag until it is destroyed."""
 
@@ -113,41 +71,40 @@ class RecorderNode(PollingNode):
         parameters = declare_robot(self)
         if not folder:
             raise RunError('the recorder needs a folder: parameter bag')
-        self._writer = open_writer(Path(folder))
-        self._typestore = get_typestore(Stores.ROS2_JAZZY)
-        self._meta = {
+        self._meta: dict[str, Any] = {
             'program': program,
             'checksum': parameters.checksum,
             'gear_ratio': parameters.dynamics.gear_ratio,
             'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
             'cycle_time_s': parameters.bus.cycle_time_s,
             'exchange_period_s': parameters.bus.exchange_period_s,
-            'start_cycle': parameters.motion.start_cycle,
         }
-        self._completeness: dict[str, _Completeness] = {}
+        self._writer = BagWriter(Path(folder), {METADATA_KEY: json.dumps(self._meta)}, self._about)
+        self._completeness: dict[str, Completeness] = {}
         self._starts: set[int] = set()
         self._drains: list[Callable[[], None]] = []
         cycle_ns = round(parameters.bus.cycle_time_s * 1e9)
         exchange_ns = round(parameters.bus.exchange_period_s * 1e9)
         for topic, message_type in CYCLIC.items():
             of_exchange = topic.endswith(('motor_current', 'motor_shafts'))
-            self._completeness[topic] = _Completeness(exchange_ns if of_exchange else cycle_ns, self._starts)
+            self._completeness[topic] = Completeness(exchange_ns if of_exchange else cycle_ns, self._starts)
             self._subscribe(topic, message_type, RECORDER, self._completeness[topic].count)
         for topic, (message_type, qos) in OTHER.items():
             self._subscribe(topic, message_type, qos, self._note_start if topic == PHASE else None)
         self._state = self.create_publisher(String, 'recorder/state', LATCHED)
-        self._ready = False
+        self._ready = self._said_stopped = False
         self._newest_ns = 0  # when the newest cyclic message was published
+        self._writer.begin()
         self.create_timer(DRAIN_S, self._drain)
+        self.create_timer(FLUSH_S, self._flush)
 
     def _subscribe(
         self, topic: str, message_type: type, qos: QoSProfile, count: Callable[[bytes], None] | None
     ) -> None:
         resolved = self.resolve_topic_name(topic)
         name = f'{message_type.__module__.split(".")[0]}/msg/{message_type.__name__}'
-        connection = self._writer.add_connection(
-            resolved, name, typestore=self._typestore, offered_qos_profiles=[_bag_qos(qos)]
-        )
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        connection = self._writer.add_topic(resolved, name, qos.depth, latched)
         take = self.create_polled_subscription(message_type, topic, qos)
         write = self._writer.write
 
@@ -155,7 +112,8 @@ class RecorderNode(PollingNode):
             while (taken := take()) is not None:
                 data, info = taken
                 write(connection, info['received_timestamp'], data)
-                if count is not None:
+                # what comes after a full disk is not recorded, and is not missing from what is
+                if count is not None and not self._writer.stopped:
                     count(data)
                 self._newest_ns = max(self._newest_ns, info['source_timestamp'])
 
@@ -171,6 +129,10 @@ class RecorderNode(PollingNode):
             drain()
         self._announce()
 
+    def _flush(self) -> None:
+        self._writer.flush()
+        self._announce()
+
     def _catch_up(self) -> None:
         """Take what had been published when this was called, of a robot that goes on or has ended."""
         now_ns, heard = time.time_ns(), time.monotonic()
@@ -182,60 +144,72 @@ class RecorderNode(PollingNode):
                 heard = time.monotonic()
 
     def _announce(self) -> None:
-        """Say once that every cyclic topic has been heard: what is published from now on is recorded."""
+        """Say once that every cyclic topic has been heard, and once that nothing is written any more."""
+        if self._writer.stopped:
+            if not self._said_stopped:
+                self._said_stopped = self._ready = True
+                self._state.publish(String(data=f'stopped: {self._writer.stopped}'))
+                self.get_logger().error(
+                    f'stopped recording into {self._writer.path}: {self._writer.stopped}; '
+                    f'{self._writer.messages} messages until then are kept, the robot goes on'
+                )
+            return
         if not self._ready and all(item.heard or item.messages for item in self._completeness.values()):
             self._ready = True
             self._state.publish(String(data='recording'))
             self.get_logger().info(f'recording {len(CYCLIC) + len(OTHER)} topics into {self._writer.path}')
 
+    @property
+    def stopped(self) -> str:
+        """Why nothing is written any more; '' while it is."""
+        return self._writer.stopped
+
     def completeness(self) -> dict[str, tuple[int, int]]:
         """Messages and missing messages by cyclic topic."""
         return {topic: (item.messages, item.lost) for topic, item in self._completeness.items()}
 
+    def _lost(self) -> dict[str, int]:
+        """Missing messages of the cyclic topics that lack some."""
+        return {topic: gone for topic, (_, gone) in self.completeness().items() if gone}
+
+    def _about(self, stopped: str) -> dict[str, str]:
+        """Return what the metadata says of a bag that ends now."""
+        found = self._meta | {'lost': self._lost()} | ({'stopped': stopped} if stopped else {})
+        return {METADATA_KEY: json.dumps(found)}
+
     def destroy_node(self) -> None:
         """Close the bag; what is written is complete and readable."""
         self._catch_up()
-        counts = self.completeness()
-        lost = {topic: gone for topic, (_, gone) in counts.items() if gone}
-        self._writer.set_custom_data(CUSTOM_DATA_KEY, json.dumps(self._meta | {'lost': lost}))
-        self._writer.close()
-        total = sum(messages for messages, _ in counts.values())
-        self.get_logger().info(
-            f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}'
-        )
+        self._writer.close(self._about(self._writer.stopped))
+        self._announce()
+        if not self._writer.stopped:
+            counts = self.completeness()
+            total, lost = sum(messages for messages, _ in counts.values()), self._lost()
+            self.get_logger().info(
+                f'{total} cyclic messages in {self._writer.path}, {sum(lost.values())} missing {lost or ""}'
+            )
         super().destroy_node()
 
 
-def open_writer(folder: Path) -> Writer:
-    """Open a new bag; raises RunError if the folder exists or cannot be made."""
-    try:
-        writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        writer.open()
-    except WriterError as error:
-        raise RunError(f'cannot record into {folder}: {str(error).rstrip(".")}') from error
-    except OSError as error:
-        raise RunError(f'cannot record into {folder}: {error.strerror}') from error
-    return writer
-
-
-def _bag_qos(qos: QoSProfile) -> Qos:
-    latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=qos.depth,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=_INFINITE,
-        lifespan=_INFINITE,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_INFINITE,
-        avoid_ros_namespace_conventions=False,
-    )
-
-
 def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
-    """Be a process that records a robot into a new folder until it is interrupted; return the exit status."""
+    """Be a process that records a robot into a new folder until it is interrupted; return the exit status.
+
+    Raises
+    ------
+    RunError
+        The recording ended before that, for want of space.
+
+    """
     flat = core.flatten(robot) | {'bag': str(folder)}
     overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
     discovery.keep_to_this_machine()
-    return runtime.run([partial(RecorderNode, namespace=namespace, parameter_overrides=overrides)], [])
+    made: list[RecorderNode] = []
+
+    def recorder() -> RecorderNode:
+        made.append(RecorderNode(namespace=namespace, parameter_overrides=overrides))
+        return made[0]
+
+    status = runtime.run([recorder], [])
+    if made and made[0].stopped:
+        raise RunError(f'the recording into {folder} ended before the robot did: {made[0].stopped}')
+    return status

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 REPORT = 'report.json'
 TABLE_POINTS = 300  # of a linear curve whose margins alone are of interest
 SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the travel
-PAYLOAD_MAX_KG = 20.0
 
 
 @dataclass(frozen=True)
@@ -264,9 +263,9 @@ def robot_of(chosen: Settings) -> Parameters:
     if chosen.exchange_period_s is not None:
         robot = robot.replace(bus__exchange_period_s=chosen.exchange_period_s)
     if chosen.payload_kg is not None:
-        if not 0.0 <= chosen.payload_kg <= PAYLOAD_MAX_KG:
+        if not 0.0 <= chosen.payload_kg <= core.PAYLOAD_MAX_KG:
             raise TuningError(
-                f'the payload is {chosen.payload_kg:g} kg, but must be between 0 and {PAYLOAD_MAX_KG:g} kg'
+                f'the payload is {chosen.payload_kg:g} kg, but must be between 0 and {core.PAYLOAD_MAX_KG:g} kg'
             )
         robot = robot.replace(dynamics__payload_mass_kg=chosen.payload_kg)
     if not 0.0 <= chosen.speed_rad_s <= SPEED_MAX_RAD_S:

@@ -1,0 +1,65 @@
+"""Types of options: each takes what the command can obey, and refuses anything else with its limit."""
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+
+def number_within(low: float, high: float, unit: str = '') -> Callable[[str], float]:
+    """Return the type of an option that is a number from ``low`` to ``high``."""
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(
+                f'{text!r} must be a number between {low:g} and {high:g} {unit}'.rstrip()
+            )
+        return value
+
+    return number
+
+
+def integer_within(low: int, high: int) -> Callable[[str], int]:
+    """Return the type of an option that is a whole number from ``low`` to ``high``."""
+
+    def integer(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r} must be a whole number between {low} and {high}')
+        return value
+
+    return integer
+
+
+def trace_file(text: str) -> str:
+    """Take the name of a trace to be written: its ending says how."""
+    from delta3_pacdrive.recording import suffix_refusal
+
+    if refusal := suffix_refusal(text):
+        raise argparse.ArgumentTypeError(f'cannot write {text}: {refusal}')
+    return text
+
+
+def csv_file(text: str) -> Path:
+    """Take the name of a table to be written."""
+    if Path(text).suffix.lower() != '.csv':
+        raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a table must end in .csv')
+    return Path(text)
+
+
+def program_file(text: str) -> str:
+    """Take the name of a program file to be written."""
+    if Path(text).suffix.lower() not in ('.yaml', '.yml'):
+        raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a program must end in .yaml')
+    return text
+
+
+SEED = integer_within(0, 2**31 - 1)
+NOISE = number_within(0.0, 1e3)
