@@ -282,7 +282,7 @@ class Bringup:
         """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
         sentence = f'{child.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
         now = time.monotonic()
-        if child.name == 'recorder':
+        if child.name == 'recorder' and self.ready_s:
             self._children.remove(child)
             self.notes.append(f'{sentence}; nothing is recorded any more, the robot goes on')
             return

@@ -31,7 +31,7 @@ from delta3_pacdrive.drive.diagnostics import (
 )
 from delta3_pacdrive.drive.idn import Register
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.errors import ParameterError, TelegramError
 from delta3_pacdrive.injection import MDT_FAULTS, change_drive
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.drive_parameters import WRITABLE, DriveParameters
@@ -57,7 +57,9 @@ class MC4DriveNode(RobotNode):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('mc4_drive', **node_options)
-        number = declare(self, 'axis', 1, descriptor('number of the axis', 1, 3, int))
+        number = declare(self, 'axis', 0, descriptor('number of the axis, 1 to 3', 0, len(DRIVES), int))
+        if not number:
+            raise ParameterError(f'{self.get_fully_qualified_name()} needs the parameter axis: 1, 2 or 3')
         parameters = declare_robot(self, frozenset(WRITABLE))
         bus = parameters.bus
         self._index = number - 1

@@ -130,7 +130,9 @@ class Graph:
         """Create a node; keywords are parameters, dots written as double underscores."""
         given = [Parameter(key.replace('__', '.'), value=value) for key, value in overrides.items()]
         names = {}
-        if 'axis' in overrides:
+        if kind is MC4DriveNode:
+            overrides = {'axis': 1} | overrides
+            given = [Parameter(key.replace('__', '.'), value=value) for key, value in overrides.items()]
             names = {'cli_args': ['--ros-args', '-r', f'__node:=mc4_drive_{overrides["axis"]}']}
         node = kind(*arguments, context=self.context, parameter_overrides=given, **names)
         self.nodes.append(node)

@@ -7,8 +7,32 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from rosbags.highlevel import AnyReader
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+
+README = Path(__file__).parents[2] / 'README.md'
+
+
+def test_the_moves_of_the_readme_run_as_they_stand(
+    start_delta3: Callable, delta3: Runner, nothing_left_behind: None
+) -> None:
+    block = README.read_text().split('### Moves')[1].split('```sh\n')[1].split('```')[0]
+    lines = [line.partition('  #')[0].strip() for line in block.splitlines()]
+    assert lines[0] == 'delta3 up &'
+    process = start_delta3('up')
+    try:
+        for line in lines[1:]:
+            for command in line.split(' && '):
+                program, *arguments = command.split()
+                assert program == 'delta3'
+                done = delta3(*arguments)
+                assert done.returncode == 0, f'{command}: {done.stdout}{done.stderr}'
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 0, errors
 
 
 @pytest.fixture
@@ -63,6 +87,107 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
         1,
         'error: the robot is idle: only a stopped program can be resumed\n',
     )
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
+    number: signal.Signals, robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
+) -> None:
+    client = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
+    assert client.stdout.readline().startswith('planned')
+    assert client.stdout.readline().startswith('started')
+    client.send_signal(number)
+    output, errors = client.communicate(timeout=20.0)
+    if number != signal.SIGKILL:
+        assert client.returncode == 128 + number
+        assert 'stops from bus cycle' in output
+        assert len(errors.splitlines()) == 1
+    state = json.loads(delta3('move', 'state', '--json').stdout)
+    while state['state'] in ('moving', 'stopping'):
+        state = json.loads(delta3('move', 'state', '--json').stdout)
+    assert state['state'] == 'stopped'
+    assert 0.0 < state['tcp_m'][0] < 0.1
+    assert state['operator'] == ''
+    assert delta3('move', 'abort').returncode == 0
+
+
+def test_a_client_that_detaches_leaves_the_robot_moving(robot: subprocess.Popen, delta3: Runner) -> None:
+    assert delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005', '--detach').returncode == 0
+    states = [json.loads(delta3('move', 'state', '--json').stdout) for _ in range(3)]
+    assert [state['state'] for state in states] == ['moving'] * 3
+    assert states[0]['tcp_m'][0] < states[2]['tcp_m'][0]
+
+
+def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over(
+    robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
+) -> None:
+    first = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
+    assert first.stdout.readline().startswith('planned')
+    assert first.stdout.readline().startswith('started')
+    refused = delta3('move', 'override', '50')
+    assert refused.returncode == 1
+    assert refused.stderr.startswith(f'error: delta3 move l, process {first.pid} on ')
+    assert delta3('move', 'override', '50', '--take-over').returncode == 0
+    _, errors = first.communicate(timeout=20.0)
+    assert first.returncode == 1
+    assert 'this command does not watch the motion any more' in errors
+    assert json.loads(delta3('move', 'state', '--json').stdout)['state'] == 'moving'
+
+
+def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Runner, tmp_path: Path) -> None:
+    program = tmp_path / 'line.yaml'
+    program.write_text('moves: [{move_l: {to_m: [0.1, 0, -0.75], speed_m_s: 1.0}}]')
+    freely = delta3('move', 'program', program, '--queue').stdout
+    assert delta3('move', 'clear').returncode == 0
+    capped = delta3('move', 'program', program, '--queue', '--speed', '0.1', '--acceleration', '1').stdout
+    times = [float(text.split(' moves, ')[1].split(' s')[0]) for text in (freely, capped)]
+    assert times[0] < 0.5
+    assert times[1] > 1.0
+    assert delta3('move', 'clear').returncode == 0
+    blended = delta3('move', 'l', '0.1', '0', '-0.8', '--blend', '0.02', '--queue')
+    assert 'blend_m waits for a move that follows' in blended.stdout
+    exact = delta3('move', 'l', '0.1', '0.1', '-0.8', '--queue').stdout
+    assert exact.startswith('planned "program": 1 moves')  # both are one move now
+    assert delta3('move', 'clear').returncode == 0
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['program', 'packaging', '--blend', '0.1'],
+        ['program', 'packaging', '--strict'],
+        ['hold', '--speed', '1'],
+        ['state', '--detach'],
+        ['abort', '--take-over'],
+        ['override', '50', '--queue'],
+    ],
+)
+def test_options_that_an_action_does_not_obey_are_refused_by_name(
+    arguments: list[str], delta3: Runner, nothing_left_behind: None
+) -> None:
+    done = delta3('move', *arguments)
+    option = next(word for word in arguments if word.startswith('--'))
+    assert (done.returncode, done.stderr) == (1, f'error: move {arguments[0]} does not take {option}\n')
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_robot_that_is_ended_brakes_first(
+    number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    process = start_delta3('up', '--bag', tmp_path / 'bag')
+    assert delta3('move', 'wait').returncode == 0
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 0, errors
+    with AnyReader([tmp_path / 'bag']) as reader:
+        connections = [c for c in reader.connections if c.topic == '/axis1/motor_current']
+        frames = [
+            reader.deserialize(data, connection.msgtype).header.frame_id
+            for connection, _, data in reader.messages(connections)
+        ]
+    brakes = [frame.split()[0] for frame in frames]
+    assert 'free' in brakes
+    assert brakes[-1] == 'held'
 
 
 @pytest.mark.parametrize(
