@@ -28,7 +28,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.nodes import discovery, runtime
 from delta3_pacdrive.nodes.fault_desk import SCHEDULE
 from delta3_pacdrive.nodes.polling import PollingNode
-from delta3_pacdrive.nodes.qos import FAULTS, LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER
+from delta3_pacdrive.nodes.qos import FAULTS, LATCHED, LATCHED_FROM_MANY, PLAN, RECORDER, REQUEST
 from delta3_pacdrive.nodes.robot_parameters import declare, declare_robot, descriptor
 
 DRAIN_S = 0.02
@@ -53,10 +53,14 @@ OTHER: dict[str, tuple[type, QoSProfile]] = {
     'motion/progress': (String, RECORDER),
     'motion/course': (Float64MultiArray, LATCHED),
     'motion/state': (String, LATCHED),
+    'motion/status': (String, LATCHED),
+    'motion/verdict': (String, REQUEST),
+    'control/operator': (String, LATCHED),
     'outputs': (JointState, LATCHED),
     PHASE: (Header, LATCHED),
     'sercos/participants': (DiagnosticStatus, LATCHED_FROM_MANY),
     'unit_robot/answer': (String, LATCHED),
+    'unit_robot/queue': (String, LATCHED),
     SCHEDULE: (String, FAULTS),
 }
 

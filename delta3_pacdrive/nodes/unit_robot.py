@@ -313,6 +313,8 @@ class UnitRobotNode(PollingNode):
             )
         if request.receiver != self._identity:
             self._replies.publish(String(data=refuse_recording(request).to_json()))
+            self._told_queue = ''  # who asks may have heard the queue of another planner
+            self._tell_queue()
             raise TelegramError(f'a request to {shown(request.receiver)}, which is not this planner')
         if self._heard.is_new(request.operator, request.number):
             self._ask(request)

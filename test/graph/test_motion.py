@@ -328,6 +328,18 @@ def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> No
     cell.wait_for('idle')
 
 
+def test_a_path_whose_pose_turns_the_plate_is_refused(cell: Cell) -> None:
+    publisher = cell.graph.listener.create_publisher(Path, 'unit_robot/move_sb', REQUEST)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the planner')
+    turned = Path(poses=[PoseStamped()])
+    turned.header.frame_id = 'base'
+    turned.poses[0].pose.position.z = -0.8
+    turned.poses[0].pose.orientation.x = 0.1
+    publisher.publish(turned)
+    cell.graph.spin_until(lambda: cell.answers, 'the answer')
+    assert cell.answers[-1].data == 'refused: poses[0] has an orientation, but the plate does not turn'
+
+
 def test_progress_tells_state_move_master_and_remaining_time(cell: Cell) -> None:
     texts = cell.graph.listen(String, 'motion/progress')
     cell.start(LONG)

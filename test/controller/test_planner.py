@@ -1,0 +1,417 @@
+"""Facts about the planner: whom it believes, what it answers and when, and what it does when nobody answers it."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from delta3_pacdrive.controller.messages import Request, Status, Verdict
+from delta3_pacdrive.controller.planner import (
+    LEAD_CYCLES,
+    LEAD_CYCLES_MAX,
+    MASTER_SILENT_S,
+    NEWS_S,
+    VERDICT_S,
+    WAITING_MAX,
+    Cancelled,
+    Changed,
+    Mirrored,
+    Ordered,
+    Planner,
+    Replied,
+    Revoked,
+    Working,
+)
+from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
+from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.motion.timeline import Course, Timeline
+
+LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.2}}]'
+HOME = (0.0, 0.0, -0.75)
+ME = 'a1b2c3d4'
+
+
+class Desk:
+    """A planner, and what a test says to it."""
+
+    def __init__(self, robot: Any) -> None:
+        self.robot = robot
+        self.cycle = 1000
+        self.planner = Planner(robot, ME, None, lambda: self.cycle)
+        self.now_s = 0.0
+        self.told = Status('5e55', '', 0, ME, 'idle', 'CP4', '', '', 1, HOME, 0, '', '', 0, 0, 0, 1000)
+        self.number = 0
+        self.say()
+
+    def say(self, **facts: Any) -> bool:
+        """Tell a status that is newer than the last."""
+        self.told = replace(self.told, serial=self.told.serial + 1, **facts)
+        return self.planner.hear_status(self.told, self.now_s)
+
+    def do(self, kind: type) -> Any:
+        """Take the only action of a kind."""
+        (action,) = [action for action in self.planner.actions if isinstance(action, kind)]
+        self.planner.actions = [other for other in self.planner.actions if other is not action]
+        return action
+
+    def none(self, kind: type) -> bool:
+        return not any(isinstance(action, kind) for action in self.planner.actions)
+
+    def ask(self, action: str, text: str = '', operator: str = 'op', control: int = 0) -> Request:
+        self.number += 1
+        request = Request(ME, operator, self.number, control, action, text)
+        self.planner.ask(request, self.now_s)
+        return request
+
+    def answer(self) -> tuple[Any, str]:
+        replied = self.do(Replied)
+        return replied.reason, replied.sentence
+
+    def plan(self) -> None:
+        """Do the job that the planner has begun."""
+        job = self.do(Working).job
+        self.planner.take_result(work(job, self.robot, lambda *_: None), self.now_s)
+
+    def queue(self, text: str = LINE) -> None:
+        self.ask('program', text)
+        self.plan()
+        assert self.answer()[0] is None
+
+    def order(self) -> Ordered:
+        self.queue()
+        self.ask('start')
+        return self.do(Ordered)
+
+    def verdict(self, number: int, code: str = '', sentence: str = '') -> bool:
+        return self.planner.hear_verdict(Verdict('5e55', ME, number, not code, code, sentence), self.now_s)
+
+    def run(self) -> Timeline:
+        """Let a program run; returns what the transformation task follows."""
+        ordered = self.order()
+        self.verdict(ordered.number)
+        assert self.answer()[0] is None
+        self.say(state='moving', order=ordered.number)
+        from delta3_pacdrive.motion.plan import Plan
+
+        timeline = Timeline(Plan.of(ordered.moves), self.robot.bus.cycle_time_s)
+        timeline.start(self.cycle, ordered.row[1])
+        self.follow(timeline.course, 1)
+        self.cycle += 50
+        return timeline
+
+    def follow(self, course: Course | None, number: int) -> bool:
+        from delta3_pacdrive.controller.messages import Origin
+
+        assert course is not None
+        return self.planner.hear_course(Origin('COURSE', ME, '5e55', number), course.to_array())
+
+
+@pytest.fixture
+def desk(robot) -> Desk:
+    return Desk(robot)
+
+
+def test_a_start_is_answered_when_its_verdict_comes_and_not_before(desk: Desk) -> None:
+    ordered = desk.order()
+    assert desk.none(Replied)
+    assert desk.verdict(ordered.number)
+    reason, sentence = desk.answer()
+    assert (reason, sentence.startswith('started "program": 1 moves')) == (None, True)
+
+
+def test_a_refused_start_puts_the_queue_back_and_the_next_one_may_succeed(desk: Desk) -> None:
+    ordered = desk.order()
+    assert desk.planner.queue == (0, 0.0)
+    desk.verdict(ordered.number, 'disabled', 'the drives are not enabled')
+    reason, _ = desk.answer()
+    assert (reason.code, reason.sentence) == (Code.DISABLED, 'the drives are not enabled')
+    assert desk.planner.queue[0] == 1
+    desk.ask('start')
+    again = desk.do(Ordered)
+    assert again.number > ordered.number
+    desk.verdict(again.number)
+    assert desk.answer()[0] is None
+
+
+def test_a_verdict_that_was_lost_is_read_out_of_the_status(desk: Desk) -> None:
+    ordered = desk.order()
+    desk.say(state='moving', order=ordered.number)
+    assert desk.answer()[0] is None
+
+
+def test_an_order_that_nobody_answers_is_taken_back_and_the_queue_is_as_before(desk: Desk) -> None:
+    ordered = desk.order()
+    desk.now_s += VERDICT_S - 0.1
+    desk.planner.look(desk.now_s)
+    assert desk.none(Revoked)
+    desk.now_s += 0.2
+    desk.planner.look(desk.now_s)
+    assert desk.do(Revoked).number == ordered.number
+    assert desk.answer()[0].code == Code.SILENT
+    assert desk.planner.queue[0] == 1
+
+
+def test_a_plan_that_is_still_being_checked_may_take_its_time(desk: Desk) -> None:
+    desk.order()
+    for checked in range(1, 10):
+        desk.now_s += VERDICT_S - 1.0
+        desk.say(checked=checked)
+        desk.planner.look(desk.now_s)
+    assert desk.none(Revoked)
+
+
+@pytest.mark.parametrize('change', [{'session': 'ffff'}, {'planner': 'ffffffff'}, {'number': 99}])
+def test_a_verdict_for_somebody_else_counts_for_nothing(change: dict[str, Any], desk: Desk) -> None:
+    ordered = desk.order()
+    verdict = replace(Verdict('5e55', ME, ordered.number, True, '', ''), **change)
+    assert not desk.planner.hear_verdict(verdict, desk.now_s)
+    assert desk.none(Replied)
+
+
+def test_a_status_that_is_played_back_changes_nothing(desk: Desk) -> None:
+    old = desk.told
+    desk.say(state='moving')
+    assert not desk.planner.hear_status(old, desk.now_s)
+    assert desk.planner.motion == 'moving'
+
+
+def test_another_master_is_believed_when_the_present_one_says_nothing_any_more(desk: Desk) -> None:
+    other = replace(desk.told, session='beef', state='error', serial=1)
+    desk.now_s += MASTER_SILENT_S - 0.1
+    assert not desk.planner.hear_status(other, desk.now_s)
+    assert desk.planner.motion == 'idle'
+    desk.now_s += 0.2
+    assert desk.planner.hear_status(replace(other, serial=2), desk.now_s)
+    assert desk.planner.motion == 'error'
+
+
+def test_the_next_session_of_the_same_master_is_believed_at_once(desk: Desk) -> None:
+    assert desk.say(session='beef', previous='5e55', state='error')
+    assert desk.planner.motion == 'error'
+
+
+def test_a_bus_that_was_phased_up_anew_ends_what_waits_for_a_verdict(desk: Desk) -> None:
+    desk.order()
+    desk.say(session='beef', previous='5e55', located=0)
+    assert desk.answer()[0].code == Code.BUS
+    assert desk.planner.queue[0] == 1
+
+
+def test_a_program_that_ran_on_a_bus_that_is_gone_can_be_started_again(desk: Desk) -> None:
+    desk.run()
+    desk.now_s += 2.0 * MASTER_SILENT_S
+    desk.say(session='beef', previous='', state='idle', located=1, order=0)
+    desk.ask('resume')
+    desk.now_s += NEWS_S
+    desk.planner.look(desk.now_s)
+    assert 'only a stopped program can be resumed' in desk.answer()[0].sentence
+    desk.ask('start')
+    desk.plan()
+    assert len(desk.do(Ordered).moves) == 1
+
+
+def test_the_state_is_mirrored_once_for_each_change(desk: Desk) -> None:
+    assert desk.do(Mirrored).state == 'idle'
+    desk.say()
+    assert desk.none(Mirrored)
+    desk.say(state='moving')
+    assert desk.do(Mirrored).state == 'moving'
+
+
+def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(desk: Desk) -> None:
+    desk.ask('clear', control=1)
+    assert desk.none(Replied)
+    desk.say(control=1, operator='op', operator_name='Anna')
+    assert desk.answer() == (None, 'the queue is empty')
+    desk.ask('clear', operator='other')
+    assert desk.answer()[0].code == Code.CONTROL
+
+
+def test_control_that_never_becomes_known_makes_nobody_wait_for_ever(desk: Desk) -> None:
+    desk.ask('clear', control=7)
+    desk.now_s += NEWS_S
+    desk.planner.look(desk.now_s)
+    assert desk.answer() == (None, 'the queue is empty')
+
+
+def test_a_refusal_for_a_state_is_given_on_news_that_are_younger_than_the_request(desk: Desk) -> None:
+    desk.queue()
+    desk.say(refusal='the drives are not enabled', refusal_code='disabled')
+    desk.ask('start')
+    assert desk.none(Replied)  # the operator may have enabled them a moment ago
+    desk.say(refusal='', refusal_code='')
+    desk.verdict(desk.do(Ordered).number)
+    assert desk.answer()[0] is None
+
+
+def test_a_refusal_stands_if_the_news_say_the_same(desk: Desk) -> None:
+    desk.queue()
+    desk.say(refusal='the drives are not enabled', refusal_code='disabled')
+    desk.ask('start')
+    desk.say()
+    assert desk.answer()[0].code == Code.DISABLED
+
+
+def test_a_lost_control_empties_the_queue_and_a_released_one_does_not(desk: Desk) -> None:
+    desk.queue()
+    desk.say(control=1)
+    assert desk.planner.queue[0] == 1
+    desk.say(control=2, losses=1)
+    assert desk.planner.queue[0] == 0
+
+
+def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothing(desk: Desk) -> None:
+    request = desk.ask('program', LINE)
+    job = desk.do(Working).job
+    desk.ask('withdraw', str(request.number))
+    assert desk.do(Cancelled).number == job.number
+    replies = [action for action in desk.planner.actions if isinstance(action, Replied)]
+    assert [(reply.request.action, reply.reason and reply.reason.code) for reply in replies] == [
+        ('program', Code.WITHDRAWN),
+        ('withdraw', None),
+    ]
+    desk.planner.take_result(work(job, desk.robot, lambda *_: None), desk.now_s)
+    assert desk.planner.queue[0] == 0
+
+
+def test_nobody_withdraws_the_request_of_another(desk: Desk) -> None:
+    request = desk.ask('program', LINE)
+    desk.ask('withdraw', str(request.number), operator='other')
+    desk.plan()
+    assert desk.planner.queue[0] == 1
+
+
+def test_an_order_that_is_withdrawn_is_taken_back(desk: Desk) -> None:
+    ordered = desk.order()
+    desk.ask('withdraw', str(desk.number))
+    assert desk.do(Revoked).number == ordered.number
+    assert desk.planner.queue[0] == 1
+
+
+def test_requests_are_served_in_their_order_and_only_so_many_wait(desk: Desk) -> None:
+    first = desk.ask('program', LINE)
+    others = [desk.ask('clear') for _ in range(WAITING_MAX)]
+    refused = desk.ask('clear')
+    (replied,) = [a for a in desk.planner.actions if isinstance(a, Replied)]
+    assert (replied.request, replied.reason.code) == (refused, Code.STATE)
+    desk.planner.actions.remove(replied)
+    desk.plan()
+    served = [a.request for a in desk.planner.actions if isinstance(a, Replied)]
+    assert served == [first, *others]
+
+
+def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_far(desk: Desk) -> None:
+    desk.ask('program', 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]')
+    desk.plan()
+    desk.answer()
+    desk.ask('start')
+    ordered = desk.do(Ordered)
+    desk.verdict(ordered.number)
+    desk.answer()
+    desk.say(state='moving', order=ordered.number)
+    from delta3_pacdrive.motion.plan import Plan
+
+    timeline = Timeline(Plan.of(ordered.moves), desk.robot.bus.cycle_time_s)
+    timeline.start(desk.cycle, 1.0)
+    desk.follow(timeline.course, 1)
+    desk.cycle += 50
+    desk.ask('override', '50')
+    leads = []
+    while not desk.none(Changed):
+        changed = desk.do(Changed)
+        leads.append(changed.course.cycle - desk.cycle)
+        desk.verdict(changed.number, 'late', 'bus cycle 7 is over')
+    assert leads == [LEAD_CYCLES * 4**n for n in range(len(leads))]
+    assert leads[-1] >= LEAD_CYCLES_MAX
+    assert desk.answer()[0].code == Code.LATE
+    assert desk.planner.rate == 1.0  # nothing has changed
+
+
+def test_an_override_counts_once_it_was_taken(desk: Desk) -> None:
+    desk.run()
+    desk.ask('override', '50')
+    changed = desk.do(Changed)
+    assert (desk.planner.rate, desk.none(Replied)) == (1.0, True)
+    desk.verdict(changed.number)
+    assert desk.answer() == (None, 'override 50 %')
+    assert desk.planner.rate == 0.5
+
+
+def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(desk: Desk) -> None:
+    desk.run()
+    desk.ask('override', '50')
+    changed = desk.do(Changed)
+    desk.say(state='idle', located=2)
+    desk.verdict(changed.number, 'state', 'the robot is idle')
+    assert desk.answer() == (None, 'override 50 %, from the next program on: this one has ended')
+    assert desk.planner.rate == 0.5
+
+
+def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_be_resumed(
+    desk: Desk,
+) -> None:
+    timeline = desk.run()
+    desk.ask('override', '50')
+    changed = desk.do(Changed)
+    desk.verdict(changed.number)
+    desk.answer()
+    desk.follow(changed.course, 2)
+    stop = timeline.stop(changed.course.cycle - 20)  # the task has dropped what was to come
+    assert desk.follow(stop, 3)
+    desk.say(state='stopped')
+    desk.cycle = stop.cycle + 500
+    desk.ask('resume')
+    resumed = desk.do(Changed).course
+    timeline.change(stop)
+    timeline.check(resumed)  # it continues where the master stands
+    assert resumed.table[0, 1] == pytest.approx(stop.table[-1, 1], abs=1e-12)
+
+
+def test_a_number_that_a_stranger_has_used_up_is_leapt_over(desk: Desk) -> None:
+    ordered = desk.order()
+    desk.verdict(ordered.number, 'stranger', 'order 1 of this planner was heard before')
+    again = desk.do(Ordered)
+    assert again.number > ordered.number + 500
+    assert again.moves == ordered.moves
+    desk.verdict(again.number)
+    assert desk.answer()[0] is None
+
+
+def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> None:
+    job = Job(1, None, LINE.replace('0.2}', '1.0}'), (0.1, 2.0, 0.0), HOME)
+    capped = work(job, robot, lambda *_: None)
+    assert capped.planned is not None
+    master = capped.planned.plan.moves[0].master
+    assert master[:, 2].max() == pytest.approx(0.1, rel=1e-3)
+    assert abs(master[:, 3]).max() <= 2.0 * (1 + 1e-3)
+    cubic = 'moves: [{cubic: {to_m: [0.1, 0.0, -0.75], duration_s: 1.0}}]'
+    refused = work(replace(job, text=cubic), robot, lambda *_: None)
+    assert refused.reason is not None
+    assert 'takes no cap' in refused.reason.sentence
+
+
+def test_a_job_that_is_given_up_says_so(robot) -> None:
+    def stop(done: int, total: int) -> None:
+        raise CancelledError(f'given up at {done} of {total}')
+
+    result = work(Job(1, None, LINE, (0.0, 0.0, 0.0), HOME), robot, stop)
+    assert result.reason is not None
+    assert (result.reason.code, result.reason.sentence) == (Code.WITHDRAWN, 'given up at 0 of 1')
+
+
+def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_can(robot) -> None:
+    from delta3_pacdrive.motion import program
+
+    given = program.load('experiment1', robot.motion)
+    planner = Planner(robot, ME, given, lambda: 0)
+    status = Status('5e55', '', 1, '', 'idle', 'CP3', 'no', 'disabled', 1, HOME, 0, '', '', 0, 0, 0, 0)
+    planner.hear_status(status, 0.0)
+    (job,) = [a.job for a in planner.actions if isinstance(a, Working)]
+    planner.actions.clear()
+    planner.take_result(work(job, robot, lambda *_: None), 0.1)
+    assert planner.actions == []  # planned, not started
+    planner.hear_status(replace(status, serial=2, planner=ME), 0.2)
+    assert planner.actions == []
+    planner.hear_status(replace(status, serial=3, planner=ME, refusal='', refusal_code=''), 0.3)
+    (ordered,) = [a for a in planner.actions if isinstance(a, Ordered)]
+    assert ordered.row[0] == robot.motion.start_cycle
