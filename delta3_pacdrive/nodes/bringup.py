@@ -262,9 +262,13 @@ class Bringup:
         if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
             self._await_standstill()
             raise RunError(monitor.progress['fault'])
-        if self._program is not None and monitor.planner.startswith('refused: '):
+        # once the program is loaded, what is refused is asked for by somebody else
+        if self._program is not None and not monitor.progress.get('moves') and self._refused():
             raise RunError(monitor.planner.removeprefix('refused: '))
         return monitor.progress
+
+    def _refused(self) -> bool:
+        return self._monitor.planner.startswith('refused: ')
 
     def _look_for_strain(self) -> None:
         """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
