@@ -142,7 +142,7 @@ def _measure(case: str, seconds: float) -> dict[str, Any]:
 def _measure_machine(seconds: float) -> dict[str, Any]:
     """Lateness of a loop that does nothing but sleep to the next millisecond, in real time where permitted."""
     from delta3_pacdrive.bus.pacing import Histogram
-    from delta3_pacdrive.nodes.child import Schedule, prefer
+    from delta3_pacdrive.nodes.scheduling import Schedule, prefer
 
     prefer(Schedule.REAL_TIME)
     lateness = Histogram()
@@ -183,7 +183,8 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
 def _measure_bare(seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.bus.phases import DRIVES
     from delta3_pacdrive.nodes import bare, discovery, runtime
-    from delta3_pacdrive.nodes.child import Schedule, end_all, spawn
+    from delta3_pacdrive.nodes.child import end_all, spawn
+    from delta3_pacdrive.nodes.scheduling import Schedule
 
     discovery.keep_to_this_machine()
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:

@@ -29,13 +29,14 @@ from delta3_pacdrive.errors import ParameterError, RunError, RunInterruptedError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.nodes import discovery, runtime
-from delta3_pacdrive.nodes.child import Child, Schedule, end_all, relent, respawn, spawn
+from delta3_pacdrive.nodes.child import Child, end_all, respawn, spawn
 from delta3_pacdrive.nodes.lock import only_one
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.progress_report import read_progress
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
 from delta3_pacdrive.nodes.recorder import RecorderNode
+from delta3_pacdrive.nodes.scheduling import Schedule, relent
 from delta3_pacdrive.nodes.strain import Strain
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
@@ -276,7 +277,7 @@ class Bringup:
         if cores:
             self._in_real_time = False
             for child in self._children:
-                relent(child)
+                relent(child.pid)
             self.notes.append(
                 f'the machine is too slow: its real-time work takes {cores:.2f} of its cores; from bus cycle '
                 f'{self._monitor.progress.get("cycles", 0)} on it is scheduled like any other process'

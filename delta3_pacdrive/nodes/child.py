@@ -11,10 +11,10 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
+
+from delta3_pacdrive.nodes.scheduling import Schedule, prefer
 
 _PR_SET_PDEATHSIG = 1
 
@@ -66,18 +66,6 @@ class Child:
         return f'{self.name} {how}' + (f': {error.removeprefix("error: ")}' if error else '')
 
 
-class Schedule(Enum):
-    """How a process is scheduled, where the system permits it; threads inherit it."""
-
-    ORDINARY = 'ordinary'
-    PREFERRED = 'preferred'  # before other ordinary processes
-    REAL_TIME = 'real time'  # before all of them: SCHED_FIFO
-
-
-REAL_TIME_PRIORITY = 20  # above all ordinary work, below the kernel's own
-PREFERRED_NICENESS = -10
-
-
 def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Schedule.ORDINARY) -> Child:
     """Fork a child that runs ``main`` in a process group of its own and dies with its parent."""
     sys.stdout.flush()
@@ -115,22 +103,6 @@ def main() -> int:
     prefer(Schedule[schedule])
     sys.argv = [module, *arguments]
     return int(importlib.import_module(module).main())
-
-
-def prefer(schedule: Schedule) -> None:
-    """Schedule this thread, and those that it starts, so if the system permits it."""
-    with suppress(PermissionError):
-        if schedule is Schedule.REAL_TIME:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
-        elif schedule is Schedule.PREFERRED:
-            os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
-
-
-def relent(child: Child) -> None:
-    """Schedule all threads of a child like any other process."""
-    with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
-        for thread in Path(f'/proc/{child.pid}/task').iterdir():
-            os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
 
 
 def _become_child(name: str, parent: int, log: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from delta3_pacdrive.nodes.child import Child, relent
+from delta3_pacdrive.nodes.scheduling import relent
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -242,7 +242,7 @@ def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) 
                 os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(1))
         except PermissionError:
             pytest.skip('real-time scheduling is not permitted here')
-        relent(Child('robot', process.pid, tmp_path / 'log'))
+        relent(process.pid)
         assert [os.sched_getscheduler(thread) for thread in threads] == [os.SCHED_OTHER] * 2
     finally:
         process.kill()

@@ -1,0 +1,73 @@
+"""How the processes of a robot are scheduled: in real time where the system permits it, in short slices where not."""
+
+import ctypes
+import os
+import platform
+import resource
+import struct
+from contextlib import suppress
+from enum import Enum
+from pathlib import Path
+
+REAL_TIME_PRIORITY = 20  # above all ordinary work, below the kernel's own
+PREFERRED_NICENESS = -10
+SLICE_S = (
+    1e-4  # what an ordinary process may run at a stretch: who waits for its core waits no longer than that
+)
+_CAP_SYS_NICE = 23
+_SET_ATTRIBUTES = {'x86_64': 314, 'aarch64': 274}  # number of the system call sched_setattr
+_ATTRIBUTES = struct.Struct(
+    '<IIQiIQQQII'
+)  # size, policy, flags, nice, priority, runtime, deadline, period, clamps
+
+
+class Schedule(Enum):
+    """How a process is scheduled, where the system permits it; threads inherit it."""
+
+    ORDINARY = 'ordinary'
+    PREFERRED = 'preferred'  # before other ordinary processes
+    REAL_TIME = 'real time'  # before all of them: SCHED_FIFO; in short slices where that is not permitted
+
+
+def real_time_is_permitted() -> bool:
+    """Whether this process may schedule its children in real time."""
+    if resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= REAL_TIME_PRIORITY:
+        return True
+    for line in Path('/proc/self/status').read_text().splitlines():
+        if line.startswith('CapEff:'):
+            return bool(int(line.split()[1], 16) >> _CAP_SYS_NICE & 1)
+    return False
+
+
+def prefer(schedule: Schedule) -> None:
+    """Schedule this thread, and those that it starts, so if the system permits it."""
+    if schedule is Schedule.REAL_TIME:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+        except PermissionError:
+            shorten_slices()
+    elif schedule is Schedule.PREFERRED:
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
+
+
+def relent(pid: int) -> None:
+    """Schedule all threads of a process like any other process."""
+    with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
+        for thread in Path(f'/proc/{pid}/task').iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
+
+
+def shorten_slices() -> bool:
+    """Let this thread, and those that it starts, run in slices of ``SLICE_S``; whether the kernel can (6.12 and later).
+
+    Everybody may ask for that: a thread that asks for less at a stretch is served sooner when it wakes up.
+    """
+    number = _SET_ATTRIBUTES.get(platform.machine())
+    if number is None:
+        return False
+    nice = os.getpriority(os.PRIO_PROCESS, 0)
+    attributes = _ATTRIBUTES.pack(
+        _ATTRIBUTES.size, os.SCHED_OTHER, 0, nice, 0, round(SLICE_S * 1e9), 0, 0, 0, 0
+    )
+    return ctypes.CDLL(None).syscall(number, 0, attributes, 0) == 0  # type: ignore[no-any-return]
