@@ -32,6 +32,14 @@ def _wait_for(condition: Callable[[], bool], what: str, seconds: float = START_D
         time.sleep(0.02)
 
 
+def _pid_of(name: str, processes: Callable[[], list[str]]) -> int:
+    return next(
+        int(entry.split(':')[0])
+        for entry in processes()
+        if Path(f'/proc/{entry.split(":")[0]}/comm').read_text().strip() == name[:15]
+    )
+
+
 @pytest.fixture
 def long_run(
     tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
@@ -102,21 +110,41 @@ def test_interrupt_stops_every_process_and_leaves_a_readable_bag(
     assert len(recording.load(bag).time_s) > 100
 
 
-@pytest.mark.parametrize('victim', ['plant', 'mc4_drive_2', 'transformation_task', 'recorder'])
+@pytest.mark.parametrize('victim', ['plant', 'mc4_drive_2', 'transformation_task'])
 def test_a_process_that_dies_ends_the_run_with_its_name(
     victim: str, long_run: tuple, processes: Callable[[], list[str]]
 ) -> None:
     process, _ = long_run
-    pid = next(
-        int(entry.split(':')[0])
-        for entry in processes()
-        if Path(f'/proc/{entry.split(":")[0]}/comm').read_text().strip() == victim[:15]
-    )
-    os.kill(pid, signal.SIGKILL)
+    os.kill(_pid_of(victim, processes), signal.SIGKILL)
     _, errors = _end(process)
     assert process.returncode == 1
     assert f'error: {victim} was killed by SIGKILL' in errors
     assert errors.count('\n') == 1
+
+
+def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
+    tmp_path: Path,
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    processes: Callable[[], list[str]],
+    nothing_left_behind: None,
+) -> None:
+    program = tmp_path / 'slow.yaml'
+    program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.03}}]')
+    bag = tmp_path / 'bag'
+    process = start_delta3('run', program, '--bag', bag, '--json')
+    file = bag / 'bag.mcap'
+    _wait_for(
+        lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 500_000), 'a run'
+    )
+    os.kill(_pid_of('recorder', processes), signal.SIGKILL)
+    output, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 0, errors
+    result = json.loads(output)
+    assert result['ok'] is True
+    assert any(note.startswith('recorder was killed by SIGKILL') for note in result['notices'])
+    from delta3_pacdrive import recording
+
+    assert 100 < len(recording.load(bag).time_s) < result['cycles']
 
 
 def test_a_second_robot_in_the_same_namespace_is_refused_and_the_first_runs_on(

@@ -202,6 +202,6 @@ def test_frames_hold_what_they_were_made_of() -> None:
     ]
     at = telegram.at_frame(0xC008, 0x1234, OURS)
     assert (len(at), telegram.parse_at_frame(at, OURS)) == (telegram.AT_FRAME_LENGTH, (0xC008, 0x1234))
-    current = telegram.current_frame(False, 12.5, OURS)
+    current = telegram.current_frame(False, 9.5, OURS)
     assert len(current) == telegram.CURRENT_FRAME_LENGTH
-    assert telegram.parse_current_frame(current, OURS) == (False, 12.5)
+    assert telegram.parse_current_frame(current, OURS) == (False, 9.5)
