@@ -187,9 +187,10 @@ def test_a_cubic_that_is_too_quick_ends_within_the_limits_of_the_motors(robot):
         assert 0.6 < used[name] <= MOTOR, name
 
 
+@pytest.mark.parametrize('viscous', [3e-4, 5e-3])
 @pytest.mark.parametrize('dwell_s', [0.2, 1.0])
-def test_the_rms_current_of_a_program_is_that_of_its_currents(dwell_s, robot):
-    loaded = robot.replace(dynamics__payload_mass_kg=3.0)
+def test_the_rms_current_of_a_program_is_that_of_its_currents(dwell_s, viscous, robot):
+    loaded = robot.replace(dynamics__payload_mass_kg=3.0, motor__viscous_friction_n_m_s_rad=viscous)
     moves = [to(0.3, 0.0, -0.85, **limits(4.0, 40.0, 4e3)), to(*HOME, **limits(4.0, 40.0, 4e3))]
     planned = plan(loaded, [*moves, {'dwell': {'time_s': dwell_s}}])
     assert not planned.notices
@@ -240,10 +241,11 @@ def test_the_largest_override_uses_a_limit_up_and_exceeds_none(what, robot):
 
 
 def test_a_program_that_was_slowed_down_for_its_rms_current_bears_no_override(robot):
-    cold = robot.replace(motor__nominal_current_a=1.0)
+    cold = robot.replace(motor__nominal_current_a=0.45)
     moves = [to(0.3, 0.0, -0.85, **limits(4.0, 60.0, 2e4)), to(*HOME, **limits(4.0, 60.0, 2e4))]
     planned = plan(cold, moves)
     assert 'rms current' in planned.notices[-1]
+    assert planned.plan.duration_s > 1.5 * plan(robot, moves).plan.duration_s  # the largest override there is
     assert planned.rate_max == 1.0
 
 
