@@ -30,7 +30,9 @@ from delta3_pacdrive.trace import Trace
 
 EXACT = 1e-3  # relative, without noise; the issue asks for 1e-2
 SEEDS = 40
-COVERAGE = (0.85, 1.0)  # of 95 % intervals over so many seeds, which are fixed
+COVERAGE = 0.85  # least of 95 % intervals of one quantity over so many seeds, which are fixed
+# of all quantities together, which are not independent; intervals twice as wide would always hold the truth
+COVERAGE_MEAN = (0.90, 0.985)
 REPLAYED = 0.02  # without noise but through the increments of encoders, from once per bus cycle
 THROUGH = [[0.0, 0.25, -0.86], [-0.3, 0.1, -0.74], [-0.1, -0.3, -0.9], [0.25, -0.2, -0.75], [0.2, 0.0, -0.8]]
 LIMITS = {'speed_m_s': 2.5, 'acceleration_m_s2': 30.0, 'jerk_m_s3': 1500.0}
@@ -178,7 +180,8 @@ def test_the_truth_lies_in_the_intervals_at_their_rate(group, scope, bus, robot)
             inside[symbol] += abs(e.value - (true | combined)[symbol]) <= e.half_width
     rates = {symbol: count / SEEDS for symbol, count in inside.items()}
     print(group, rates)
-    assert all(COVERAGE[0] <= rate <= COVERAGE[1] for rate in rates.values())
+    assert min(rates.values()) >= COVERAGE
+    assert COVERAGE_MEAN[0] <= np.mean(list(rates.values())) <= COVERAGE_MEAN[1]
 
 
 # identifiability
