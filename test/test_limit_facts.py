@@ -91,22 +91,38 @@ def shares(robot, p):
 # the TCP
 
 
+ASKED_OF_BENDS = [
+    (0.5, 20.0, 100.0),
+    (1.0, 40.0, 300.0),
+    (2.0, 100.0, 600.0),
+    (1.0, 200.0, 3000.0),
+    (3.0, 15.0, 600.0),
+    (0.6, 5.0, 1e5),
+]
+
+
 @pytest.mark.parametrize('radius', [0.03, 0.05, 0.1, 0.15])
-@pytest.mark.parametrize(
-    'asked',
-    [
-        (0.5, 20.0, 100.0),
-        (1.0, 40.0, 300.0),
-        (2.0, 100.0, 600.0),
-        (1.0, 200.0, 3000.0),
-        (3.0, 15.0, 600.0),
-        (0.6, 5.0, 1e5),
-    ],
-)
+@pytest.mark.parametrize('asked', ASKED_OF_BENDS)
 def test_on_a_circle_a_limit_of_the_tcp_is_used_up_and_none_exceeded(radius, asked, robot):
     used = tcp(path(first(plan(robot, [circle(radius, **limits(*asked)), REST])))) / asked
     assert (used <= TCP).all()
     assert used.max() > USED
+
+
+THROUGH = [[0.05, 0.05, -0.8], [0.1, 0.02, -0.82], [0.2, 0.1, -0.8], [0.15, 0.15, -0.78]]
+BENDS = {
+    'spline': lambda asked: [{'move_sb': {'through_m': THROUGH, **asked}}],
+    'corner': lambda asked: [to(0.15, 0.0, -0.8, blend_m=0.04, **asked), to(0.15, 0.15, -0.8, **asked)],
+    'sharp corner': lambda asked: [to(0.15, 0.0, -0.8, blend_m=0.02, **asked), to(0.05, 0.1, -0.8, **asked)],
+}
+
+
+@pytest.mark.parametrize('kind', BENDS)
+@pytest.mark.parametrize('asked', ASKED_OF_BENDS)
+def test_where_bends_change_a_limit_of_the_tcp_is_used_up_and_none_exceeded(kind, asked, robot):
+    used = tcp(path(first(plan(robot, [*BENDS[kind](limits(*asked)), REST])))) / asked
+    assert (used <= TCP).all()
+    assert used.max() > 0.9  # bends of all sizes in one move: its jerk is one number for all of them
 
 
 def corner(slow, fast, slow_first):
