@@ -182,3 +182,30 @@ def test_an_overload_is_cleared_when_half_of_it_is_forgotten(robot):
     for share, clear in ((0.9, False), (0.51, False), (0.49, True)):
         drive.state['overload'] = share * limit
         assert drive.clear_fault() == clear, share
+
+
+@pytest.mark.parametrize(('limit_deg', 'beyond'), [(105.0, 1.0), (-55.0, -1.0)])
+def test_an_arm_beyond_either_end_stop_is_overtravel(limit_deg, beyond, robot):
+    limit = math.radians(limit_deg) * 32.0
+    for share, trips in ((-1e-3, False), (1e-3, True)):
+        drive = MC4(robot)
+        place = limit + beyond * share
+        for _ in range(60):
+            drive.begin_cycle(place, CONTROL_ENABLE, place, 0.0, 0.0)
+            drive.run_period(place, 0.0, 0.0)
+        assert (drive.fault == DriveFault.OVERTRAVEL) == trips, share
+
+
+def test_a_drive_that_leaves_the_bus_with_a_fault_keeps_it(robot):
+    drive = MC4(robot)
+    until(drive, DriveState.ENABLED, 0.0)
+    drive.state['silent'] = 1
+    cycles(drive, 1, 0.0)
+    until(drive, DriveState.FAULT, 0.0)
+    drive.leave_bus()
+    assert (drive.drive_state, drive.fault) == (DriveState.FAULT, DriveFault.MASTER_SILENT)
+    other = MC4(robot)
+    until(other, DriveState.ENABLED, 0.0)
+    other.leave_bus()
+    assert (other.drive_state, other.fault) == (DriveState.NOT_READY, DriveFault.NONE)
+    assert not other.powered
