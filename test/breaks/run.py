@@ -271,13 +271,15 @@ class Workshop:
     def _keep_kernels(self, one: Break, kernels: Path) -> None:
         """Give a break the compiled kernels that it does not touch."""
         changed = {'.'.join(Path(file).with_suffix('').parts) for file, _, _ in one.changes}
-        stale = {tuple(module.split('.'))[-2:] for module in stale_modules(self.package, changed)}
+        stale = stale_modules(self.package, changed)
+        # those of tests are not kept: they may call anything
+        kept = {tuple(module.split('.'))[-2:] for module in _imports(self.package).keys() - stale}
         for path in self._kernels.rglob('*'):
             # numba names a folder after that of the source, and a file after the module and the function
             folder = path.parent.name.rpartition('_')[0]
             module = path.name.partition('.')[0]
-            key = (module,) if folder in ('', PACKAGE) else (folder, module)
-            if path.is_file() and key not in stale:
+            key = (module,) if folder == PACKAGE else (folder, module)
+            if path.is_file() and (key in kept or path.parent == self._kernels):
                 target = kernels / path.relative_to(self._kernels)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 if not target.exists():
