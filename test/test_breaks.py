@@ -49,6 +49,7 @@ def test_every_break_names_tests_that_there_are_and_tells_why_it_is_one(breaks):
         files = [word for word in shlex.split(one.tests) if word.startswith('test/')]
         assert files, one.id
         assert all((ROOT / file).is_file() for file in files), f'{one.id}: {one.tests}'
+        assert len(files) == 1 or ' -k ' not in one.tests, f'{one.id}: -k would choose in all of its files'
         assert one.why.endswith('.'), one.id
         assert not one.equivalent or len(one.equivalent) > 40, f'{one.id}: a reason is a sentence'
 
