@@ -148,6 +148,32 @@ def test_a_corner_keeps_the_lower_limits_of_its_two_legs(slow, fast, n, slow_fir
     assert tcp(p)[n] / fast[n] > 0.9
 
 
+@pytest.mark.parametrize(
+    ('fast', 'slow', 'blend_m'),
+    [
+        ((2.5, 66.0, 4e4), (0.28, 66.0, 4e4), 0.03),
+        ((1.5, 290.0, 3e4), (0.15, 290.0, 3e4), 0.03),
+        ((2.8, 120.0, 1e4), (0.166, 120.0, 1e4), 0.02),
+    ],
+)
+def test_a_slow_leg_between_fast_ones_keeps_its_speed_where_motors_slow_the_move_down(
+    fast, slow, blend_m, robot
+):
+    weak = robot.replace(motor__peak_current_a=3.0, motor__nominal_current_a=2.9)
+    legs = [
+        to(0.15, 0.0, -0.8, blend_m=blend_m, **limits(*fast)),
+        to(0.15, 0.2, -0.8, blend_m=blend_m, **limits(*slow)),
+        to(-0.05, 0.2, -0.8, **limits(*fast)),
+    ]
+    planned = plan(weak, [*legs, REST])
+    assert 'current of motor' in planned.notices[0]
+    p = path(first(planned))
+    speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / STEP_S
+    between = p[:-1, 0] > 0.15 - blend_m + 1e-4  # the slow leg with both of its corners
+    assert 0.98 < speed[between].max() / slow[0] <= TCP[0]
+    assert 0.98 < speed.max() / fast[0] <= TCP[0]
+
+
 # motors
 
 

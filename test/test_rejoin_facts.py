@@ -6,6 +6,7 @@ import pytest
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.master import sample_master
 from delta3_pacdrive.motion.plan import MoveKind, Plan
 from delta3_pacdrive.motion.rejoin import left_of_plan
 from delta3_pacdrive.motion.timeline import Timeline
@@ -101,3 +102,11 @@ def test_a_plan_that_is_left_is_driven_to_the_same_end(plan):
     assert last.number == len(moves) - 1
     assert last.distance_m == moves[-1].length_m
     assert np.linalg.norm(here - plan.move(1).start_m()) > 0.02
+
+
+def test_behind_its_end_a_master_stands_whatever_speed_its_last_row_tells():
+    """A stranger's sequence of cubics may end with one: its path ends there all the same."""
+    phases = np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 1.0, 2.0, 3.0]])
+    at = sample_master([0.25, 0.5, 0.75, 100.0], phases)
+    assert at[0, :3].tolist() == [0.25, 1.0, 0.0]
+    assert at[1:, :3].tolist() == [[0.5, 0.0, 0.0]] * 3
