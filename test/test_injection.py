@@ -62,8 +62,15 @@ def test_every_kind_befalls_somebody(kind):
     assert any(befalls(fault, node) for node in injection.NODES)
     if KINDS[kind].place == Place.AXIS:
         assert not befalls(fault, 'axis1')
-    if kind in injection.AT_FAULTS:
-        assert [node for node in injection.NODES if befalls(fault, node)] == ['transformation_task']
+    own = [node for node in injection.NODES if befalls(fault, node)]
+    if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost'):
+        assert own == ['plant']  # brakes, loads and what is gripped are the machine's
+    elif kind in injection.AT_FAULTS or kind == 'emergency_stop':
+        assert own == ['transformation_task']
+    elif kind == 'clear':
+        assert own == list(injection.NODES)
+    else:
+        assert own == [fault.target]
 
 
 @pytest.mark.parametrize(

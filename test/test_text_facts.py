@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.cli import estimate, output, simulate, tune
+from delta3_pacdrive.cli import estimate, experiment, jacobian, output, simulate, tune
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.estimation import session
+from delta3_pacdrive.experiments import report as experiment_report
+from delta3_pacdrive.jacobian_study import study as jacobian_study
 from delta3_pacdrive.provenance import Provenance, digest, write_json, write_table
 from delta3_pacdrive.trace import Trace
 from delta3_pacdrive.tuning import study as tuning_study
@@ -281,6 +283,90 @@ def test_a_sweep_is_printed_with_margins_overshoot_and_error(tuned):
         'effect': EFFECT,
     }
     assert '0.25 60.0 deg 50.0 deg 40.0 deg 12.5 % 1.0 % 20.05e-3 deg' in tuned(sweep=[point])
+
+
+# jacobian
+
+
+def lines(capsys):
+    """Return what was printed, blanks made single."""
+    return [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+
+def shares(peak, momentary):
+    return {'of_peak': {'max': peak}, 'momentary': {'max': momentary}}
+
+
+def test_deviations_are_printed_peak_first_exact_first(monkeypatch, capsys):
+    row = {
+        'name': 'experiment 1',
+        'samples': 1373,
+        'condition': {'min': 1.234, 'max': 2.345},
+        'exact': {'velocity': shares(0.011, 0.12), 'acceleration': shares(0.22, 0.33)},
+        'inexact': {'velocity': shares(4.4, 55.0), 'acceleration': shares(6.6, 77.0)},
+        'every_length_1_mm_off': {
+            'velocity': {'of_peak': 0.81, 'momentary': 8.2},
+            'acceleration': {'of_peak': 0.91, 'momentary': 9.2},
+        },
+    }
+    document = {
+        'errors_m': {'R_A': 0.035},
+        'trajectories': [row],
+        'threshold': 0.05,
+        'findings': ['It deviates.'],
+        'files': ['report.json'],
+    }
+    monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
+    monkeypatch.setattr(jacobian_study, 'run', lambda *_: document)
+    assert jacobian.main([]) == 0
+    printed = lines(capsys)
+    assert printed[0] == 'exact lengths R_A +35 mm all 1 mm off, at worst'
+    assert printed[2] == 'experiment 1: 1373 samples, cond(J) 1.23 to 2.35'
+    assert printed[3] == 'velocity 0.011 / 0.12 4.4 / 55 0.81 / 8.2'
+    assert printed[4] == 'acceleration 0.22 / 0.33 6.6 / 77 0.91 / 9.2'
+    assert printed[5].endswith('(* where above 5 % of the peak)')
+    assert printed[6:] == ['- It deviates.', 'report.json']
+
+
+# experiment
+
+
+def test_the_signals_of_an_experiment_are_printed_model_first_with_what_explains_them(
+    monkeypatch, tmp_path, capsys
+):
+    row = {
+        'text': 'TCP position',
+        'column': 'all',
+        'unit': 'mm',
+        'model_max': 1.5,
+        'model_rms': 2.5,
+        'robot_max': 3.5,
+        'robot_rms': 4.5,
+        'deviation_max': 5.5,
+        'deviation_rms': 6.5,
+        'deviation_max_percent': 7.5,
+    }
+    document = {
+        'program': 'experiment 1, pick and place',
+        'signals': [row, row | {'column': 'x', 'model_max': 99.0}],
+        'verdict': 'reproduced: alike',
+        'findings': [{'sentence': 'They are alike.'}],
+        'truth': 'It is off.',
+        'attribution': {'explanations': ['Gears explain it.']},
+        'notes': ['a note'],
+        'files': ['report.json'],
+    }
+    monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
+    monkeypatch.setattr(experiment_report, 'write', lambda *_: document)
+    assert experiment.main(['1', '--no-attribution', '--output', str(tmp_path / 'out')]) == 0
+    printed = lines(capsys)
+    assert printed[0] == document['program']
+    assert printed[1] == 'model max rms robot max rms apart max rms % of peak'
+    assert printed[2] == 'TCP position mm 1.5 2.5 3.5 4.5 5.5 6.5 7.5'
+    assert not any('99' in line for line in printed)  # single columns are in the table
+    assert 'What the thesis found is reproduced: alike.' in printed
+    for line in ('- They are alike.', '- It is off.', '- Gears explain it.', 'note: a note', 'report.json'):
+        assert line in printed
 
 
 # provenance
