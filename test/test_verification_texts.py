@@ -1,4 +1,4 @@
-"""Facts about what the catalogue of faults and the soak print: every number in its unit, every failure with a reason."""
+"""Facts about what the catalogue of faults and the soak print: each number in its unit, each failure with a reason."""
 
 import json
 
