@@ -8,7 +8,8 @@
 
 Run it in an environment with the test dependencies, from anywhere. It takes about a quarter of a minute for each break.
 
-The catalogue is the YAML files beside this one, one for each room of the package. A break is a row:
+The catalogue is the YAML files beside this one, one for each room of the package. Whoever adds a capability adds its
+breaks. A break is a row:
 
     id           its name
     file         source file in the package
