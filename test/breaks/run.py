@@ -250,7 +250,9 @@ class Workshop:
             return FAILED, f'no end within {TIME_LIMIT_S:g} s'
         lines = [line for line in output.splitlines() if line.startswith(('FAILED', 'ERROR'))]
         last = [line for line in output.splitlines() if line.strip()][-1:]
-        return process.returncode, (lines or last or [''])[0]
+        detail = (lines or last or [''])[0]
+        collected = not detail.startswith('ERROR') or '::' in detail  # otherwise no test has seen anything
+        return process.returncode if collected else BROKEN, detail
 
     def _apply(self, one: Break) -> None:
         for file, old, new in one.changes:
