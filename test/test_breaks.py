@@ -71,3 +71,44 @@ def test_only_kernels_that_a_break_cannot_reach_are_kept(runner):
     assert {'kinematics', 'dynamics', 'plant.mechanism', 'simulation', 'cli.simulate'} <= of_kinematics
     assert not {'motor', 'drive.cascade', 'bus.increments'} & of_kinematics
     assert runner.stale_modules(package, {'parameters'}) == set()
+
+
+@pytest.mark.parametrize(
+    ('control', 'status', 'equivalent', 'name'),
+    [
+        (0, 1, '', 'killed'),
+        (0, 0, '', 'survived'),
+        (0, 0, 'because', 'equivalent'),
+        (0, 1, 'because', 'not equivalent'),
+        (0, 3, '', 'no proof'),  # the tests cannot be collected with it
+        (5, 1, '', 'no proof'),  # no test is selected
+        (1, 1, '', 'no proof'),  # they fail without it as well
+    ],
+)
+def test_only_a_test_that_fails_with_the_break_and_passes_without_kills_it(
+    control, status, equivalent, name, runner, tmp_path
+):
+    found = []
+
+    class Shelf(runner.Workshop):
+        """A workshop without interpreters: tests end as they are told to."""
+
+        def __init__(self):
+            self.folder, self.package, self._original = tmp_path, tmp_path / 'package', tmp_path / 'original'
+            self._kernels, self._controls = tmp_path / 'kernels', {}
+            for folder in (self.package, self._original):
+                folder.mkdir()
+                (folder / 'a.py').write_text('x = 1\n', encoding='utf-8')
+
+        def _cache_directory(self):
+            return self._kernels
+
+        def _test(self, tests):
+            found.append((self.package / 'a.py').read_text(encoding='utf-8'))
+            return (control, status)[len(found) - 1], 'told'
+
+    shelf = Shelf()
+    result = shelf.attempt(runner.Break('id', (('a.py', '1', '2'),), 'why', 'test/x.py', equivalent))
+    assert result.status == name
+    assert found == ['x = 1\n', 'x = 2\n'][: 2 - bool(control)]
+    assert (shelf.package / 'a.py').read_text(encoding='utf-8') == 'x = 1\n'  # as it was

@@ -217,15 +217,13 @@ class Workshop:
             status, detail = BROKEN, (error.stderr or '').strip().splitlines()[-1]
         finally:
             self._restore(one)
-        seen = status != 0
-        name = (
-            ('not equivalent' if seen else 'equivalent')
-            if one.equivalent
-            else 'killed'
-            if seen
-            else 'survived'
-        )
-        return Result(one.id, name, time.monotonic() - began, detail if seen else one.equivalent)
+        if status == PASSED:
+            name, detail = ('equivalent', one.equivalent) if one.equivalent else ('survived', '')
+        elif status == FAILED:
+            name = 'not equivalent' if one.equivalent else 'killed'
+        else:
+            name = 'no proof'
+        return Result(one.id, name, time.monotonic() - began, detail)
 
     def _control(self, tests: str) -> str:
         """Run tests without a break, once; say what is wrong with them, if anything is."""
