@@ -62,8 +62,15 @@ def test_every_kind_befalls_somebody(kind):
     assert any(befalls(fault, node) for node in injection.NODES)
     if KINDS[kind].place == Place.AXIS:
         assert not befalls(fault, 'axis1')
-    if kind in injection.AT_FAULTS:
-        assert [node for node in injection.NODES if befalls(fault, node)] == ['transformation_task']
+    own = [node for node in injection.NODES if befalls(fault, node)]
+    if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost'):
+        assert own == ['plant']  # brakes, loads and what is gripped are the machine's
+    elif kind in injection.AT_FAULTS or kind == 'emergency_stop':
+        assert own == ['transformation_task']
+    elif kind == 'clear':
+        assert own == list(injection.NODES)
+    else:
+        assert own == [fault.target]
 
 
 @pytest.mark.parametrize(
@@ -217,6 +224,10 @@ def test_faults_of_one_kind_that_overlap_add_up_and_each_ends_at_its_time(robot)
     machine.add(of('brake_worn', 0.2, 0.1, lost_share=0.5))
     machine.add(of('encoder_jump', 0.1, 0.5, jump_rad=0.5))
     machine.add(of('encoder_jump', 0.2, 0.1, jump_rad=0.25))
+    machine.add(of('encoder_drift', 0.1, 0.5, drift_rad_s=0.5))
+    machine.add(of('encoder_drift', 0.2, 0.1, drift_rad_s=0.25))
+    machine.add(of('encoder_noise', 0.1, 0.5, noise_rad=0.5))
+    machine.add(of('encoder_noise', 0.2, 0.1, noise_rad=0.25))
     machine.add(of('dc_link', 0.1, 0.5, voltage_v=400.0))
     machine.add(of('dc_link', 0.2, 0.1, voltage_v=300.0))
     seen = {}
@@ -226,10 +237,12 @@ def test_faults_of_one_kind_that_overlap_add_up_and_each_ends_at_its_time(robot)
             machine.of_plant('load_torque')[1],
             machine.of_plant('brake_share')[1],
             machine.of_drive('encoder_offset'),
+            machine.of_drive('encoder_drift'),
+            machine.of_drive('encoder_noise'),
             machine.of_drive('dc_link'),
         )
-    assert seen[150] == (3.0, 0.5, 0.5, 400.0)
-    assert seen[250] == (5.0, 0.25, 0.75, 300.0)
+    assert seen[150] == (3.0, 0.5, 0.5, 0.5, 0.5, 400.0)
+    assert seen[250] == (5.0, 0.25, 0.75, 0.75, 0.75, 300.0)
     assert seen[350] == seen[150]
     assert machine.is_as_new
 

@@ -150,9 +150,10 @@ def test_a_stop_begins_at_its_cycle_ends_on_the_path_and_then_takes_the_torque_o
     assert 0.0 < places[0, 2] - places[-1, 2] < 0.1
 
 
-def test_the_earlier_of_two_stops_counts(task):
-    task.stop_at(300)
-    task.stop_at(150)
+@pytest.mark.parametrize('cycles', [(300, 150), (150, 300)])
+def test_the_earlier_of_two_stops_counts_whichever_is_asked_for_first(cycles, task):
+    for cycle in cycles:
+        task.stop_at(cycle)
     commands(task, 0, 160)
     assert task.held
     assert task.course.cycle == 150

@@ -76,7 +76,10 @@ def _complaint(options: argparse.Namespace, rows: dict[str, dict[str, Any]]) -> 
     idle = [pace for pace, row in rows.items() if not row['programs']]
     if idle:
         return f'no program ran {" and ".join(idle)} within {options.minutes:g} minutes'
-    return 'the soak found something: see the violations'
+    if any(row['violations'] for row in rows.values()):
+        return 'the soak found something: see the violations'
+    lacking = [(pace, row['injected'] - row['survived']) for pace, row in rows.items()]
+    return '; '.join(f'{pace}: {count} faults were not survived' for pace, count in lacking if count)
 
 
 def _in_a_process(options: argparse.Namespace, pace: str) -> dict[str, Any]:

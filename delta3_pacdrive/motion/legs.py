@@ -54,7 +54,7 @@ def blended(legs: list[Leg]) -> tuple[Curve, list[float], list[tuple[float, Limi
             pieces.append(corner)
             ends.append(length + 0.5 * corner.length_m)
             length += corner.length_m
-            stretches.append((length, _lower(leg.limits, legs[n + 1].limits)))
+            stretches.append((length, lower(leg.limits, legs[n + 1].limits)))
         else:
             ends.append(length)
         cut = radius
@@ -62,7 +62,8 @@ def blended(legs: list[Leg]) -> tuple[Curve, list[float], list[tuple[float, Limi
     return curve, ends, stretches
 
 
-def _lower(a: Limits, b: Limits) -> Limits:
+def lower(a: Limits, b: Limits) -> Limits:
+    """Return the lower ones of two limits."""
     return Limits(
         min(a.speed_m_s, b.speed_m_s),
         min(a.acceleration_m_s2, b.acceleration_m_s2),

@@ -20,7 +20,7 @@ from delta3_pacdrive.motion.demand import (
     path_demand,
     timed_demand,
 )
-from delta3_pacdrive.motion.legs import Leg
+from delta3_pacdrive.motion.legs import Leg, lower
 from delta3_pacdrive.motion.master import end_acceleration, master_at_distances, plan_master
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move, MoveKind
@@ -188,8 +188,10 @@ class Timing:
         check_workspace(self.places, self.samples[:, 0], parameters, returning)
         self._coefficients = path_demand(self.samples, index, self._payloads, parameters)
         check_arms(self.places, self.samples[:, 0], self._coefficients, parameters, returning)
-        where = np.searchsorted([end for end, _ in stretches], self.places, side='left')
-        each = [stretches[min(n, len(stretches) - 1)][1] for n in where]
+        # where a stretch ends and the next begins, both limits hold
+        ends, last = [end for end, _ in stretches], len(stretches) - 1
+        beside = [np.minimum(np.searchsorted(ends, self.places, side), last) for side in ('left', 'right')]
+        each = [lower(stretches[a][1], stretches[b][1]) for a, b in zip(*beside, strict=True)]
         self.speed = np.array([limits.speed_m_s for limits in each])
         self.acceleration = np.array([limits.acceleration_m_s2 for limits in each])
         self.jerk = np.array([limits.jerk_m_s3 for limits in each])

@@ -1,0 +1,363 @@
+#!/usr/bin/env python3
+"""Breaks the robot on purpose, one break at a time, and looks whether the tests see it.
+
+    python test/breaks/run.py                     every break of the catalogue
+    python test/breaks/run.py --only voltage      breaks whose id, file or reason holds a text
+    python test/breaks/run.py --list              what there is
+    python test/breaks/run.py --jobs 2 --json     two at a time; the result as JSON
+
+Run it in an environment with the test dependencies, from anywhere. It takes about a quarter of a minute for each break.
+
+The catalogue is the YAML files beside this one, one for each room of the package. Whoever adds a capability adds its
+breaks. A break is a row:
+
+    id           its name
+    file         source file in the package
+    old, new     text that occurs exactly once there, and what takes its place
+    also         optional: more changes, each with file, old, new
+    why          what robot this is
+    tests        files and options for pytest: the tests that should see it
+    equivalent   optional: why no test can see it
+
+Each break is applied to a copy of the package, never to the sources and never to what is installed. The copy comes
+first on the path of the tests' interpreter, which makes sure that it has imported the copy. The same tests run once on
+the copy as it is: what fails there proves nothing.
+
+killed           a test failed, or did not end in time: the break was seen
+survived         every test passed: a fact is missing
+equivalent       every test passed, and the catalogue says why it must
+does not apply   the text does not occur exactly once: the break belongs to code of yesterday
+no proof         the tests fail, or select nothing, without the break as well; or they cannot even be collected with it
+not equivalent   a test sees what the catalogue calls equivalent
+
+The exit status is 0 if all breaks are killed or equivalent, else 1.
+
+Compiled kernels are kept for the copy as it is. A break gets those of all modules that do not import, however
+indirectly, what it changes; the others are compiled anew. ``--work DIR`` keeps copy and kernels for the next call.
+"""
+
+import argparse
+import ast
+import json
+import os
+import queue
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+PACKAGE = 'delta3_pacdrive'
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+KEYS = {'id', 'file', 'old', 'new', 'also', 'why', 'tests', 'equivalent'}
+REQUIRED = {'id', 'file', 'old', 'new', 'why', 'tests'}
+TIME_LIMIT_S = 600.0
+# kernels take no value of these modules when they are compiled: parameters reach them as arrays
+NOT_COMPILED_IN = frozenset({'parameters', 'errors', 'yaml_file'})
+GOOD = ('killed', 'equivalent')
+PASSED, FAILED, BROKEN = 0, 1, 3  # pytest's exit status; whatever is neither of the first two tells nothing
+BOOT = f"""\
+import sys
+import {PACKAGE}
+from pathlib import Path
+copy = Path(sys.argv[1])
+if not Path({PACKAGE}.__file__).is_relative_to(copy):
+    print(f'tested would be {{{PACKAGE}.__file__}} instead of the copy in {{copy}}')
+    sys.exit(3)
+import pytest
+sys.exit(pytest.main(sys.argv[2:]))
+"""
+CACHE_QUESTION = f'from {PACKAGE} import kernel; print(kernel.CACHE_DIRECTORY)'
+WARM_UP = f"""\
+from {PACKAGE} import parameters, simulation
+simulation.load_kernels(parameters.load())
+"""
+
+
+@dataclass(frozen=True)
+class Break:
+    """One row of the catalogue; ``changes`` are (file, old, new)."""
+
+    id: str
+    changes: tuple[tuple[str, str, str], ...]
+    why: str
+    tests: str
+    equivalent: str = ''
+
+    def misfits(self, package: Path) -> list[str]:
+        """Sentences about texts that do not occur exactly once in a package."""
+        sentences = []
+        for file, old, new in self.changes:
+            path = package / file
+            count = path.read_text(encoding='utf-8').count(old) if path.is_file() else 0
+            if count != 1 or old == new:
+                sentences.append(
+                    f'{file} holds {old!r} {count} times' if old != new else f'{file}: no change'
+                )
+        return sentences
+
+
+@dataclass
+class Result:
+    """What became of a break."""
+
+    id: str
+    status: str
+    seconds: float
+    detail: str
+
+
+def load_catalogue(folder: Path = HERE) -> list[Break]:
+    """Read every break; raises ValueError for a row that is none, and for an id that stands twice."""
+    breaks = []
+    for path in sorted(folder.glob('*.yaml')):
+        for row in yaml.safe_load(path.read_text(encoding='utf-8')):
+            where = f'{path.name}: {row.get("id")}'
+            if (
+                row.keys() - KEYS
+                or REQUIRED - row.keys()
+                or not all(row[key] for key in row.keys() - {'new'})
+            ):
+                raise ValueError(f'{where} has the keys {sorted(row)}, expected {sorted(KEYS)}')
+            changes = [(one['file'], one['old'], one['new']) for one in (row, *row.get('also', ()))]
+            equivalent = str(row.get('equivalent', '')).strip()
+            breaks.append(Break(row['id'], tuple(changes), row['why'].strip(), row['tests'], equivalent))
+    double = [name for name, count in Counter(one.id for one in breaks).items() if count > 1]
+    if double:
+        raise ValueError(f'these ids stand twice: {", ".join(double)}')
+    return breaks
+
+
+@cache
+def _imports(package: Path) -> dict[str, set[str]]:
+    """Modules of the package that each of its modules imports, by dotted name below the package."""
+    files = {
+        '.'.join(path.relative_to(package).with_suffix('').parts).removesuffix('.__init__'): path
+        for path in package.rglob('*.py')
+    }
+    found = {}
+    for module, path in files.items():
+        names = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.ImportFrom) and (node.module or '').split('.')[0] == PACKAGE:
+                base = (node.module or '').removeprefix(PACKAGE).removeprefix('.')
+                names.add(base)
+                names.update(f'{base}.{alias.name}'.removeprefix('.') for alias in node.names)
+        found[module] = names & files.keys()
+    return found
+
+
+def stale_modules(package: Path, changed: set[str]) -> set[str]:
+    """Modules whose compiled kernels may hold something of changed ones."""
+    stale = {module for module in changed if module not in NOT_COMPILED_IN}
+    imports = _imports(package)
+    while more := {module for module, names in imports.items() if names & stale and module not in stale}:
+        stale |= more
+    return stale
+
+
+class Workshop:
+    """A copy of the package, in which one break after the other is tried."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.package = folder / 'copy' / PACKAGE
+        # what a break has changed comes back from here, though somebody works on the sources meanwhile
+        self._original = folder / 'original'
+        ignore = shutil.ignore_patterns('__pycache__')
+        for target in (self._original, self.package):
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(ROOT / PACKAGE, target, ignore=ignore)
+            shutil.copytree(ROOT / 'config', target / 'config', ignore=ignore)
+        self.environment = os.environ | {
+            'PYTHONPATH': str(folder / 'copy'),
+            'PYTHONSAFEPATH': '1',
+            'NUMBA_CACHE_DIR': str(folder / 'kernels'),
+            'MPLBACKEND': 'Agg',
+        }
+        self._kernels = self._cache_directory()
+        self._controls: dict[str, str] = {}
+        subprocess.run([sys.executable, '-c', WARM_UP], env=self.environment, check=True, cwd=folder)
+
+    def _cache_directory(self) -> Path:
+        command = [sys.executable, '-c', CACHE_QUESTION]
+        run = subprocess.run(
+            command, env=self.environment, check=True, capture_output=True, text=True, cwd=ROOT
+        )
+        return Path(run.stdout.strip())
+
+    def attempt(self, one: Break) -> Result:
+        """Try a break."""
+        began = time.monotonic()
+        if misfits := one.misfits(self.package):
+            return Result(one.id, 'does not apply', 0.0, '; '.join(misfits))
+        if problem := self._control(one.tests):
+            return Result(one.id, 'no proof', time.monotonic() - began, problem)
+        began = time.monotonic()
+        self._apply(one)
+        try:
+            kernels = self._cache_directory()
+            if kernels != self._kernels:
+                self._keep_kernels(one, kernels)
+            status, detail = self._test(one.tests)
+            if kernels != self._kernels:
+                shutil.rmtree(kernels, ignore_errors=True)
+        except subprocess.CalledProcessError as error:
+            status, detail = BROKEN, (error.stderr or '').strip().splitlines()[-1]
+        finally:
+            self._restore(one)
+        if status == PASSED:
+            name, detail = ('equivalent', one.equivalent) if one.equivalent else ('survived', '')
+        elif status == FAILED:
+            name = 'not equivalent' if one.equivalent else 'killed'
+        else:
+            name = 'no proof'
+        return Result(one.id, name, time.monotonic() - began, detail)
+
+    def _control(self, tests: str) -> str:
+        """Run tests without a break, once; say what is wrong with them, if anything is."""
+        if tests not in self._controls:
+            status, detail = self._test(tests)
+            self._controls[tests] = '' if status == PASSED else f'without the break: {detail}'
+        return self._controls[tests]
+
+    def _test(self, tests: str) -> tuple[int, str]:
+        """Run tests; return pytest's exit status and what failed first."""
+        options = ['-x', '-q', '--no-header', '--tb=no', '-p', 'no:cacheprovider', '-p', 'no:randomly']
+        command = [sys.executable, '-P', '-c', BOOT, str(self.folder / 'copy'), *options, *shlex.split(tests)]
+        process = subprocess.Popen(
+            command, env=self.environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            output, _ = process.communicate(timeout=TIME_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            return FAILED, f'no end within {TIME_LIMIT_S:g} s'
+        lines = [line for line in output.splitlines() if line.startswith(('FAILED', 'ERROR'))]
+        last = [line for line in output.splitlines() if line.strip()][-1:]
+        detail = (lines or last or [''])[0]
+        collected = not detail.startswith('ERROR') or '::' in detail  # otherwise no test has seen anything
+        return process.returncode if collected else BROKEN, detail
+
+    def _apply(self, one: Break) -> None:
+        for file, old, new in one.changes:
+            path = self.package / file
+            self._forget_bytecode(path)
+            path.write_text(path.read_text(encoding='utf-8').replace(old, new), encoding='utf-8')
+
+    def _restore(self, one: Break) -> None:
+        for file, _, _ in one.changes:
+            shutil.copy2(self._original / file, self.package / file)
+            self._forget_bytecode(self.package / file)
+
+    @staticmethod
+    def _forget_bytecode(path: Path) -> None:
+        """Bytecode knows its source by size and whole seconds only."""
+        for compiled in (path.parent / '__pycache__').glob(f'{path.stem}.*.pyc'):
+            compiled.unlink()
+
+    def _keep_kernels(self, one: Break, kernels: Path) -> None:
+        """Give a break the compiled kernels that it does not touch."""
+        changed = {'.'.join(Path(file).with_suffix('').parts) for file, _, _ in one.changes}
+        stale = stale_modules(self.package, changed)
+        # those of tests are not kept: they may call anything
+        kept = {tuple(module.split('.'))[-2:] for module in _imports(self.package).keys() - stale}
+        for path in self._kernels.rglob('*'):
+            # numba names a folder after that of the source, and a file after the module and the function
+            folder = path.parent.name.rpartition('_')[0]
+            module = path.name.partition('.')[0]
+            key = (module,) if folder == PACKAGE else (folder, module)
+            if path.is_file() and (key in kept or path.parent == self._kernels):
+                target = kernels / path.relative_to(self._kernels)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                if not target.exists():
+                    os.link(path, target)
+
+
+def run(breaks: list[Break], folder: Path, jobs: int, report: Any) -> list[Result]:
+    """Try breaks in as many copies as there are jobs; ``report`` is called with each result."""
+    workshops: queue.SimpleQueue[Workshop] = queue.SimpleQueue()
+    for number in range(jobs):
+        (folder / f'job{number}').mkdir(parents=True, exist_ok=True)
+        workshops.put(Workshop(folder / f'job{number}'))
+
+    def attempt(one: Break) -> Result:
+        workshop = workshops.get()
+        try:
+            result = workshop.attempt(one)
+        finally:
+            workshops.put(workshop)
+        report(result)
+        return result
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(attempt, breaks))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description='Break the robot on purpose, one break at a time, and look whether the tests see it.'
+    )
+    parser.add_argument(
+        '--only', metavar='TEXT', default='', help='breaks whose id, file or reason holds a text'
+    )
+    parser.add_argument('--list', action='store_true', help='print the catalogue')
+    parser.add_argument('--jobs', metavar='N', type=int, default=1, help='breaks at a time')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    parser.add_argument(
+        '--work', metavar='DIR', type=Path, help='folder for copies and kernels, kept for the next call'
+    )
+    return parser
+
+
+def main() -> int:
+    """Run the command; return the exit status."""
+    options = _parser().parse_args()
+    chosen = [
+        one
+        for one in load_catalogue()
+        if options.only in one.id or options.only in one.why or any(options.only in c[0] for c in one.changes)
+    ]
+    if not chosen:
+        print(f'error: no break holds the text {options.only!r}', file=sys.stderr)
+        return 1
+    if options.list:
+        for one in chosen:
+            mark = ' (equivalent)' if one.equivalent else ''
+            print(f'{one.id:<36} {one.changes[0][0]:<28} {" ".join(one.why.split())}{mark}')
+        return 0
+
+    def report(result: Result) -> None:
+        text = f'{result.status:<14} {result.id:<36} {result.seconds:6.1f} s  {result.detail}'
+        print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
+
+    if options.work:
+        results = run(chosen, options.work.resolve(), max(1, options.jobs), report)
+    else:
+        with tempfile.TemporaryDirectory(prefix='breaks-') as folder:
+            results = run(chosen, Path(folder).resolve(), max(1, options.jobs), report)
+    counts = Counter(result.status for result in results)
+    if options.json:
+        print(json.dumps({'counts': counts, 'results': [vars(result) for result in results]}))
+    else:
+        print(
+            f'{len(results)} breaks: ' + ', '.join(f'{count} {name}' for name, count in counts.most_common())
+        )
+    return 0 if all(result.status in GOOD for result in results) else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""Makes the golden figures of simulated runs anew.
+
+    python test/golden/make.py        writes figures.json beside this file
+
+The simulator gives the same bits wherever the same machine code runs. ``maker`` is a digest of what that depends on:
+versions of the interpreter, of numba and its compiler, numpy, scipy, ruckig and the C library, and the kind of
+processor. Figures have nine digits. They may change only with the equations, the parameters or the programs; a commit
+that changes them says why.
+"""
+
+import hashlib
+import json
+import platform
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.motion import program as programs
+
+FILE = Path(__file__).parent / 'figures.json'
+COMMAND = 'python test/golden/make.py'
+DIGITS = 9
+LINE = {
+    'start_m': [0.0, 0.0, -0.78],
+    'moves': [
+        {'move_l': {'to_m': [0.2, 0.05, -0.8], 'speed_m_s': 1.0, 'blend_m': 0.03}},
+        {'output': {'name': 'gripper', 'value': True, 'payload_kg': 1.25, 'before_m': 0.01}},
+        {'move_l': {'to_m': [0.1, -0.1, -0.78], 'speed_m_s': 0.6}},
+    ],
+}
+TUNED = {
+    'drive__velocity_filter_s': 3e-4,
+    'drive__current_filter_s': 5e-5,
+    'drive__velocity_feedforward': 0.8,
+    'drive__current_feedforward': 0.7,
+    'drive__commutation_offset_rad': 0.05,
+    'motor__friction_smoothing_rad_s': 3.0,
+    'motor__static_friction_n_m': 0.13,
+}
+
+
+def _with_faults(*faults):
+    return LINE | {'faults': list(faults)}
+
+
+# name: (program, changes of the robot, parameter file)
+CASES = {
+    'experiment 1': ('experiment1', {}, None),
+    'experiment 2': ('experiment2', {}, None),
+    'experiment 3': ('experiment3', {}, None),
+    'experiment 3, built robot': ('experiment3', {}, 'rich'),
+    'experiment 1, exact exchange': ('experiment1', {'bus__exchange_period_s': 125e-6}, None),
+    'experiment 1, cycle of 2 ms': ('experiment1', {'bus__cycle_time_s': 2e-3}, None),
+    'experiment 1, filters and friction': ('experiment1', TUNED, None),
+    'packaging with stops': ('packaging_stops', {}, None),
+    'gripped on the way': (LINE, {}, None),
+    'telegrams lost': (
+        _with_faults(
+            {'fault': 'drop_mdt', 'axis': 'axis2', 'after_s': 0.15},
+            {'fault': 'drop_at', 'axis': 'axis1', 'after_s': 0.2},
+            {'fault': 'drop_at', 'axis': 'axis3', 'after_s': 0.25},
+        ),
+        {},
+        None,
+    ),
+    'encoder lost': (_with_faults({'fault': 'encoder_failure', 'axis': 'axis2', 'after_s': 0.2}), {}, None),
+    'emergency stop': (_with_faults({'fault': 'emergency_stop', 'after_s': 0.2}), {}, None),
+    'load and noise': (
+        _with_faults(
+            {'fault': 'overload', 'axis': 'axis1', 'torque_n_m': 1.5, 'after_s': 0.1, 'for_s': 0.1},
+            {'fault': 'encoder_noise', 'axis': 'axis3', 'noise_rad': 2e-4, 'after_s': 0.1},
+        ),
+        {},
+        None,
+    ),
+}
+
+
+def maker():
+    """Return a short digest of what the bits depend on beside the sources."""
+    import llvmlite.binding as llvm
+
+    packages = [
+        f'{name} {metadata.version(name)}' for name in ('numba', 'llvmlite', 'numpy', 'scipy', 'ruckig')
+    ]
+    facts = [
+        platform.python_version(),
+        platform.machine(),
+        *platform.libc_ver(),
+        llvm.get_host_cpu_name(),
+        *packages,
+    ]
+    return hashlib.sha256(' '.join(facts).encode()).hexdigest()[:16]
+
+
+def _rounded(values):
+    return [float(f'{value:.{DIGITS}g}') for value in np.ravel(values).tolist()]
+
+
+def figures(name):
+    """Return the figures of a case: of each signal rms and last value by axis, and what the run says of itself."""
+    program, changes, file = CASES[name]
+    robot = parameters.load(file).replace(**changes)
+    program = (
+        programs.load(program, robot.motion)
+        if isinstance(program, str)
+        else programs.parse(program, robot.motion)
+    )
+    trace = simulation.run(program, robot)
+    found = {
+        'cycles': len(trace.time_s),
+        'end_cycle': trace.meta['end_cycle'],
+        'stopped': trace.meta['stopped'],
+        'lost_telegrams': trace.meta['lost_telegrams'],
+        'figures': {key: _rounded(value) for key, value in trace.meta['figures'].items()},
+    }
+    signals = {key: np.sqrt((values**2).mean(axis=0)) for key, values in trace.signals.items()}
+    found['rms'] = {key: _rounded(values) for key, values in signals.items()}
+    found['last'] = {key: _rounded(values[-1]) for key, values in trace.signals.items()}
+    return found
+
+
+def main():
+    """Write the file."""
+    document = {'command': COMMAND, 'maker': maker(), 'cases': {name: figures(name) for name in CASES}}
+    FILE.write_text(json.dumps(document, indent=1) + '\n', encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

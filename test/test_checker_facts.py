@@ -1,0 +1,385 @@
+"""Facts about the checkers: each is shown a broken robot and says so, and a sound one and says nothing."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes.cases import Case, Outcome, State
+from delta3_pacdrive.nodes.catalogue import Catalogue
+from delta3_pacdrive.nodes.evidence import AxisRecord, burdened, loaded, misread, sagged
+from delta3_pacdrive.nodes.invariants import Invariants
+from delta3_pacdrive.nodes.soak import Figures, Soak, Violation
+from delta3_pacdrive.nodes.tap import AT, MDT, SHAFTS, Telegrams
+
+GEAR = 32.0
+HOME = (0.0, 0.0, -0.75)
+AWAY = (0.2, 0.0, -0.75)
+CYCLES = 200
+SESSION = b'3fa9'
+I_PEAK_N_M = 17.0 * 0.78
+RPM_MAX = 6000.0 * math.tau / 60.0
+
+
+def telegrams(values, first=100, session=SESSION):
+    values = np.asarray(values, dtype=np.float64)
+    cycles = np.arange(first, first + len(values))
+    return Telegrams(cycles, [session] * len(values), cycles * 1e-3, values)
+
+
+def shafts_at(points, robot, speed=0.0):
+    """Return the nine shaft values for TCP positions (n, 3)."""
+    theta = kinematics.inverse(points, robot.kinematics) * GEAR
+    return np.column_stack([theta, np.full_like(theta, speed), np.zeros_like(theta)])
+
+
+def line(robot):
+    """Return a smooth way from home to the other end, in cycles."""
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, CYCLES))
+    return np.array(HOME) + share[:, None] * (np.array(AWAY) - np.array(HOME))
+
+
+def sound(robot):
+    """Return the telegrams of an undisturbed program that is driven without an error."""
+    points = line(robot)
+    commands = kinematics.inverse(points, robot.kinematics) * GEAR
+    # the shafts are where the commands were 1.75 cycles before
+    cycles = np.arange(CYCLES)
+    theta = np.column_stack([np.interp(cycles - 1.75, cycles, axis) for axis in commands.T])
+    shafts = np.column_stack([theta, np.gradient(theta, 1e-3, axis=0), np.zeros_like(theta)])
+    shafts[-3:, :3] = commands[-1]
+    commands[-3:] = commands[-1]
+    at = np.column_stack([theta[:, 0], np.zeros(CYCLES), np.full(CYCLES, 0.3)])
+    return {SHAFTS: telegrams(shafts), MDT: telegrams(commands), **{topic: telegrams(at) for topic in AT}}
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+@pytest.fixture
+def invariants(robot, said):
+    return Invariants(robot, lambda sentence, cycle: said.append((sentence, cycle)))
+
+
+def changed(one, row, column, value):
+    values = one.values.copy()
+    values[row, column] = value
+    return replace(one, values=values)
+
+
+# soak: what must always hold
+
+
+def test_a_sound_robot_violates_nothing(invariants, said, robot):
+    for topic, one in sound(robot).items():
+        invariants.check(topic, one)
+    error, end = invariants.check_undisturbed(sound(robot), AWAY)
+    assert said == []
+    assert error < 2e-4  # where the last commands are held
+    assert end < 1e-9
+
+
+@pytest.mark.parametrize(
+    ('cycles', 'violated'),
+    [
+        ([100, 101, 101], 'bus cycle 101 after 101'),
+        ([100, 101, 100], 'bus cycle 100 after 101'),
+        ([100, 101, 103], 'bus cycle 103 after 101'),
+    ],
+)
+def test_bus_time_that_stands_goes_back_or_jumps_is_a_violation(cycles, violated, invariants, said, robot):
+    one = telegrams(shafts_at([HOME] * 3, robot))
+    invariants.check(SHAFTS, replace(one, cycles=np.array(cycles)))
+    assert said == [(f'{SHAFTS}: {violated}', cycles[-1])]
+
+
+def test_bus_time_may_jump_only_where_the_bus_was_phased_up(invariants, said, robot):
+    rows = shafts_at([HOME] * 2, robot)
+    invariants.check(SHAFTS, telegrams(rows, 100))
+    invariants.check(SHAFTS, telegrams(rows, 500, b'0001'))
+    assert said == []
+    invariants.check(SHAFTS, telegrams(rows, 503, b'0001'))
+    assert [sentence for sentence, _ in said] == [f'{SHAFTS}: bus cycle 503 after 501']
+    invariants.check(SHAFTS, telegrams(rows, 300, b'0002'))
+    assert len(said) == 2  # never back, whoever counts
+
+
+@pytest.mark.parametrize(
+    ('column', 'value', 'what'),
+    [
+        (0, math.radians(108.5) * GEAR, 'an arm is at'),  # 3 degrees into the end stop at 105
+        (2, math.radians(-58.5) * GEAR, 'an arm is at'),
+        (4, 1.02 * 1.1 * 1.5 * RPM_MAX, 'a shaft turns at'),  # what an encoder would take for implausible
+        (5, -1.02 * 1.1 * 1.5 * RPM_MAX, 'a shaft turns at'),
+        (1, math.nan, 'an arm is at'),
+    ],
+)
+def test_a_shaft_beyond_what_is_physically_possible_is_a_violation(
+    column, value, what, invariants, said, robot
+):
+    one = telegrams(shafts_at([HOME] * 10, robot))
+    invariants.check(SHAFTS, one)
+    assert said == []
+    invariants.check(SHAFTS, changed(telegrams(one.values, 110), 7, column, value))
+    ((sentence, cycle),) = said
+    assert sentence.startswith(what)
+    assert cycle == 117
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_torque_beyond_that_of_a_blocking_end_stage_is_a_violation(sign, invariants, said):
+    at = np.column_stack([np.zeros(5), np.zeros(5), np.full(5, sign * 1.29 * I_PEAK_N_M)])
+    invariants.check(AT[1], telegrams(at))
+    assert said == []
+    at[3, 2] = sign * 1.31 * I_PEAK_N_M
+    invariants.check(AT[1], telegrams(at, 105))
+    assert [cycle for _, cycle in said] == [108]
+    assert said[0][0].startswith(f'{AT[1]}: torque')
+
+
+@pytest.mark.parametrize(
+    ('point', 'what'),
+    [
+        ((0.602, 0.0, -0.8), 'the TCP is commanded to a radius of'),
+        ((0.0, 0.0, -0.698), 'the TCP is commanded to z'),
+        ((0.0, 0.0, -0.952), 'the TCP is commanded to z'),
+    ],
+)
+def test_a_command_out_of_the_workspace_is_a_violation(point, what, invariants, said, robot):
+    commands = kinematics.inverse([HOME, HOME, point, HOME], robot.kinematics) * GEAR
+    invariants.check(MDT, telegrams(commands))
+    ((sentence, cycle),) = said
+    assert sentence.startswith(what)
+    assert cycle == 102
+
+
+# soak: what holds while nothing disturbs
+
+
+@pytest.mark.parametrize(
+    ('topic', 'column', 'value', 'what'),
+    [
+        (SHAFTS, 1, math.radians(96.0) * GEAR, 'an arm is at'),  # half a degree beyond 95
+        (SHAFTS, 4, 1.01 * RPM_MAX, 'a shaft turns at'),
+        (AT[2], 2, 1.01 * I_PEAK_N_M, f'{AT[2]}: torque'),
+    ],
+)
+def test_an_undisturbed_program_keeps_the_nominal_limits(topic, column, value, what, invariants, said, robot):
+    recorded = sound(robot)
+    recorded[topic] = changed(recorded[topic], 50, column, value)
+    invariants.check_undisturbed(recorded, AWAY)
+    assert any(sentence.startswith(what) and cycle == 150 for sentence, cycle in said), said
+
+
+def test_an_undisturbed_program_keeps_to_its_commands(invariants, said, robot):
+    recorded = sound(robot)
+    off = recorded[SHAFTS].values[80, 0] + 2e-3 / 0.4 * GEAR  # 2 mm at the elbow
+    recorded[SHAFTS] = changed(recorded[SHAFTS], 80, 0, off)
+    error, _ = invariants.check_undisturbed(recorded, AWAY)
+    ((sentence, cycle),) = said
+    assert re_number(sentence, 'the true TCP is {} mm from its command') == pytest.approx(
+        error * 1e3, abs=1e-3
+    )
+    assert error > 1.5e-3
+    assert cycle == 180
+
+
+def test_an_undisturbed_program_ends_where_it_should(invariants, said, robot):
+    _, off = invariants.check_undisturbed(sound(robot), (0.2, 0.0, -0.75002))
+    assert off == pytest.approx(2e-5, rel=1e-3)
+    ((sentence, _),) = said
+    assert re_number(sentence, 'the program ends {} mm off') == pytest.approx(0.02, rel=1e-2)
+
+
+def re_number(sentence, form):
+    before, after = form.split('{}')
+    assert sentence.startswith(before), sentence
+    assert sentence.endswith(after), sentence
+    return float(sentence[len(before) : len(sentence) - len(after)])
+
+
+@pytest.mark.parametrize(
+    ('lost', 'injected', 'complete', 'violated'),
+    [
+        (0, 0, True, False),
+        (3, 3, True, False),
+        (4, 3, True, True),
+        (4, 3, False, True),
+        (2, 3, True, True),
+        (2, 3, False, False),
+    ],
+)
+def test_losses_are_those_that_were_injected(lost, injected, complete, violated, invariants, said):
+    invariants.check_losses('AT', lost, injected, complete, 7)
+    assert said == ([(f'AT: {lost} lost, {injected} were injected', 7)] if violated else [])
+
+
+@pytest.mark.parametrize(
+    ('growth', 'cycles', 'violated'),
+    [
+        (4.9, 100_000, False),
+        (5.1, 100_000, True),
+        (9.9, 200_000, False),
+        (10.1, 200_000, True),
+        (50.0, 99_999, False),
+    ],
+)
+def test_memory_may_grow_by_5_mb_in_100_000_cycles(growth, cycles, violated, invariants, said):
+    invariants.check_memory(growth, cycles, 3)
+    assert bool(said) == violated
+
+
+def soak_of(robot, taken):
+    """Return a soak that is attached to nothing but telegrams."""
+    soak = object.__new__(Soak)
+    soak.figures = Figures(programs=1)
+    soak._violate = lambda sentence, cycle: soak.figures.violations.append(
+        Violation(sentence, 1, 'real', 1, cycle, '')
+    )
+    soak._invariants = Invariants(robot, soak._violate)
+    soak._tap = SimpleNamespace(take=lambda: taken)
+    soak._recorded = None
+    soak._session = b''
+    return soak
+
+
+def test_a_soak_holds_every_telegram_that_comes_against_the_invariants(robot):
+    taken = sound(robot)
+    soak = soak_of(robot, taken)
+    soak.look()
+    assert soak.figures.violations == []
+    assert soak.figures.ok
+    broken = soak_of(robot, taken | {AT[0]: changed(taken[AT[0]], 20, 2, 99.0)})
+    broken.look()
+    assert [violation.cycle for violation in broken.figures.violations] == [120]
+    assert not broken.figures.ok
+
+
+def test_a_soak_is_ok_if_programs_ran_nothing_was_violated_and_every_fault_was_survived():
+    good = Figures(programs=3, injected=2, survived=2)
+    assert good.ok
+    assert not replace(good, programs=0).ok
+    assert not replace(good, survived=1).ok
+    assert not replace(good, violations=[Violation('x', 1, 'real', 1, 1, '')]).ok
+
+
+# catalogue: evidence
+
+QUIET = 400
+
+
+def record(**changes):
+    """Return an axis that holds a small load, torque like coupling, without errors."""
+    load = np.full(QUIET, 0.3)
+    fields = {
+        'read': np.zeros(QUIET),
+        'torque': load,
+        'position': np.zeros(QUIET),
+        'speed': np.zeros(QUIET),
+        'coupling': load,
+    }
+    return AxisRecord(**fields | changes)
+
+
+def test_evidence_says_nothing_of_a_sound_axis():
+    for evidence in (misread, sagged, burdened, loaded):
+        assert evidence(record()) == '', evidence.__name__
+    # a shaft that its motor turns does not sag; one that hangs in its brake without torque stands
+    moving = record(speed=np.full(QUIET, 30.0))
+    assert sagged(moving) == ''
+    assert sagged(record(torque=np.zeros(QUIET), speed=np.full(QUIET, 0.4))) == ''
+    assert misread(record(read=np.full(QUIET, 0.9e-4))) == ''
+    assert burdened(record(torque=np.full(QUIET, 1.2))) == ''
+    assert loaded(record(coupling=np.full(QUIET, -0.9))) == ''
+
+
+def test_evidence_says_what_is_off_and_by_how_much():
+    assert misread(record(read=np.linspace(0.0, -0.05, QUIET))) == 'reads up to 0.0500 rad wrong'
+    falls = record(torque=np.zeros(QUIET), speed=np.linspace(0.0, -3.0, QUIET))
+    assert sagged(falls) == 'turns at 3.0 rad/s under its brake'
+    assert burdened(record(torque=np.full(QUIET, -2.5))) == 'needs 2.80 N m more than its load'
+    assert loaded(record(coupling=np.full(QUIET, -1.75))) == 'carries 1.75 N m'
+
+
+def test_evidence_counts_from_the_fault_on():
+    shafts, answers = np.zeros((10, 9)), np.zeros((10, 3))
+    answers[:5, 0] = 1.0  # before the fault
+    answers[5:, 2] = 0.5
+    shafts[:, 7] = np.arange(10)
+    found = AxisRecord.of({SHAFTS: telegrams(shafts), AT[1]: telegrams(answers, 98)}, 1, 103)
+    # answers of cycles 98 to 107, shafts of 100 to 109: known together from 103 to 107
+    assert found.coupling.tolist() == [3.0, 4.0, 5.0, 6.0, 7.0]
+    assert found.torque.tolist() == [0.5] * 5
+    assert misread(found) == ''
+
+
+# catalogue: what became of a case
+
+EXPECTED = Case({'fault': 'encoder_failure', 'axis': 'axis2'}, State.MOVING, '8171')
+HARMLESS = Case({'fault': 'drop_mdt', 'axis': 'axis2'}, State.MOVING)
+TOLD = 'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, reaction AD)'
+
+
+@pytest.mark.parametrize(
+    ('outcome', 'expected'),
+    [
+        (Outcome(EXPECTED, reported=TOLD, recovered_s=1.0), True),
+        (Outcome(EXPECTED, reported=TOLD), False),  # not overcome
+        (Outcome(EXPECTED, reported=TOLD.replace('8171', '8905'), recovered_s=1.0), False),
+        (Outcome(EXPECTED, evidence='reads wrong', recovered_s=1.0), False),  # nothing was reported
+        (Outcome(EXPECTED, reported=TOLD, recovered_s=1.0, problem='the fault missed the stop'), False),
+        (Outcome(HARMLESS, evidence='1 lost', recovered_s=1.0), True),
+        (Outcome(HARMLESS, recovered_s=1.0), False),  # nobody has seen it
+        (Outcome(HARMLESS, reported=TOLD, evidence='1 lost', recovered_s=1.0), False),
+    ],
+)
+def test_a_case_is_as_expected_if_it_led_to_that_was_seen_and_was_overcome(outcome, expected):
+    assert outcome.as_expected is expected
+    assert outcome.to_row()['ok'] is expected
+
+
+class Still(Catalogue):
+    """A catalogue without a robot."""
+
+    @property
+    def progress(self):
+        return self.told
+
+
+def catalogue_of(tcp, fault=''):
+    """Return a catalogue whose reference move is recorded already."""
+    one = object.__new__(Still)
+    one._recorded = {}
+    one._home, one._away = np.array(HOME), np.array(AWAY)
+    one.told = {'fault': fault}
+    one._program = {}
+    for name in ('drive', 'wait', 'let_pass'):
+        setattr(one, name, lambda *_, **__: None)
+    one._tcp = lambda *_: tcp
+    return one
+
+
+def test_the_reference_move_after_a_recovery_is_judged(robot):
+    way = line(robot)
+    way = np.vstack([way, way[::-1]])
+    assert catalogue_of(way)._move_for_reference() < 1e-12
+    beside = way.copy()
+    beside[100, 2] += 0.15e-3
+    assert catalogue_of(beside)._move_for_reference() == pytest.approx(0.15e-3, rel=1e-6)
+    beside[100, 2] += 0.1e-3
+    with pytest.raises(RunError, match=r'is 0\.250 mm off its line'):
+        catalogue_of(beside)._move_for_reference()
+    short = way[:-1] + (way[-1] - way[-2])
+    short[-1] = (4e-5, 0.0, -0.75)
+    with pytest.raises(RunError, match=r'ends 0\.040 mm off'):
+        catalogue_of(short)._move_for_reference()
+    with pytest.raises(RunError, match='ended with a fault: 8111'):
+        catalogue_of(way, '8111')._move_for_reference()

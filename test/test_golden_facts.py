@@ -1,0 +1,48 @@
+"""Golden figures of whole runs: the simulator is exact to the bit, and so are its figures (golden/make.py)."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+GOLDEN = Path(__file__).resolve().parent / 'golden'
+SAME = 2e-9  # relative: the figures have nine digits
+# Elsewhere a sine may be rounded otherwise and an encoder read one increment more: that moves currents by a thousandth
+ELSEWHERE = 5e-3
+# of what is zero but for rounding, by axis and signal: positions [m, rad], currents [A], torques [N m]
+NOTHING = 1e-9
+NOTHING_ELSEWHERE = 1e-3
+
+SPEC = importlib.util.spec_from_file_location('golden_make', GOLDEN / 'make.py')
+make = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(make)
+DOCUMENT = json.loads((GOLDEN / 'figures.json').read_text(encoding='utf-8'))
+
+
+def test_the_file_holds_every_case_and_says_how_it_came_about():
+    assert DOCUMENT['command'] == make.COMMAND
+    assert DOCUMENT['cases'].keys() == make.CASES.keys()
+
+
+@pytest.mark.parametrize('name', make.CASES)
+def test_a_run_has_its_golden_figures(name):
+    here = DOCUMENT['maker'] == make.maker()
+    relative, nothing = (SAME, NOTHING) if here else (ELSEWHERE, NOTHING_ELSEWHERE)
+    wanted, found = DOCUMENT['cases'][name], make.figures(name)
+    assert found.keys() == wanted.keys()
+    for key in ('cycles', 'end_cycle', 'stopped', 'lost_telegrams'):
+        assert found[key] == wanted[key], key
+    for group in ('figures', 'rms', 'last'):
+        assert found[group].keys() == wanted[group].keys()
+        for key, values in wanted[group].items():
+            assert found[group][key] == pytest.approx(values, rel=relative, abs=nothing), f'{group} {key}'
+
+
+def test_the_runs_that_are_stopped_tell_why_and_when():
+    stopped = {name: case['stopped'] for name, case in DOCUMENT['cases'].items() if case['stopped']}
+    start = 120
+    assert stopped['emergency stop'] == f'emergency stop in bus cycle {start + 200}'
+    assert stopped['encoder lost'].startswith(f'axis2 reports a fault in bus cycle {start + 200}')
+    assert stopped.keys() == {'emergency stop', 'encoder lost'}
+    assert DOCUMENT['cases']['telegrams lost']['lost_telegrams'] == 2

@@ -1,0 +1,227 @@
+"""Facts about options: each one that is parsed reaches what it is for; none is parsed and dropped."""
+
+import json
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import parameters, recording, simulation
+from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.estimation import measurement, session
+from delta3_pacdrive.jacobian_study import study as jacobian_study
+from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.tuning import recording as tuning_recording
+from delta3_pacdrive.tuning import study as tuning_study
+from delta3_pacdrive.tuning.bench import Place
+
+REPORT = {'ok': True}
+
+
+class Asked(Exception):  # noqa: N818  it is no error: a command has got as far as what is asked here
+    """Ends a command with what it asks for."""
+
+
+@pytest.fixture(autouse=True)
+def without_kernels(monkeypatch):
+    monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
+
+
+def asked(command, arguments):
+    """Run a command until it asks; return what for."""
+    with pytest.raises(Asked) as caught:
+        command.main(arguments)
+    return caught.value.args
+
+
+def asking(*_):
+    """Take the place of what a command calls."""
+
+    def ask(*arguments, **named):
+        raise Asked(*arguments, *named.values())
+
+    return ask
+
+
+# tune
+
+
+@pytest.fixture
+def tuned(monkeypatch):
+    """Return the function that gives the settings of a tuning."""
+    monkeypatch.setattr(tuning_study, 'Study', asking())
+    return lambda *arguments: asked(tune, arguments)[0]
+
+
+TUNE = {
+    ('--axis', '2'): {'axis': 2},
+    ('--exchange-period', '250e-6'): {'exchange_period_s': 250e-6},
+    ('--amplitude', '0.5'): {'amplitude': 0.5},
+    ('--speed', '7'): {'speed_rad_s': 7.0},
+    ('--payload', '1.5'): {'payload_kg': 1.5},
+    ('--pose', '0.1', '0.2', '-0.8'): {'pose_m': (0.1, 0.2, -0.8)},
+    ('--set', 'K_Ppos=70', '--set', 'K_Pvel=0.4'): {'changes': ('K_Ppos=70', 'K_Pvel=0.4')},
+    ('--sweep', 'K_Ppos=40:80:2'): {'sweep': 'K_Ppos=40:80:2'},
+    ('--program', 'experiment2'): {'program': 'experiment2'},
+    ('--recording', 'a.npz'): {'recording': 'a.npz'},
+    ('--parameters', 'rich'): {'parameters': 'rich'},
+}
+
+
+@pytest.mark.parametrize('arguments', TUNE, ids=' '.join)
+def test_an_option_of_tune_is_a_setting_of_the_study_and_changes_no_other(arguments, tuned):
+    default, chosen = tuned(), tuned(*arguments)
+    changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
+    assert changed == TUNE[arguments]
+
+
+def test_the_folder_of_a_tuning_is_that_of_its_option(monkeypatch, tmp_path):
+    monkeypatch.setattr(tuning_study, 'Study', asking())
+    _, folder, command, _ = asked(tune, ['--output', str(tmp_path / 'here')])
+    assert folder == tmp_path / 'here'
+    assert command == f'delta3 tune --output {tmp_path}/here'
+
+
+@pytest.fixture
+def excited(monkeypatch, tmp_path):
+    """Return the function that gives the excitation of a recording, and its noise."""
+    monkeypatch.setattr(measurement, 'with_noise', asking())
+    trace = Trace(np.zeros(1), {}, {'sample_time_s': 1e-3})
+
+    def record(robot, excitation, _):
+        trace.meta['excitation'], trace.meta['robot'] = excitation, robot
+        return trace
+
+    monkeypatch.setattr(tuning_recording, 'record', record)
+
+    def excite(*arguments):
+        _, _, noise, seed = asked(tune, ['--excite', str(tmp_path / 'a.npz'), *arguments])
+        return vars(trace.meta['excitation']) | {'noise': noise, 'seed': seed}
+
+    return excite
+
+
+EXCITE = {
+    ('--place', 'position'): {'place': Place.POSITION},
+    ('--axis', '3'): {'axis': 2},
+    ('--amplitude', '0.5'): {'amplitude': 0.5},
+    ('--noise', '2'): {'noise': 2.0},
+    ('--seed', '9'): {'seed': 9},
+    ('--pose', '0.1', '0', '-0.8'): {'point_m': (0.1, 0.0, -0.8)},
+}
+
+
+@pytest.mark.parametrize('arguments', EXCITE, ids=' '.join)
+def test_an_option_of_an_excitation_reaches_it_and_changes_nothing_else(arguments, excited):
+    default, chosen = excited(), excited(*arguments)
+    changed = {key: value for key, value in chosen.items() if value != default[key]}
+    assert list(changed.values()) == list(EXCITE[arguments].values())
+    if '--pose' not in arguments:
+        assert changed == EXCITE[arguments]
+
+
+# jacobian
+
+
+JACOBIAN = {
+    ('--signals', 'actual'): {'signals': 'actual'},
+    ('--signals', 'true'): {'signals': 'true'},
+    ('--pose', 'inverse'): {'pose': 'inverse'},
+    ('--error', 'l_A=0.002', '--error', 'R_B=-0.001'): {'errors': {'l_A': 0.002, 'R_B': -0.001}},
+    ('--parameters', 'rich'): {'parameters': 'rich'},
+    ('2', 'packaging'): {'inputs': ('2', 'packaging')},
+}
+
+
+@pytest.mark.parametrize('arguments', JACOBIAN, ids=' '.join)
+def test_an_option_of_jacobian_is_a_setting_of_the_study_and_changes_no_other(arguments, monkeypatch):
+    monkeypatch.setattr(jacobian_study, 'run', asking())
+    default, chosen = asked(jacobian, [])[0], asked(jacobian, arguments)[0]
+    changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
+    assert changed == JACOBIAN[arguments]
+
+
+# estimate
+
+
+ESTIMATE = {
+    ('--start-off', '0.5'): {'start_off': 0.5},
+    ('--sampling', 'bus'): {'sampling': 'bus'},
+    ('--method', 'replay'): {'method': 'replay'},
+    ('--noise', '1'): {'noise': 1.0},
+    ('--seed', '4'): {'seed': 4},
+    ('--free', 'I_brake,w_s'): {'free': ('I_brake', 'w_s')},
+    ('--known', 'm_fb'): {'known': ('m_fb',)},
+    ('--group', 'masses'): {'group': 'masses'},
+    ('--parameters', 'rich'): {'parameters': 'rich'},
+    ('a.npz', 'b.csv'): {'inputs': ('a.npz', 'b.csv')},
+}
+
+
+@pytest.mark.parametrize('arguments', ESTIMATE, ids=' '.join)
+def test_an_option_of_estimate_is_a_setting_of_the_session_and_changes_no_other(arguments, monkeypatch):
+    monkeypatch.setattr(session, 'Session', asking())
+    default, chosen = asked(estimate, [])[0], asked(estimate, arguments)[0]
+    changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
+    assert changed == ESTIMATE[arguments]
+
+
+# simulate
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """Return the function that gives program and robot of a simulation."""
+    monkeypatch.setattr(simulation, 'run', asking())
+    return lambda *arguments: asked(simulate, arguments)
+
+
+def test_options_of_simulate_reach_the_simulation(simulated):
+    program, robot = simulated()
+    assert robot == parameters.load()
+    assert 'experiment 1' in program.name
+    assert 'experiment 3' in simulated('experiment3')[0].name
+    _, finer = simulated('--exchange-period', '125e-6')
+    assert finer == robot.replace(bus__exchange_period_s=125e-6)
+    assert simulated('--parameters', 'rich')[1] == parameters.load('rich')
+
+
+@pytest.mark.parametrize('name', ['a.npz', 'a.csv'])
+def test_the_trace_of_a_simulation_is_the_file_that_was_asked_for(name, tmp_path, capsys):
+    program = tmp_path / 'p.yaml'
+    program.write_text('moves: [{move_l: {to_m: [0.0, 0.0, -0.76]}}]\n', encoding='utf-8')
+    arguments = [str(program), '--trace', str(tmp_path / name), '--exchange-period', '250e-6', '--json']
+    assert simulate.main(arguments) == 0
+    result = json.loads(capsys.readouterr().out)
+    trace = recording.load(tmp_path / name)
+    assert len(trace.time_s) == result['cycles']
+    assert trace.meta['exchange_period_s'] == 250e-6
+    # the packaged robot, the packaged cycle of 1 ms
+    assert result['bus_time_s'] == pytest.approx(1e-3 * result['cycles'], rel=1e-12)
+    assert trace.time_s[-1] == pytest.approx(result['bus_time_s'] - 1e-3, abs=1e-9)
+
+
+# experiment
+
+
+def test_options_of_experiment_reach_both_robots(monkeypatch, tmp_path):
+    seen = []
+
+    def run(program, robot):
+        seen.append((program.name, robot))
+        if len(seen) % 2 == 0:
+            raise RunError('enough')
+        return Trace(np.zeros(1), {})
+
+    monkeypatch.setattr(simulation, 'run', run)
+    rich = parameters.load('rich')
+    out = ['--output', str(tmp_path / 'out')]
+    assert experiment.main(['2', *out]) == 1
+    assert experiment.main(['3', '--seed', '77', '--parameters', 'rich', '--robot', 'delta3', *out]) == 1
+    assert experiment.main(['1', '--seed', '77', *out]) == 1
+    (second, model), (_, robot), (third, swapped), (_, plain), _, (_, reseeded) = seen
+    assert 'experiment 2' in second
+    assert 'experiment 3' in third
+    assert (model, robot) == (parameters.load(), rich)
+    assert (swapped, plain) == (rich, parameters.load().replace(rich__sensor_seed=77))
+    assert reseeded == rich.replace(rich__sensor_seed=77)

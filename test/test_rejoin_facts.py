@@ -1,0 +1,112 @@
+"""Facts about going on after a fault: the path that is left is all of it, once, from where the robot stands."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import planning
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.master import sample_master
+from delta3_pacdrive.motion.plan import MoveKind, Plan
+from delta3_pacdrive.motion.rejoin import left_of_plan
+from delta3_pacdrive.motion.timeline import Timeline
+
+CYCLE_S = 1e-3
+START = (0.0, 0.0, -0.75)
+ROUNDING_M = 1e-9
+LIMITS = {'speed_m_s': 1.0, 'acceleration_m_s2': 12.0, 'jerk_m_s3': 500.0}
+MOVES = [
+    {'move_l': {'to_m': [0.2, 0.0, -0.75]}},
+    {'output': {'name': 'output1', 'value': True, 'before_m': 0.15}},
+    {'output': {'name': 'gripper', 'value': True, 'before_m': 0.03, 'payload_kg': 0.2}},
+    {'move_c': {'via_m': [0.1, 0.12, -0.78], 'to_m': [0.0, 0.0, -0.8]}},
+    {'dwell': {'time_s': 0.05}},
+    {'move_l': {'to_m': [-0.2, 0.0, -0.75]}},
+    {'move_sb': {'through_m': [[-0.2, 0.1, -0.78], [-0.1, 0.2, -0.8], [0.0, 0.1, -0.78]]}},
+]
+
+
+@pytest.fixture(scope='module')
+def plan(robot):
+    return planning.plan(programs.parse({'moves': MOVES, 'limits': LIMITS}, robot.motion), START, robot).plan
+
+
+def stopped(plan, number, share):
+    """Stop a plan within a move; return the timeline."""
+    timeline = Timeline(plan, CYCLE_S)
+    timeline.start(0)
+    begin, end = plan.tables.starts[number : number + 2]
+    timeline.change(timeline.stop(int((begin + share * (end - begin)) / CYCLE_S) + 1))
+    return timeline
+
+
+# shares after which a stop is over before its move is
+CASES = [(number, share) for number in range(5) for share in (0.0, 0.2, 0.4)]
+
+
+@pytest.mark.parametrize(('number', 'share'), CASES)
+def test_what_is_left_is_the_rest_of_the_move_and_every_move_after_it(number, share, plan):
+    timeline = stopped(plan, number, share)
+    here, moves = left_of_plan(timeline)
+    now = timeline.at(timeline.end_cycle)
+    assert now.number == number
+    assert len(moves) == len(plan) - number
+    assert all(left is plan.move(n) for n, left in enumerate(moves[1:], number + 1))
+    rest = Plan.of(moves)
+    rest.require_joined()
+    assert rest.start_m() == pytest.approx(here, abs=ROUNDING_M)
+    assert moves[-1].end_m() == pytest.approx(plan.move(len(plan) - 1).end_m(), abs=ROUNDING_M)
+    first = moves[0]
+    assert first.kind == plan.move(number).kind
+    if first.kind == MoveKind.DWELL:
+        left = plan.tables.starts[number + 1] - timeline.start_cycle * CYCLE_S
+        assert first.duration_s == pytest.approx(left, abs=CYCLE_S)
+    else:
+        assert first.master[0, 1] == pytest.approx(now.distance_m, abs=ROUNDING_M)
+        assert first.master[0, 2:4].tolist() == [0.0, 0.0]
+        assert first.length_m == plan.move(number).length_m
+
+
+@pytest.mark.parametrize('share', [0.1, 0.4, 0.5])
+def test_outputs_that_were_switched_are_not_switched_again_and_all_others_are(share, plan):
+    timeline = stopped(plan, 0, share)
+    place = timeline.at(timeline.end_cycle).distance_m
+    _, moves = left_of_plan(timeline)
+    own = plan.move(0).events
+    assert len(own) == 2
+    assert moves[0].events.tolist() == own[own[:, 0] > place].tolist()
+    assert [len(move.events) for move in moves[1:]] == [len(plan.move(n).events) for n in range(1, len(plan))]
+
+
+def test_the_cases_of_the_outputs_lie_on_both_sides_of_one(plan):
+    counts = {len(left_of_plan(stopped(plan, 0, share))[1][0].events) for share in (0.1, 0.4, 0.5)}
+    assert counts == {1, 2}
+
+
+def test_at_its_end_nothing_is_left(plan):
+    timeline = Timeline(plan, CYCLE_S)
+    timeline.start(0)
+    with pytest.raises(ProgramError, match='can only be restarted'):
+        left_of_plan(timeline)
+    timeline.change(timeline.stop(timeline.end_cycle))
+    with pytest.raises(ProgramError, match='at its end'):
+        left_of_plan(timeline)
+
+
+def test_a_plan_that_is_left_is_driven_to_the_same_end(plan):
+    timeline = stopped(plan, 1, 0.4)
+    here, moves = left_of_plan(timeline)
+    again = Timeline(Plan.of(moves), CYCLE_S)
+    again.start(0)
+    last = again.at(again.end_cycle)
+    assert last.number == len(moves) - 1
+    assert last.distance_m == moves[-1].length_m
+    assert np.linalg.norm(here - plan.move(1).start_m()) > 0.02
+
+
+def test_behind_its_end_a_master_stands_whatever_speed_its_last_row_tells():
+    """A stranger's sequence of cubics may end with one: its path ends there all the same."""
+    phases = np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 1.0, 2.0, 3.0]])
+    at = sample_master([0.25, 0.5, 0.75, 100.0], phases)
+    assert at[0, :3].tolist() == [0.25, 1.0, 0.0]
+    assert at[1:, :3].tolist() == [[0.5, 0.0, 0.0]] * 3

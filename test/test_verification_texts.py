@@ -1,0 +1,140 @@
+"""Facts about what the catalogue of faults and the soak print: each number in its unit, each failure with a reason."""
+
+import json
+
+import pytest
+
+pytest.importorskip('sensor_msgs', reason='faults and soak drive robots of ROS nodes')
+
+from delta3_pacdrive.cli import faults, soak
+from delta3_pacdrive.nodes import catalogue
+from delta3_pacdrive.nodes import soak as soak_runner
+from delta3_pacdrive.nodes.cases import Case, Outcome, State
+from delta3_pacdrive.nodes.soak import Violation
+
+
+def lines(capsys):
+    """Return what was printed, blanks made single."""
+    return [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+
+LOST = Case({'fault': 'encoder_failure', 'axis': 'axis2'}, State.MOVING, '8171')
+TOLD = 'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, reaction AD)'
+GOOD = Outcome(LOST, 0.004, 1.25, TOLD, True, '', 0.00234, 0.61, 0.00007)
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    """Return the function that lets the catalogue end with outcomes."""
+
+    def end(*found):
+        def run(_todo, _logs, outcomes, show):
+            for outcome in found:
+                outcomes.append(outcome)
+                show(outcome)
+
+        monkeypatch.setattr(catalogue, 'run_catalogue', run)
+
+    return end
+
+
+def test_a_case_is_printed_with_times_and_ways_in_their_units(judged, capsys):
+    judged(GOOD)
+    assert faults.main(['--short']) == 0
+    printed = lines(capsys)
+    assert 'encoder_failure axis2 moving 4 ms 1.2 s 8171 AD * 2.34 mm 0.6 s' in printed
+    assert printed[-1] == '1 of 8 cases, 1 as expected; * in the exercise'
+
+
+def test_a_case_that_went_otherwise_says_so_and_the_command_fails(judged, capsys):
+    never = Outcome(LOST, evidence='reads wrong', problem='')
+    judged(GOOD, never)
+    assert faults.main(['--short']) == 1
+    captured = capsys.readouterr()
+    printed = [' '.join(line.split()) for line in captured.out.splitlines()]
+    assert 'encoder_failure axis2 moving goes on 0.00 mm never' in printed
+    assert 'NOT AS EXPECTED: reads wrong, expected: 8171' in printed
+    assert printed[-1] == '2 of 8 cases, 1 as expected; * in the exercise'
+    assert '1 of 2 cases did not go as expected' in captured.err
+    judged(GOOD, never)
+    assert faults.main(['--short', '--json']) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert not result['ok']
+    assert [row['ok'] for row in result['cases']] == [True, False]
+
+
+FIGURES = {
+    'programs': 11,
+    'refused': 2,
+    'undisturbed': 3,
+    'cycles': 4444,
+    'injected': 5,
+    'stopped': 4,
+    'survived': 5,
+    'lost_at': 6,
+    'lost_at_injected': 7,
+    'lost_mdt': 8,
+    'lost_mdt_injected': 9,
+    'error_max_m': 0.00041,
+    'end_max_m': 0.0000005,
+    'rss_start_mb': 500.5,
+    'rss_end_mb': 510.25,
+    'rss_cycles': 3333,
+    'grown_mb': 1.25,
+    'kinds': {'drop_at': 2, 'kill': 3},
+}
+
+
+@pytest.fixture
+def soaked(monkeypatch):
+    """Return the function that lets a soak end with figures."""
+
+    def end(**changes):
+        def run(_seconds, _seed, _pace, _factor, figures, show, _replay=None):
+            for name, value in (FIGURES | changes).items():
+                setattr(figures, name, value)
+            show(figures)
+
+        monkeypatch.setattr(soak_runner, 'run_soak', run)
+        return next(iter(soak.PACES))
+
+    return end
+
+
+def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
+    pace = soaked()
+    assert soak.main(['--pace', pace]) == 0
+    assert lines(capsys) == [
+        f'{pace}:',
+        '11 programs in 4444 cycles, 2 refused by the planner',
+        '5 faults injected, 5 survived; 4 programs stopped by them',
+        '3 undisturbed programs: true TCP within 0.410 mm of the command, ends within 0.0005 mm',
+        '6 AT lost of at most 7 injected, 8 MDT of 9',
+        'RSS of the processes that lived on: 500.5 MB, 3333 cycles later 510.2 MB; their own memory grew by 1.2 MB',
+        'drop_at 2, kill 3',
+    ]
+
+
+FOUND = Violation('AT: 3 lost, 1 were injected', 11, 'fast', 7, 99, 'moves: []\n')
+
+
+@pytest.mark.parametrize(
+    ('changes', 'reason'),
+    [
+        ({'programs': 0}, 'no program ran {pace} within'),
+        ({'survived': 3}, '{pace}: 2 faults were not survived'),
+        ({'violations': [FOUND]}, 'see the violations'),
+    ],
+)
+def test_a_soak_that_is_not_ok_says_why(changes, reason, soaked, capsys):
+    pace = soaked(**changes)
+    assert soak.main(['--pace', pace]) == 1
+    captured = capsys.readouterr()
+    assert reason.format(pace=pace) in captured.err
+    if 'violations' in changes:
+        assert 'VIOLATED in bus cycle 99: AT: 3 lost, 1 were injected' in captured.out
+        assert 'program 7: delta3 soak --seed 11 --pace fast --replay 7' in captured.out
+        assert 'moves: []' in captured.out
+    soaked(**changes)
+    assert soak.main(['--pace', pace, '--json']) == 1
+    assert not json.loads(capsys.readouterr().out)['ok']
