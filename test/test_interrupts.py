@@ -91,7 +91,7 @@ def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, tr
     for moment in range(MOMENTS):
         process = start(arguments, tmp_path)
         try:
-            process.wait(whole_s * (moment / MOMENTS) ** 2)
+            process.wait(whole_s * (moment / MOMENTS) ** 4)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=LIMIT_S)

@@ -97,6 +97,20 @@ def test_a_spoilt_part_is_told_with_its_order_once(intake: PlanIntake, rows: lis
     assert 'finite numbers' in reason.sentence
 
 
+def test_a_plan_that_leads_out_of_the_workspace_is_refused(intake: PlanIntake, rows: list[Any]) -> None:
+    from delta3_pacdrive.motion.plan import HEADER
+
+    higher = rows[0].copy()
+    higher[2] = 1.0
+    phases = int(higher[4])
+    c0_z = HEADER + 5 * phases + 1 + 12  # the height at which its only piece begins
+    higher[c0_z] += 0.3
+    take(intake, 1, 'LINE', higher)
+    reason = take(intake, 1, ORDER, [-1.0, 1.0, 0.0])
+    assert isinstance(reason, Reason)
+    assert 'z is -0.5 m' in reason.sentence
+
+
 def test_parts_out_of_order_spoil_a_plan(intake: PlanIntake, rows: list[Any]) -> None:
     take(intake, 1, 'LINE', rows[1])
     reason = take(intake, 1, ORDER, [-1.0, 1.0, 0.0])

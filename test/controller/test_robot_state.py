@@ -182,6 +182,14 @@ def test_a_resume_after_an_abort_is_refused_although_the_master_still_stops(rig:
     assert rig.task.course is course
 
 
+def test_a_program_that_is_given_up_where_it_stands_does_not_go_on_in_the_same_cycle(rig: Any) -> None:
+    stopped(rig)
+    timeline = rig.task.course
+    assert rig.state.abort() == 'the program is given up'
+    outcome = rig.state.change(timeline)
+    assert outcome == Reason(Code.STATE, 'the program is being given up')
+
+
 def test_a_second_reset_is_refused_while_the_first_waits_and_the_first_is_answered(rig: Any) -> None:
     moving(rig)
     rig.do('emergency_stop')
