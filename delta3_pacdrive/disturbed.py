@@ -21,7 +21,7 @@ from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot import AXES, Robot
-from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.transformation import (
     FOLLOWING_ERROR,
     TCP_ACTUAL,

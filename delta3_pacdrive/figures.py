@@ -17,7 +17,8 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure, save
-from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
+from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.trace import Trace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

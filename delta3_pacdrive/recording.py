@@ -14,7 +14,8 @@ from delta3_pacdrive import trace_csv
 from delta3_pacdrive.bus.time import NANOSECONDS, Clock
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
-from delta3_pacdrive.trace import SIGNALS, Trace
+from delta3_pacdrive.signals import SIGNALS
+from delta3_pacdrive.trace import Trace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -39,7 +39,8 @@ from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.mechanism import Plant, true_tcp
 from delta3_pacdrive.robot import AXES, Robot, robot_cycle
-from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
+from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.trace import Trace
 from delta3_pacdrive.transformation import Transformation, answer_cycle, command_cycle
 
 # places of the signals in the columns of a run

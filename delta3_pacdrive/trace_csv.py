@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.errors import TraceError, shown
-from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace, reason
+from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.trace import Trace, reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

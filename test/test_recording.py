@@ -14,7 +14,8 @@ from delta3_pacdrive import recording
 from delta3_pacdrive.bag_writer import BagWriter
 from delta3_pacdrive.bus.time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.errors import Delta3Error, TraceError
-from delta3_pacdrive.trace import SIGNALS, Trace
+from delta3_pacdrive.signals import SIGNALS
+from delta3_pacdrive.trace import Trace
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE, POINT, VECTOR = (

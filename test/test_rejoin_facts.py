@@ -7,7 +7,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.master import sample_master
-from delta3_pacdrive.motion.plan import MoveKind, Plan
+from delta3_pacdrive.motion.plan import MoveKind, Plan, PlanBuilder
 from delta3_pacdrive.motion.rejoin import left_of_plan
 from delta3_pacdrive.motion.timeline import Timeline
 
@@ -52,8 +52,11 @@ def test_what_is_left_is_the_rest_of_the_move_and_every_move_after_it(number, sh
     assert now.number == number
     assert len(moves) == len(plan) - number
     assert all(left is plan.move(n) for n, left in enumerate(moves[1:], number + 1))
+    builder = PlanBuilder()
+    for one in moves:
+        builder.add(one)
+    builder.require_joined(range(len(moves)))
     rest = Plan.of(moves)
-    rest.require_joined()
     assert rest.start_m() == pytest.approx(here, abs=ROUNDING_M)
     assert moves[-1].end_m() == pytest.approx(plan.move(len(plan) - 1).end_m(), abs=ROUNDING_M)
     first = moves[0]

@@ -10,8 +10,9 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.simulation import AXES, Robot, run
-from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
+from delta3_pacdrive.trace import Trace
 from delta3_pacdrive.transformation import SETTLE_CYCLES
 
 GEAR = 32.0

@@ -75,6 +75,7 @@ def simulated(monkeypatch):
             'notices': ['slowed'],
             'program_s': 0.8,
             'repeat': 1,
+            'planned_end_m': FIGURES['final_tcp_m'],
         }
         trace = Trace(np.arange(250) * 1e-3, {}, meta | changes)
         monkeypatch.setattr(simulation, 'run', lambda *_: trace)
@@ -142,7 +143,15 @@ DOCUMENT = {
         'collinear': [{'symbols': ['m_b', 'm_c'], 'condition_index': 44.4}],
     },
     'residuals': [
-        {'signal': 'torque', 'rms': 0.0125, 'unit': 'N m', 'sensor_noise': 0.01, 'white': False, 'lag': 17}
+        {
+            'signal': 'torque',
+            'rms': 0.0125,
+            'unit': 'N m',
+            'sensor_noise': 0.01,
+            'white': False,
+            'lag': 17,
+            'intervals_from': 'residuals',
+        }
     ],
     'solver': {'converged': False, 'message': 'too many evaluations'},
     'files': ['report.json'],
@@ -161,7 +170,8 @@ def test_an_estimate_is_printed_with_half_the_width_of_its_interval(monkeypatch,
     assert lines['condition'] == 'condition  12.5 scaled, 3.25 of the columns'
     assert lines['collinear'] == 'collinear  m_b, m_c (index 44)'
     assert lines['torque'] == (
-        'torque  residuals 0.0125 N m rms, sensor noise 0.01, correlated over 17 samples'
+        'torque  residuals 0.0125 N m rms, sensor noise 0.01, correlated over 17 samples; '
+        'intervals from residuals'
     )
     assert lines['note'] == 'note  too many evaluations'
 

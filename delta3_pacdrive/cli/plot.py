@@ -5,10 +5,14 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.option_types import number_within
 from delta3_pacdrive.cli.output import guarded, parser_for
-from delta3_pacdrive.trace import SIGNALS, TRUE_SIGNALS, Trace
+from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.trace import Trace
 
 TIME = number_within(-1e9, 1e9, 's')
 
@@ -83,7 +87,7 @@ def _plot(options: argparse.Namespace) -> int:
     return 0
 
 
-def _written(trace: Trace, windowed: bool, signals: Sequence[str] | None) -> Trace:
+def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> 'Trace':
     """Return what goes beside the pictures, in bus time: everything, or what was asked for."""
     from delta3_pacdrive import figures
 
@@ -93,7 +97,7 @@ def _written(trace: Trace, windowed: bool, signals: Sequence[str] | None) -> Tra
         half = trace.meta['cycle_time_s'] / 2.0
         rows = slice(*trace.time_s.searchsorted([first - half, last + half]).tolist())
     chosen = {name: trace[name][rows] for name in signals or trace.signals}
-    return Trace(trace.time_s[rows], chosen, trace.meta)
+    return type(trace)(trace.time_s[rows], chosen, trace.meta)
 
 
 if __name__ == '__main__':

@@ -19,7 +19,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.figures import central_difference, program_part, slope
-from delta3_pacdrive.trace import TRUE_SIGNALS
+from delta3_pacdrive.signals import TRUE_SIGNALS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

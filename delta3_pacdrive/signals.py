@@ -1,0 +1,21 @@
+"""Names of the signals of a run, each with its unit and what it is."""
+
+# name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
+SIGNALS = {
+    'motor_command': ('rad', 'motor shaft command of the MDT'),
+    'motor_position': ('rad', 'motor shaft position of the AT'),
+    'motor_speed': ('rad/s', 'motor shaft speed of the AT'),
+    'current': ('A', 'I_eff of the AT'),
+    'following_error': ('rad', 'arm following error, dead time removed (7.3)'),
+    'tcp_command': ('m', 'TCP of the command'),
+    'tcp_actual': ('m', 'TCP by forward kinematics of the actual angles'),
+    'tcp_error': ('m', 'TCP error, set-point delay removed'),
+    'shaft_position': ('rad', 'true motor shaft position'),
+    'shaft_speed': ('rad/s', 'true motor shaft speed'),
+    'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
+}
+# what no topic tells: only simulations hold it
+TRUE_SIGNALS = {
+    'arm_angle': ('rad', 'true arm angle, behind the gear'),
+    'tcp_true': ('m', 'true TCP, of the arms as they are built'),
+}
