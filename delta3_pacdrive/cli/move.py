@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -246,6 +247,7 @@ def _state_facts(operator: Any) -> dict[str, Any]:
     return facts | {'queue': queue['moves'], 'override': queue['override'], 'planning': queue['working']}
 
 
+SILENT_S = 5.0  # without a word of a robot that moves, which is dead then
 UP_S = 120.0  # for a robot that is asked to come up, the first compilation of its kernels included
 PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
@@ -297,6 +299,8 @@ def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Cal
         operator.wait_until(lambda: operator.state_changes > before, 'start of the motion')
         while operator.state == 'moving':
             operator.spin_for(0.05)
+            if time.monotonic() - operator.progress_s > SILENT_S:
+                raise RunError(f'no word of the robot for {SILENT_S:g} s, while it moved')
             if not operator.in_control:
                 raise RunError(
                     f'{operator.progress["operator"] or "nobody"} has control now: this command does not watch the '

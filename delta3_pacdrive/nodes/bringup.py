@@ -36,7 +36,7 @@ from delta3_pacdrive.nodes.plant import PlantNode
 from delta3_pacdrive.nodes.progress_report import read_progress
 from delta3_pacdrive.nodes.qos import LATCHED, REPORT
 from delta3_pacdrive.nodes.recorder import RecorderNode
-from delta3_pacdrive.nodes.scheduling import Schedule, relent
+from delta3_pacdrive.nodes.scheduling import NOT_PERMITTED, Schedule, real_time_is_permitted, relent
 from delta3_pacdrive.nodes.strain import Strain
 from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
@@ -100,6 +100,7 @@ class Bringup:
         self.notes: list[str] = []
         self._interrupted = False
         self._in_real_time = False
+        self._schedule = Schedule.ORDINARY
         self._strain = Strain()
         self._monitor: _Monitor
         self._process: runtime.Process
@@ -143,8 +144,10 @@ class Bringup:
         }
         # Without a clock the robot takes all the processor time there is; that must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
-        schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
-        self._in_real_time = paced
+        schedule = self._schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
+        self._in_real_time = paced and real_time_is_permitted()
+        if paced and not self._in_real_time:
+            self.notes.append(NOT_PERMITTED)
         planner = self._factory(UnitRobotNode, {'program': str(program or '')})
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program.name if self._program else 'moves'}
@@ -275,7 +278,7 @@ class Bringup:
         """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
         cores = self._strain.excess()
         if cores:
-            self._in_real_time = False
+            self._in_real_time, self._schedule = False, Schedule.ORDINARY
             for child in self._children:
                 relent(child.pid)
             self.notes.append(
@@ -297,8 +300,7 @@ class Bringup:
                 self._await_standstill()
             raise RunError(sentence)
         self._restarted.append(now)
-        robot_itself = child.name != 'unit_robot'
-        schedule = Schedule.REAL_TIME if self._in_real_time and robot_itself else Schedule.ORDINARY
+        schedule = Schedule.ORDINARY if child.name == 'unit_robot' else self._schedule
         self._children[self._children.index(child)] = self._restarts[child.name](schedule)
         self.notes.append(f'{sentence}; started again')
 

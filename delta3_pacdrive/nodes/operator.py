@@ -55,8 +55,8 @@ class OperatorNode(PollingNode):
 
     Attributes
     ----------
-    progress
-        The newest ``motion/progress``.
+    progress, progress_s
+        The newest ``motion/progress``, and when it came [s].
     queue
         The newest ``unit_robot/queue``.
     state, state_changes
@@ -80,6 +80,7 @@ class OperatorNode(PollingNode):
         self.in_control = False
         self.interruptible = True
         self.progress: dict[str, Any] = {}
+        self.progress_s = time.monotonic()
         self.queue = ''
         self.state = ''
         self.state_changes = 0
@@ -104,7 +105,10 @@ class OperatorNode(PollingNode):
         self.create_timer(ALIVE_S, self._beat)
 
     def _on_progress(self, message: String) -> None:
-        self.progress = read_progress(message.data) or self.progress
+        progress = read_progress(message.data)
+        if progress is None:
+            return
+        self.progress, self.progress_s = progress, time.monotonic()
         if self.progress['control'] >= self._control and self.progress['operator_identity'] != self.identity:
             self.in_control = False
 

@@ -14,6 +14,11 @@ PREFERRED_NICENESS = -10
 SLICE_S = (
     1e-4  # what an ordinary process may run at a stretch: who waits for its core waits no longer than that
 )
+NOT_PERMITTED = (
+    'real-time scheduling is not permitted here, so that some cycles start late: a line "USER - rtprio '
+    f'{REAL_TIME_PRIORITY}" in a file of /etc/security/limits.d permits it from the next login on; --single-process '
+    'needs it least'
+)
 _CAP_SYS_NICE = 23
 _SET_ATTRIBUTES = {'x86_64': 314, 'aarch64': 274}  # number of the system call sched_setattr
 _ATTRIBUTES = struct.Struct(

@@ -127,9 +127,9 @@ def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
 def start_delta3() -> Callable[..., subprocess.Popen[str]]:
     """Start the real command line."""
 
-    def start(*arguments: str | Path) -> subprocess.Popen[str]:
+    def start(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            _command_line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            _command_line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
         )
 
     return start

@@ -1,7 +1,10 @@
 """``delta3 run`` as a user meets it: good runs, interruptions, deaths, bad requests."""
 
+import contextlib
+import ctypes
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -251,6 +254,39 @@ def test_a_robot_that_the_machine_cannot_keep_up_with_gives_way(
     result = json.loads(done.stdout)
     assert result['bus_time_s'] / result['wall_time_s'] < 50.0
     assert [note for note in result['notices'] if note.startswith('the machine is too slow: ')]
+
+
+def without_permission() -> None:
+    """Take from this process, and those that it starts, the right to schedule in real time."""
+    drop_from_bounding_set, sys_nice = 24, 23
+    ctypes.CDLL(None).prctl(drop_from_bounding_set, sys_nice, 0, 0, 0)
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+
+
+def policies_of(processes: list[str]) -> set[int]:
+    """Return the scheduling policies of all threads of processes."""
+    found = set()
+    for entry in processes:
+        for thread in Path(f'/proc/{entry.split(":")[0]}/task').iterdir():
+            with contextlib.suppress(ProcessLookupError):
+                found.add(os.sched_getscheduler(int(thread.name)))
+    return found
+
+
+def test_who_may_not_schedule_in_real_time_is_told_how_to_get_it_and_the_robot_runs(
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    processes: Callable[[], list[str]],
+    nothing_left_behind: None,
+) -> None:
+    process = start_delta3('up', preexec_fn=without_permission)
+    line = process.stderr.readline()
+    assert 'rtprio 20' in line
+    assert '--single-process' in line
+    assert process.stderr.readline().startswith('ready after')
+    assert policies_of(processes()) == {os.SCHED_OTHER}
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 0, errors
 
 
 def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) -> None:
