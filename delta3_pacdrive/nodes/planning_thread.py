@@ -22,7 +22,7 @@ class PlanningThread:
         self._results: queue.SimpleQueue[Result] = queue.SimpleQueue()
         self._given_up = 0  # newest job that is
         self._state = (0, 0, 0)  # number of the job, statements done and of all
-        self._newest = 0
+        self._newest = self._fetched = 0  # numbers of jobs
         self._thread = threading.Thread(target=self._run, name='planning', daemon=True)
         self._thread.start()
 
@@ -38,7 +38,14 @@ class PlanningThread:
     def results(self) -> Iterator[Result]:
         """Return what has been done since the last call."""
         while not self._results.empty():
-            yield self._results.get()
+            result = self._results.get()
+            self._fetched = result.number
+            yield result
+
+    @property
+    def busy(self) -> bool:
+        """Whether the result of a job is still to come."""
+        return self._fetched < self._newest
 
     def progress(self) -> str:
         """Say how far a job is that is under way, empty if none is."""

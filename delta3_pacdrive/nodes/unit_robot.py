@@ -148,9 +148,10 @@ class UnitRobotNode(PollingNode):
     def _fetch(self) -> None:
         """Take what the planning thread has done."""
         for result in self._thread.results():
-            self._fetcher.cancel()
             self._planner.take_result(result, time.monotonic())
-            self._carry_out()
+        if not self._thread.busy:
+            self._fetcher.cancel()
+        self._carry_out()
 
     def _session(self) -> bytes:
         status = self._planner.status
