@@ -160,6 +160,7 @@ def test_a_schedule_that_lags_too_far_slips_for_good_and_skips_nothing():
     assert pacing.may_start(0, 0, 0.0)
     assert pacing.may_start(1, 0, 1.0)  # due at 1 ms: 999 ms late, 8 ms may be caught up
     assert pacing.slip_s == pytest.approx(0.991)
+    assert pacing.late_s == pytest.approx(0.999)  # what is given up was late as well
     started = [cycle for cycle in range(2, 30) if pacing.may_start(cycle, 0, 1.0)]
     assert started == list(range(2, 10))
     assert not pacing.may_start(10, 0, 1.0)

@@ -4,7 +4,6 @@ Pure: requests, orders and answers of bus cycles come in as calls, what has to b
 This is the only owner of enabling, stops and faults; ``Transformation`` carries them out in the right bus cycle.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -484,9 +483,3 @@ class RobotState:
         for request in requests:
             self.actions.append(Said(sentence, error=reason is not None))
             self.actions.append(Answered(request, reason, sentence if reason is None else str(reason)))
-
-
-def take_actions(state: RobotState) -> Sequence[Action]:
-    """Return the actions that are due, and forget them."""
-    actions, state.actions = state.actions, []
-    return actions
