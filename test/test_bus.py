@@ -168,6 +168,19 @@ def test_a_schedule_that_lags_too_far_slips_for_good_and_skips_nothing():
     assert pacing.slip_s == pytest.approx(0.991)
 
 
+def test_a_schedule_that_slips_keeps_together_with_the_ticks_of_its_timer():
+    pacing = Pacing(1e-3, 4)
+    pacing.begin(0, 10.0)
+    assert not pacing.may_start(0, 0, 9.9999)
+    assert pacing.may_start(0, 0, 10.00005)
+    assert pacing.may_start(1, 0, 10.01763)  # due at 10.001: 16.63 ms late, 4 ms may be caught up
+    assert pacing.slip_s == pytest.approx(0.013)
+    late = [cycle for cycle in range(2, 30) if pacing.may_start(cycle, 0, 10.01763)]
+    assert late == [2, 3, 4]
+    assert pacing.may_start(5, 0, 10.01805)  # the next tick finds the next cycle
+    assert pacing.late_s == pytest.approx(5e-5, abs=1e-9)
+
+
 def test_without_a_clock_cycles_start_as_soon_as_answers_allow():
     pacing = Pacing(0.0, 2)
     assert pacing.may_start(0, 0, 5.0)

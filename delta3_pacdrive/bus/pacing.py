@@ -1,11 +1,13 @@
 """When bus cycles start on a clock, and the figures that tell how well that works. Time comes in as an argument."""
 
+import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+ROUNDING = 1e-6  # of a period
 SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
@@ -67,9 +69,13 @@ class Pacing:
     _origin_s: float | None = None
     _held: bool = False
 
-    def restart(self) -> None:
-        """Take the next cycle as the first one of a new schedule."""
-        self._origin_s = None
+    def begin(self, cycle: int, due_s: float) -> None:
+        """Begin a new schedule, in which ``cycle`` is due at ``due_s``; without it the first call decides.
+
+        Whoever looks at a timer's ticks begins with the first one: a tick is never early, so that each finds its
+        cycle due and none has to wait for the next tick.
+        """
+        self._origin_s = due_s - cycle * self.period_s
         self._held = False
 
     def may_start(self, cycle: int, outstanding: int, now_s: float) -> bool:
@@ -88,6 +94,8 @@ class Pacing:
         self.late_s = now_s - due if self.period_s else 0.0
         lag = now_s - due - self.outstanding_max * self.period_s
         if self.period_s and lag > 0.0:
-            self._origin_s += lag
-            self.slip_s += lag
+            # by whole periods: ticks and due times keep together
+            slip = math.ceil(lag / self.period_s - ROUNDING) * self.period_s
+            self._origin_s += slip
+            self.slip_s += slip
         return True

@@ -4,8 +4,10 @@ import argparse
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from delta3_pacdrive.cli.bench_case import in_child, times_text
 from delta3_pacdrive.cli.output import print_json
 
 ROUNDS = 40
@@ -220,10 +222,6 @@ def _plans_arriving(seconds: float) -> dict[str, Any]:
 
 
 def _standing_robot(seconds: float, plans_per_s: float) -> dict[str, Any]:
-    from functools import partial
-
-    from delta3_pacdrive.cli.bench import in_child
-
     return in_child(partial(_measure_standing, seconds, plans_per_s))
 
 
@@ -240,8 +238,6 @@ def _measure_standing(seconds: float, plans_per_s: float) -> dict[str, Any]:
 
 
 def _print(result: dict[str, Any]) -> None:
-    from delta3_pacdrive.cli.bench import times_text
-
     print('planning with all checks, and cost of a command per cycle (plan, path, inverse kinematics)')
     for name, spent in result['planning_ms'].items():
         cost = result['cycle_us'][name]['mean']

@@ -10,7 +10,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.bench import program_file
+from delta3_pacdrive.cli.bench_case import program_file
 from delta3_pacdrive.cli.output import print_json
 
 if TYPE_CHECKING:

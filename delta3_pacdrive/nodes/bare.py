@@ -3,6 +3,7 @@
 They exchange what the real nodes exchange, at the same rates, message objects as rclpy makes them, all reliable.
 """
 
+import math
 import time
 from array import array
 from collections.abc import Callable
@@ -130,6 +131,7 @@ class BareMaster(Node):
         for index, axis in enumerate(DRIVES):
             self.create_subscription(JointState, f'sercos/at/{axis}', self._on(index), RELIABLE)
         self._ready_at_s = 0.0
+        self._ticks_from_s = time.monotonic()
         self.create_timer(PERIOD_S, self._tick)
 
     def _tick(self) -> None:
@@ -139,7 +141,9 @@ class BareMaster(Node):
                 sum(self.count_publishers(f'sercos/at/{axis}') for axis in DRIVES),
             )
             if partners == (3, 3):
-                self._ready_at_s = time.monotonic() + 1.0
+                ticks = math.ceil((time.monotonic() + 1.0 - self._ticks_from_s) / PERIOD_S)
+                self._ready_at_s = self._ticks_from_s + ticks * PERIOD_S
+                self._pacing.begin(0, self._ready_at_s)
             return
         if time.monotonic() < self._ready_at_s or self._cycle >= self._cycles_wanted:
             return

@@ -233,11 +233,11 @@ class TransformationTaskNode(PollingNode):
         self._inbox.begin(self.next_cycle)
         self._transit.clear()
         self._master.begin()
-        self._pacing.restart()
         self._participants.close()
         self._enter(Phase.CP4)
         self._last_answer_s = time.monotonic()
         self._watch.heard(self._last_answer_s)
+        self._pacing.begin(self.next_cycle, time.monotonic() + self._pacing.period_s)
         if self._ticker is None:
             self._wall_start_s = self._last_answer_s
             self._ticker = self.create_timer(self._pacing.period_s or STARTUP_S, self._tick)
