@@ -32,7 +32,7 @@ def readme_blocks():
     text = (Path(__file__).parent.parent / 'README.md').read_text(encoding='utf-8')
     blocks, place = [], ''
     for match in re.finditer(
-        r'^```(\w*)\n(.*?)^```$|^#+ (.*)$|^\*\*([^*\n]*)\*\*', text, re.DOTALL | re.MULTILINE
+        r'^```(\w*)\n(.*?)^```$|^#+ ([^\n]*)$|^\*\*([^*\n]*)\*\*', text, re.DOTALL | re.MULTILINE
     ):
         language, code, heading, bold = match.groups()
         if code is None:

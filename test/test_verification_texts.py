@@ -121,7 +121,11 @@ FOUND = Violation('AT: 3 lost, 1 were injected', 11, 'fast', 7, 99, 'moves: []\n
 @pytest.mark.parametrize(
     ('changes', 'reason'),
     [
-        ({'programs': 0}, 'no program ran {pace} within'),
+        ({'programs': 0, 'refused': 0}, '{pace}: no program came to its end within 10 minutes'),
+        (
+            {'programs': 0, 'refused': 2, 'refusal': 'z is -1.037 m'},
+            '{pace}: the planner refused all 2 programs: z is -1.037 m',
+        ),
         ({'survived': 3}, '{pace}: 2 faults were not survived'),
         ({'violations': [FOUND]}, 'see the violations'),
     ],
@@ -137,4 +141,6 @@ def test_a_soak_that_is_not_ok_says_why(changes, reason, soaked, capsys):
         assert 'moves: []' in captured.out
     soaked(**changes)
     assert soak.main(['--pace', pace, '--json']) == 1
-    assert not json.loads(capsys.readouterr().out)['ok']
+    result = json.loads(capsys.readouterr().out)
+    assert not result['ok']
+    assert reason.format(pace=pace) in result['error']

@@ -13,7 +13,7 @@ from delta3_pacdrive.cli.output import guarded, parser_for
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status."""
     parser = parser_for('drive', 'Read or write a value of a drive by its IDN, or list the IDNs.')
-    parser.add_argument('axis', help='axis1, axis2, axis3, or "list"')
+    parser.add_argument('axis', type=_axis, help='1, 2, 3 (or axis1, axis2, axis3), or "list"')
     parser.add_argument('idn', nargs='?', help='such as S-0-0104')
     parser.add_argument('value', nargs='?', help='value to write; "command" executes a procedure command')
     parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
@@ -24,6 +24,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.axis != 'list' and options.idn is None:
         parser.error('an IDN is needed')
     return guarded(lambda: _list(options.json) if options.axis == 'list' else _ask(options), options.json)
+
+
+def _axis(text: str) -> str:
+    axis = f'axis{text}' if text in ('1', '2', '3') else text
+    if axis not in ('axis1', 'axis2', 'axis3', 'list'):
+        raise argparse.ArgumentTypeError(f'{text!r} is no axis: 1, 2, 3, axis1, axis2, axis3, or list')
+    return axis
 
 
 def _is_negative(text: str) -> bool:

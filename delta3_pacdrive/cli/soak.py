@@ -60,6 +60,8 @@ def _run(options: argparse.Namespace) -> int:
     ok = all(row['ok'] for row in rows.values()) and not interrupted
     if options.json:
         result = {'ok': ok, 'interrupted': interrupted, 'seed': options.seed, 'minutes': options.minutes}
+        if not ok and not interrupted:
+            result['error'] = _complaint(options, rows)
         print_json(result | rows, options, core.load(), seed=options.seed)
     else:
         for pace, row in rows.items():
@@ -73,9 +75,12 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _complaint(options: argparse.Namespace, rows: dict[str, dict[str, Any]]) -> str:
-    idle = [pace for pace, row in rows.items() if not row['programs']]
-    if idle:
-        return f'no program ran {" and ".join(idle)} within {options.minutes:g} minutes'
+    for pace, row in rows.items():
+        if row['refused'] and not row['programs']:
+            which = f'program {options.replay}' if options.replay else f'all {row["refused"]} programs'
+            return f'{pace}: the planner refused {which}: {row["refusal"]}'
+        if not row['programs']:
+            return f'{pace}: no program came to its end within {options.minutes:g} minutes'
     if any(row['violations'] for row in rows.values()):
         return 'the soak found something: see the violations'
     lacking = [(pace, row['injected'] - row['survived']) for pace, row in rows.items()]

@@ -63,6 +63,8 @@ class Figures:
         By how much their own memory grew meanwhile; the rest of the resident memory are pages of program files.
     kinds
         How many faults of each kind were injected.
+    refusal
+        Why the planner refused the last program that it refused.
 
     """
 
@@ -84,6 +86,7 @@ class Figures:
     rss_cycles: int = 0
     grown_mb: float = 0.0
     kinds: dict[str, int] = field(default_factory=dict)
+    refusal: str = ''
     violations: list[Violation] = field(default_factory=list)
 
     @property
@@ -185,8 +188,9 @@ class Soak(Attendant):
         self._recorded = {} if not drawn.faults else None
         try:
             self.drive(drawn.moves, drawn.faults)
-        except ProgramError:
+        except ProgramError as error:
             figures.refused += 1
+            figures.refusal = str(error)
             return
         figures.programs += 1
         figures.injected += len(drawn.faults)

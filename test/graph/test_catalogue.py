@@ -104,7 +104,7 @@ def test_a_short_soak_violates_nothing(delta3: Runner, nothing_left_behind: None
 def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--minutes', '0.001', '--pace', 'fast')
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == 'error: no program ran fast within 0.001 minutes'
+    assert done.stderr.splitlines()[-1] == 'error: fast: no program came to its end within 0.001 minutes'
 
 
 def test_an_interrupted_catalogue_shows_what_it_has(
