@@ -1,10 +1,13 @@
 """What the benchmarks without ROS say beside their speeds: facts that do not depend on the machine."""
 
 import json
+import os
 
 import pytest
 
-from delta3_pacdrive.cli import bench
+from delta3_pacdrive.cli import bench, bench_graph
+from delta3_pacdrive.cli.bench_case import in_child
+from delta3_pacdrive.nodes import scheduling
 
 
 def run(capsys, *arguments):
@@ -27,3 +30,82 @@ def test_mujoco_moves_the_same_mechanism_to_the_same_place(capsys):
     # MuJoCo's step is of the first order, and its rods give way a little
     assert mechanism['tcp_apart_m'] < 3e-3 * mechanism['motion_m']
     assert result['tcp_difference_max_m'] < 5e-6
+
+
+def times(start):
+    """Four percentiles that are easy to recognise."""
+    return {'p50': start, 'p99': start + 1.0, 'p99.9': start + 2.0, 'max': start + 3.0}
+
+
+FIGURES = {
+    'cycles': 20_000, 'overruns': 5, 'slip_s': 0.0125, 'lateness_ms': times(0.25), 'mdt_to_last_at_ms': times(10.5),
+    'bus_time_s': 20.0, 'wall_time_s': 25.0, 'lost_telegrams': 3, 'refused_telegrams': 4,
+    'outstanding': [50, 49, 0, 1], 'cores': {'plant': 0.25, 'mc4_drive_1': 0.5}, 'us_per_cycle': 750.0,
+    'memory_mib': {'plant': 100.0, 'mc4_drive_1': 50.0},
+}  # fmt: skip
+
+
+def test_the_benchmark_of_the_graph_prints_its_columns_side_by_side(monkeypatch, capsys):
+    def measure(action):
+        case, column, seconds = action.args
+        assert seconds == 7.0
+        if case == 'machine':
+            return {'lateness_ms': times(2.5)}
+        return FIGURES | {'us_per_cycle': {'bare': 1000.0}.get(case, 750.0) * (1 + (column == 'ordinary'))}
+
+    monkeypatch.setattr(bench_graph, 'in_child', measure)
+    monkeypatch.setattr(bench_graph, 'real_time_is_permitted', lambda: True)
+    assert bench.main(['graph', '--seconds', '7']) == 0
+    printed = capsys.readouterr().out
+    rows = [' '.join(line.split()) for line in printed.splitlines()]
+    twice = [
+        'real-time scheduling ordinary user (slices of 0.1 ms)',
+        'cycles 20000, slip 12.5 ms 20000, slip 12.5 ms',
+        'overruns 5 (0.025%) 5 (0.025%)',
+        'cycle start late 0.25 / 1.25 / 2.25 / 3.25 ms 0.25 / 1.25 / 2.25 / 3.25 ms',
+        'MDT to last AT 10.50 / 11.50 / 12.50 / 13.50 ms 10.50 / 11.50 / 12.50 / 13.50 ms',
+        'bus / wall time 20.000 s / 25.000 s = 0.800 20.000 s / 25.000 s = 0.800',
+        'telegrams 3 lost, 4 refused 3 lost, 4 refused',
+        'outstanding 0 / 1 / 3 / 3 cycles 0 / 1 / 3 / 3 cycles',
+        'processor 0.75 cores, 750 us per cycle 0.75 cores, 1500 us per cycle',
+        'memory (PSS) 150 MiB 150 MiB',
+        'cores plant 0.25, mc4_drive_1 0.50',
+        'wakes up late 2.50 / 3.50 / 4.50 / 5.50 ms 2.50 / 3.50 / 4.50 / 5.50 ms',
+        'robot / bare nodes, ordinary user (slices of 0.1 ms)',
+        'processor us per cycle 1500.00 / 2000.00 = 0.75',
+        'MDT to last AT p99 11.50 / 11.50 = 1.00',
+    ]
+    assert [row for row in twice if row not in rows] == []
+    (fast,) = (n for n, row in enumerate(rows) if row == 'robot, one process, as fast as possible')
+    assert rows[fast + 1] == 'cycles 20000, slip 12.5 ms'  # one column: nothing is scheduled in real time
+
+
+def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys):
+    monkeypatch.setattr(bench_graph, 'real_time_is_permitted', lambda: False)
+    assert bench.main(['graph', '--scheduling', 'real-time']) == 1
+    assert 'real-time scheduling is not permitted here' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['kinematics', '--seconds', '3'], '--seconds is for graph, motion and simulate, not for kinematics'),
+        (['motion', '--case', 'bare'], '--case is for graph, not for motion'),
+        (['simulate', '--scheduling', 'ordinary'], '--scheduling is for graph, not for simulate'),
+        (['graph', '--no-graph'], '--no-graph is for motion, not for graph'),
+        (['graph', '--seconds', '0.5'], '--seconds is 0.5, but must be between 1 and 3600'),
+    ],
+)
+def test_an_option_of_another_benchmark_is_refused_by_name(arguments, reason, capsys):
+    with pytest.raises(SystemExit):
+        bench.main(arguments)
+    assert reason in capsys.readouterr().err
+
+
+def test_who_has_given_up_real_time_is_an_ordinary_user():
+    def look():
+        scheduling.give_up_real_time()
+        scheduling.prefer(scheduling.Schedule.REAL_TIME)
+        return {'permitted': scheduling.real_time_is_permitted(), 'policy': os.sched_getscheduler(0)}
+
+    assert in_child(look) == {'permitted': False, 'policy': os.SCHED_OTHER}

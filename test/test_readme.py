@@ -57,6 +57,27 @@ def test_the_python_example_prints_the_largest_tcp_error_as_the_command_does(rea
     assert shape.strip() == f'({result["cycles"]}, 3)'
 
 
+@pytest.mark.parametrize(
+    ('line', 'printed'),
+    [
+        ('delta3 --version', 'delta3_pacdrive'),
+        ('eval "$(delta3 completion bash)"', ''),
+        ('delta3 arm', 'elbow'),
+        ('delta3 drive list', 'S-0-0104'),
+        ('delta3 simulate', 'experiment 1'),
+        ('delta3 bench kinematics', 'poses'),
+        ('--error l_A=0.001 --error R_A=-0.002', 'R_A'),
+    ],
+)
+def test_commands_in_the_text_run_as_they_stand(line, printed, shell):
+    assert f'`{line}`' in (SOURCE / 'README.md').read_text(encoding='utf-8')
+    if line.startswith('--error'):
+        line = f'delta3 jacobian 1 {line}'
+    done = shell(line)
+    assert done.returncode == 0, done.stderr
+    assert printed in done.stdout
+
+
 def test_the_program_of_the_readme_is_driven_to_its_end(readme_blocks, shell, tmp_path):
     (text,) = (text for place, language, text in readme_blocks if (place, language) == ('Programs', 'yaml'))
     (tmp_path / 'program.yaml').write_text(text, encoding='utf-8')

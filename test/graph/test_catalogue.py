@@ -101,6 +101,14 @@ def test_a_short_soak_violates_nothing(delta3: Runner, nothing_left_behind: None
     assert result['fast']['survived'] == result['fast']['injected']
 
 
+def test_a_program_of_a_soak_is_replayed_in_real_time(delta3: Runner, nothing_left_behind: None) -> None:
+    done = delta3('soak', '--pace', 'real-time', '--seed', '3', '--replay', '1', '--json', timeout=100.0)
+    row = json.loads(done.stdout)['real-time']
+    assert done.returncode == 0, done.stdout
+    assert (row['programs'], row['violations']) == (1, [])
+    assert row['survived'] == row['injected']
+
+
 def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--minutes', '0.001', '--pace', 'fast')
     assert done.returncode == 1

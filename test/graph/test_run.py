@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from delta3_pacdrive.nodes.scheduling import relent
+from delta3_pacdrive.nodes.scheduling import real_time_is_permitted, relent
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -223,6 +223,32 @@ def test_bad_arguments_are_one_sentence(delta3: Runner, tmp_path: Path, nothing_
         assert done.returncode == status, arguments
         assert expected in done.stderr, arguments
         assert 'Traceback' not in done.stderr, arguments
+
+
+def test_the_benchmark_of_the_graph_has_a_column_for_each_kind_of_user(
+    delta3: Runner, nothing_left_behind: None
+) -> None:
+    cases = [word for case in ('machine', 'bare', 'single') for word in ('--case', case)]
+    done = delta3('bench', 'graph', '--seconds', '1', *cases, '--json')
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    columns = {'real-time', 'ordinary'} if real_time_is_permitted() else {'ordinary'}
+    assert all(result[case].keys() == columns for case in ('machine', 'bare', 'single'))
+    for column in columns:
+        assert result['bare'][column]['cycles'] == 1000
+        assert result['single'][column]['lost_telegrams'] == 0
+        assert result['machine'][column]['lateness_ms']['max'] > 0.0
+
+
+def test_every_process_keeps_its_log_where_it_is_asked_for(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    done = delta3('run', '--logs', tmp_path / 'logs', '--real-time-factor', '0')
+    assert done.returncode == 0, done.stderr
+    logs = {path.stem: path.read_text(encoding='utf-8') for path in (tmp_path / 'logs').glob('*.log')}
+    drives = {f'mc4_drive_{axis}' for axis in (1, 2, 3)}
+    assert logs.keys() == drives | {'plant', 'transformation_task', 'unit_robot'}
+    assert 'bus phase CP4' in logs['transformation_task']
 
 
 def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runner) -> None:

@@ -151,6 +151,39 @@ def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Run
     assert delta3('move', 'clear').returncode == 0
 
 
+def test_limits_of_a_single_move_are_obeyed(robot: subprocess.Popen, delta3: Runner) -> None:
+    def seconds(*options: str) -> float:
+        done = delta3('move', 'l', '0.3', '0', '-0.8', '--speed', '1', *options, '--queue')
+        assert done.returncode == 0, done.stderr
+        assert delta3('move', 'clear').returncode == 0
+        return float(done.stdout.split(' moves, ')[1].split(' s')[0])
+
+    free = seconds('--acceleration', '20', '--jerk', '4000')
+    gentle, smooth = (
+        seconds('--acceleration', '2', '--jerk', '4000'),
+        seconds('--acceleration', '20', '--jerk', '40'),
+    )
+    assert min(gentle, smooth) > free + 0.2
+    bend = [
+        'c',
+        '0.02',
+        '0.02',
+        '-0.75',
+        '0.04',
+        '0',
+        '-0.75',
+        '--speed',
+        '1',
+        '--acceleration',
+        '5',
+        '--queue',
+    ]
+    refused = delta3('move', *bend, '--strict')
+    assert refused.returncode == 1
+    assert refused.stderr.startswith('error: moves[0].move_c: TCP acceleration would be')
+    assert 'is slowed down' in delta3('move', *bend).stdout
+
+
 @pytest.mark.parametrize(
     'arguments',
     [
