@@ -250,3 +250,30 @@ class Numbering:
         while len(self._newest) > self.senders_max:
             del self._newest[next(iter(self._newest))]
         return number > newest
+
+
+@dataclass
+class LastReplies:
+    """The last reply to each operator, for whoever asks again because he has not heard it.
+
+    Attributes
+    ----------
+    operators_max
+        How many operators are remembered; the one answered least recently is forgotten first.
+
+    """
+
+    operators_max: int = 64
+    _replies: dict[str, Reply] = field(default_factory=dict)
+
+    def keep(self, reply: Reply) -> None:
+        """Take note of a reply."""
+        self._replies.pop(reply.operator, None)
+        self._replies[reply.operator] = reply
+        if len(self._replies) > self.operators_max:
+            del self._replies[next(iter(self._replies))]
+
+    def to(self, request: Request) -> Reply | None:
+        """Return the reply that a request has had already, if it was the last one."""
+        last = self._replies.get(request.operator)
+        return last if last is not None and last.number == request.number else None

@@ -23,6 +23,7 @@ from delta3_pacdrive.controller.messages import (
     RESET,
     TAKE,
     TAKE_OVER,
+    LastReplies,
     Numbering,
     Reply,
     Request,
@@ -37,7 +38,6 @@ from delta3_pacdrive.nodes.qos import LATCHED, REPORT, REQUEST
 from delta3_pacdrive.nodes.robot_node import RobotNode
 
 REQUEST_BYTES_MAX = 4096
-OPERATORS_MAX = 64  # whose last replies are kept
 Tell = Callable[[Reason | None, str], None]  # why something was refused, or None and what has happened
 NEEDS_CONTROL = frozenset({ENABLE, RESET})
 
@@ -72,7 +72,7 @@ class OperatorServices:
         self._log, self._state, self._control = node.get_logger(), state, control
         self._session, self._changed, self._told = session, changed, told
         self._numbers = Numbering()
-        self._last_replies: dict[str, Reply] = {}  # by operator
+        self._last_replies = LastReplies()
         self._replies = node.create_publisher(String, 'control/reply', REQUEST)
         self._operator = node.create_publisher(String, 'control/operator', LATCHED)
         node.create_bounded_subscription(
@@ -123,9 +123,8 @@ class OperatorServices:
             self._replies.publish(String(data=refuse_recording(request).to_json()))
             raise TelegramError(f'a request in session {shown(request.receiver)}, which is not this one')
         if not self._numbers.is_new(request.operator, request.number):
-            last = self._last_replies.get(request.operator)
-            if last is not None and last.number == request.number:
-                self._replies.publish(String(data=last.to_json()))  # who asks again has not heard it
+            if (last := self._last_replies.to(request)) is not None:
+                self._replies.publish(String(data=last.to_json()))
             return
 
         def reply(reason: Reason | None, sentence: str) -> None:
@@ -134,10 +133,7 @@ class OperatorServices:
                 request.operator, request.number, True, reason is None, code, text, self._control.changes
             )
             self._replies.publish(String(data=answer.to_json()))
-            self._last_replies.pop(request.operator, None)
-            self._last_replies[request.operator] = answer
-            if len(self._last_replies) > OPERATORS_MAX:
-                del self._last_replies[next(iter(self._last_replies))]
+            self._last_replies.keep(answer)
 
         self._do(request.operator, request.action, request.text, reply)
 

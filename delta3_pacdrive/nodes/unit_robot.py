@@ -30,6 +30,7 @@ from delta3_pacdrive.controller.messages import (
     FAULT,
     ORDER,
     REVOKE,
+    LastReplies,
     Numbering,
     Origin,
     Reply,
@@ -62,7 +63,6 @@ ALIVE_EVERY = 4  # looks between two heartbeats
 PROGRESS_EVERY = 10  # looks between two words about a request that takes long
 ANNOUNCE_EVERY = 20  # looks between two announcements, as long as the task does not listen
 PROGRAM_BYTES_MAX = 1024 * 1024
-OPERATORS_MAX = 64  # whose last replies are kept
 AHEAD_MAX = 5000  # cycles by which joint states may be newer than the status: they belong to everybody
 UNCHECKED_MAX = 1000  # rows of a plan that are under way at once
 
@@ -84,7 +84,7 @@ class UnitRobotNode(PollingNode):
         self._answers: dict[int, Callable[[Reason | None, str], None]] = {}  # by the identity of the request
         self._asked: dict[int, Request] = {}
         self._heard = Numbering()  # requests of operators
-        self._last_replies: dict[str, Reply] = {}  # by operator
+        self._last_replies = LastReplies()
         self._strangers = 0  # requests of clients without an identity
         self._rows: deque[tuple[int, Any, str]] = deque()  # of a plan on its way: order, numbers, kind
         self._sent = 0  # rows of the present plan
@@ -254,10 +254,7 @@ class UnitRobotNode(PollingNode):
         reply = Reply(request.operator, request.number, done, reason is None, code, text)
         self._replies.publish(String(data=reply.to_json()))
         if done:
-            self._last_replies.pop(request.operator, None)
-            self._last_replies[request.operator] = reply
-            if len(self._last_replies) > OPERATORS_MAX:
-                del self._last_replies[next(iter(self._last_replies))]
+            self._last_replies.keep(reply)
 
     def _refuse(self, sentence: str) -> None:
         self.get_logger().error(sentence)
@@ -320,9 +317,8 @@ class UnitRobotNode(PollingNode):
         if self._heard.is_new(request.operator, request.number):
             self._ask(request)
             return
-        last = self._last_replies.get(request.operator)
-        if last is not None and last.number == request.number:
-            self._replies.publish(String(data=last.to_json()))  # who asks again has not heard it
+        if (last := self._last_replies.to(request)) is not None:
+            self._replies.publish(String(data=last.to_json()))
 
     def _on_program(self, message: String) -> None:
         self._ask_as_stranger('program', message.data)

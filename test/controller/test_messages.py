@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from delta3_pacdrive.controller.messages import (
+    LastReplies,
     Numbering,
     Origin,
     Reply,
@@ -109,3 +110,22 @@ def test_a_request_to_somebody_else_is_refused_to_who_made_it() -> None:
     assert (reply.operator, reply.number, reply.done, reply.accepted) == ('op', 4, True, False)
     assert reply.code == Code.STRANGER
     assert "'dead'" in reply.sentence
+
+
+def test_the_last_reply_is_kept_for_who_asks_again():
+    def reply(operator, number):
+        return Reply(operator, number, True, True, '', f'{operator} {number}')
+
+    def request(operator, number):
+        return Request('a1b2', operator, number, 0, 'start')
+
+    replies = LastReplies(operators_max=2)
+    assert replies.to(request('anna', 1)) is None
+    for operator, number in (('anna', 1), ('bert', 7), ('anna', 2)):
+        replies.keep(reply(operator, number))
+    assert replies.to(request('anna', 2)) == reply('anna', 2)
+    assert replies.to(request('anna', 1)) is None
+    replies.keep(reply('carl', 1))  # bert was answered least recently
+    assert replies.to(request('bert', 7)) is None
+    assert replies.to(request('anna', 2)) == reply('anna', 2)
+    assert replies.to(request('carl', 1)) == reply('carl', 1)
