@@ -1076,3 +1076,66 @@ def test_a_cubic_too_quick_for_a_motor_is_slowed_down_as_a_whole(robot):
 def test_a_cubic_that_leaves_the_workspace_is_refused(robot):
     sentence = refusal(plan, robot, [cubic(0.1, 0, -0.75, 1.0, (0, 0, 2.0)), cubic(*HOME, 1.0)])
     assert sentence.startswith('moves[1].cubic: z is ')
+
+
+# several mistakes at once
+
+MISTAKES = """\
+moves:
+  - move_l: {to_m: [0.1, 0, -0.8]}
+  - move_l: {to_m: [0.9, 0, -0.8]}
+  - output: {name: gripper, value: true, before_m: 0.002, payload_kg: 0.5}
+  - move_c: {via_m: [0.1, 0.0, -0.8], to_m: [0.0, 0.0, -0.8]}
+  - dwell: {time_s: 0.1}
+  - move_sb: {through_m: [[0.1, 0, -0.8], [0.1, 0.1, -0.4]]}
+  - cubic: {to_m: [0.1, 0, -0.8], duration_s: 2.0}
+  - move_l: {to_m: [0.2, 0, -0.8], blend_m: 0.05}
+"""
+
+
+def test_everything_that_cannot_be_planned_is_told_with_its_place(robot, tmp_path):
+    path = tmp_path / 'own.yaml'
+    path.write_text(MISTAKES, encoding='utf-8')
+    read = programs.load(path, robot.motion)
+    with pytest.raises(ProgramError) as error:
+        planning.plan(read, robot.motion.home_m, robot)
+    told = [sentence.split(': ')[:2] for sentence in str(error.value).split('; ')]
+    assert told == [
+        [f'{path}:3:5', 'moves[1].move_l'],
+        [f'{path}:5:5', 'moves[3].move_c'],
+        [f'{path}:7:5', 'moves[5].move_sb'],
+        [f'{path}:8:5', 'moves[6].cubic'],  # begins where no robot can be
+        [f'{path}:9:5', 'moves[7].move_l'],
+    ]
+
+
+def test_behind_a_move_that_cannot_be_planned_planning_goes_on_at_its_end(robot):
+    far = {'move_l': {'to_m': [0.9, 0.0, -0.8]}}
+    back = {'move_l': {'to_m': {'by_m': [-0.8, 0.0, 0.0]}}}  # begins outside, so that it is wrong as well
+    near = {'move_l': {'to_m': {'by_m': [0.0, 0.1, 0.0]}}}  # from (0.1, 0, -0.8)
+    read = programs.parse({'moves': [far, back, near]}, robot.motion)
+    with pytest.raises(ProgramError) as error:
+        planning.plan(read, robot.motion.home_m, robot)
+    assert [sentence.split(':')[0] for sentence in str(error.value).split('; ')] == [
+        'moves[0].move_l',
+        'moves[1].move_l',
+    ]
+
+
+def test_ten_mistakes_are_enough(robot):
+    moves = [{'move_l': {'to_m': [0.9, 0.01 * n, -0.8]}} for n in range(30)]
+    with pytest.raises(ProgramError) as error:
+        planning.plan(programs.parse({'moves': moves}, robot.motion), robot.motion.home_m, robot)
+    *told, last = str(error.value).split('; ')
+    assert len(told) == 10
+    assert last == 'the search ended after 10 errors'
+
+
+def test_an_output_is_not_blamed_for_the_move_that_it_belongs_to(robot):
+    far = {'move_l': {'to_m': [0.9, 0.0, -0.8]}}
+    grip = {'output': {'name': 'gripper', 'value': True, 'before_m': 0.01}}
+    read = programs.parse({'moves': [far, grip, {'dwell': {'time_s': 0.1}}]}, robot.motion)
+    with pytest.raises(ProgramError) as error:
+        planning.plan(read, robot.motion.home_m, robot)
+    told = [sentence.split(':')[0] for sentence in str(error.value).split('; ')]
+    assert told == ['moves[0].move_l', 'moves[2].dwell']  # where it would dwell no robot can be

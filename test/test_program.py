@@ -414,7 +414,7 @@ MISTAKES = [
 
 def test_all_mistakes_of_a_file_are_told_at_once_each_with_its_place_and_what_was_meant(robot, tmp_path):
     path = written(tmp_path, BAD)
-    told = refusal(programs.load, path, robot.motion).removesuffix('; reading ended after 10 errors')
+    told = refusal(programs.load, path, robot.motion).removesuffix('; the search ended after 10 errors')
     assert told.split('; ') == [f'{path}:{mistake}' for mistake in MISTAKES]
 
 
@@ -422,7 +422,7 @@ def test_ten_mistakes_are_enough(robot, tmp_path):
     path = written(tmp_path, 'moves:\n' + '- {dwell: {time_s: -1}}\n' * 1000)
     sentence = refusal(programs.load, path, robot.motion)
     assert sentence.count('moves[') == 10
-    assert sentence.endswith('; reading ended after 10 errors')
+    assert sentence.endswith('; the search ended after 10 errors')
 
 
 def test_a_mistake_in_a_fault_of_a_program_has_its_place_too(robot, tmp_path):

@@ -62,7 +62,7 @@ class Errors:
         try:
             yield
         except _EnoughError:
-            more = f'; reading ended after {ERRORS_MAX} errors'
+            more = f'; the search ended after {ERRORS_MAX} errors'
         if self._found:
             raise kind('; '.join(sorted(self._found, key=lambda one: self._found[one])) + more)
 

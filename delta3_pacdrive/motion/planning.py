@@ -1,12 +1,14 @@
 """Planning of a program: statements become moves that are timed and checked as a whole before anything moves."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from delta3_pacdrive.configuration.checked import Errors, Refusal
 from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import curves, timing
@@ -97,7 +99,7 @@ def plan(
     Raises
     ------
     ProgramError
-        The robot stands elsewhere than the program starts, or a move breaks a limit; says which, how and where.
+        The robot stands elsewhere than the program starts, or moves break limits; says which, how and where, up to ten.
 
     """
     here = np.array(position_m, dtype=np.float64)
@@ -118,9 +120,7 @@ def plan(
         key = (tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
         if key not in known:
             last = open_end and round_number + 1 == program.repeat
-            round_ = _Round(
-                program.statements, here, payload, parameters, returning and not order, last, progress
-            )
+            round_ = _Round(program, here, payload, parameters, returning and not order, last, progress)
             numbers = []
             for draft in round_.drafts():
                 numbers.append(len(drafts))
@@ -234,7 +234,7 @@ class _Round:
 
     def __init__(
         self,
-        statements: tuple[Statement, ...],
+        program: Program,
         here: Floats,
         payload_kg: float,
         parameters: Parameters,
@@ -242,7 +242,10 @@ class _Round:
         open_end: bool,
         progress: Callable[[int, int], None] | None,
     ) -> None:
-        self._statements = statements
+        self._statements, self._places = program.statements, program.places
+        self._errors = Errors(program.source)
+        self._failed = False  # whether anything could not be planned
+        self._broken = False  # whether that was the last move
         self._open_end, self._progress = open_end, progress
         self.notices: list[str] = []
         self._returning = returning  # whether the first move may begin beyond limits
@@ -255,17 +258,52 @@ class _Round:
         self._cubic_velocity: Floats = np.zeros(3)
 
     def drafts(self) -> list[Draft]:
-        """Plan all statements; raises ProgramError that names the statement."""
-        for n, statement in enumerate(self._statements):
-            where = f'moves[{n}]'
-            if self._progress is not None:
-                self._progress(n, len(self._statements))
-            try:
-                self._take(statement, where)
-            except (ProgramError, UnreachableError) as error:
-                text = str(error)
-                named = text.startswith('moves[')
-                raise ProgramError(text if named else f'{where}.{_name(statement)}: {text}') from None
+        """Plan all statements; raises ProgramError that names those that cannot be planned, up to ten.
+
+        Behind a statement that cannot be planned planning goes on where that would have ended.
+        """
+        with self._errors.raised_as(ProgramError):
+            for n, statement in enumerate(self._statements):
+                if self._progress is not None:
+                    self._progress(n, len(self._statements))
+                where = f'moves[{n}].{_name(statement)}'
+                with self._noted(where):
+                    self._end_before(statement)
+                end = _end_of(statement, self.here)
+                with self._noted(where):
+                    self._take(statement, where)
+                if self._broken:
+                    self.here = end
+            with self._noted(where):
+                self._end()
+        return self._drafts
+
+    @contextmanager
+    def _noted(self, where: str) -> Iterator[None]:
+        """Note why a statement cannot be planned, and forget the move that it belongs to."""
+        try:
+            yield
+        except (ProgramError, UnreachableError) as error:
+            text = str(error) if str(error).startswith('moves[') else f'{where}: {error}'
+            number = int(text[len('moves[') : text.index(']')])
+            self._legs, self._pending, self._cubics = [], [], []
+            self._cubic_velocity = np.zeros(3)
+            self._broken = self._failed = True
+            self._errors.add(Refusal(text), self._places[number] if self._places else None)
+
+    def _end_before(self, statement: Statement) -> None:
+        """End the move before a statement, if that does not go on with it."""
+        if not isinstance(statement, Cubic | Output):
+            self._end_cubics()
+        if isinstance(statement, Dwell | Cubic):
+            if self._legs and self._legs[-1].blend_m > 0.0:
+                raise ProgramError(f'{self._legs[-1].name} has blend_m, which needs a move that follows')
+            self._end_move()
+        elif not isinstance(statement, Output) and self._legs and self._legs[-1].blend_m == 0.0:
+            self._end_move()
+
+    def _end(self) -> None:
+        """End the last move."""
         self._end_cubics()
         if self._legs and self._legs[-1].blend_m > 0.0:
             name = f'{self._legs[-1].name}: blend_m'
@@ -273,48 +311,42 @@ class _Round:
                 raise ProgramError(f'{name} needs a move that follows')
             self.notices.append(f'{name} waits for a move that follows; without one it ends exactly')
         self._end_move()
-        if self._pending:
+        if self._pending and not self._failed:
             self._attach_behind_the_last()
-        return self._drafts
 
     def _take(self, statement: Statement, where: str) -> None:
-        if not isinstance(statement, Cubic | Output):
-            self._end_cubics()
         if isinstance(statement, Output):
-            if np.abs(self._cubic_velocity).max() > 0.0:
-                raise ProgramError('an output cannot stand between the cubics of a sequence')
-            self._end_cubics()
-            self._pending.append((len(self._legs), statement))
-        elif isinstance(statement, Dwell):
-            self._require_exact_stop()
-            self._end_move()
+            self._take_output(statement)
+            return
+        self._broken = False
+        if isinstance(statement, Dwell):
             self._dwell(statement.time_s)
         elif isinstance(statement, Cubic):
-            self._require_exact_stop()
-            self._end_move()
             self._take_cubic(statement, where)
         else:
             self._take_leg(statement, where)
 
-    def _require_exact_stop(self) -> None:
-        if self._legs and self._legs[-1].blend_m > 0.0:
-            raise ProgramError(f'{self._legs[-1].name} has blend_m, which needs a move that follows')
+    def _take_output(self, output: Output) -> None:
+        if np.abs(self._cubic_velocity).max() > 0.0:
+            raise ProgramError('an output cannot stand between the cubics of a sequence')
+        self._end_cubics()
+        if not self._broken:
+            self._pending.append((len(self._legs), output))
+        elif output.payload_kg is not None:  # there is no move that it could belong to
+            self.payload = output.payload_kg
 
-    def _take_leg(self, statement: MoveL | MoveC | MoveSB, where: str) -> None:
-        if self._legs and self._legs[-1].blend_m == 0.0:
-            self._end_move()
+    def _take_leg(self, statement: MoveL | MoveC | MoveSB, name: str) -> None:
         curve, kind = _CURVES[type(statement)](self.here, statement)
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
-        name = f'{where}.{_name(statement)}'
         self._legs.append(Leg(curve, statement.limits, statement.blend_m, statement.strict, kind, name))
         self.here = curve.at(curve.length_m)[0]
 
-    def _take_cubic(self, statement: Cubic, where: str) -> None:
+    def _take_cubic(self, statement: Cubic, name: str) -> None:
         end = _resolve(statement.to, self.here)
         velocity = np.array(statement.end_velocity_m_s)
         curve = curves.timed_cubic(self.here, end, self._cubic_velocity, velocity, statement.duration_s)
-        self._cubics.append((curve, f'{where}.cubic'))
+        self._cubics.append((curve, name))
         self.here, self._cubic_velocity = end, velocity
 
     def _end_cubics(self) -> None:
@@ -331,7 +363,7 @@ class _Round:
         limits = self._parameters.motion
         bounds = Limits(limits.speed_max_m_s, limits.acceleration_max_m_s2, math.inf)
         events = self._take_outputs(0.0)
-        returning = self._returning and not self._drafts
+        returning = self._returning and not self._drafts and not self._failed
         draft = plan_cubic(curve, bounds, self.payload, name, self._parameters, returning)
         self._append(draft, events)
 
@@ -362,7 +394,7 @@ class _Round:
         for event in sorted(events, key=lambda event: event.distance_m):
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
-        returning = self._returning and not self._drafts
+        returning = self._returning and not self._drafts and not self._failed
         draft = plan_move(legs, curve, stretches, events, payload, self._parameters, returning)
         self._drafts.append(draft)
 
@@ -402,6 +434,15 @@ def _name(statement: Statement) -> str:
     return {
         MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Cubic: 'cubic', Dwell: 'dwell', Output: 'output'
     }[type(statement)]  # fmt: skip
+
+
+def _end_of(statement: Statement, here: Floats) -> Floats:
+    """Return where a robot stands behind a statement."""
+    if isinstance(statement, MoveSB):
+        for target in statement.through:
+            here = _resolve(target, here)
+        return here
+    return here if isinstance(statement, Dwell | Output) else _resolve(statement.to, here)
 
 
 def _resolve(target: Target, here: Floats) -> Floats:

@@ -22,7 +22,7 @@ faults:                                                             # optional: 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from delta3_pacdrive import yaml_file
 from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, payload_on_grid
 from delta3_pacdrive.configuration import packaged
 from delta3_pacdrive.configuration.checked import Errors, Refusal, Section, at, expected, nearest_of, refuse
-from delta3_pacdrive.configuration.located import numbered, place_in, place_of, place_of_key
+from delta3_pacdrive.configuration.located import Place, numbered, place_in, place_of, place_of_key
 from delta3_pacdrive.errors import ProgramError, shown
 from delta3_pacdrive.injection import Fault, read_fault
 from delta3_pacdrive.motion.checks import Limits
@@ -123,7 +123,14 @@ Statement = MoveL | MoveC | MoveSB | Cubic | Dwell | Output
 
 @dataclass(frozen=True)
 class Program:
-    """Statements to run ``repeat`` times."""
+    """Statements to run ``repeat`` times.
+
+    Attributes
+    ----------
+    source, places
+        The file that it was read from, and where each statement stands in it; empty if that says nothing.
+
+    """
 
     name: str
     statements: tuple[Statement, ...]
@@ -131,6 +138,8 @@ class Program:
     repeat: int = 1
     payload_kg: float | None = None
     faults: tuple[Fault, ...] = ()
+    source: str = field(default='', compare=False)
+    places: tuple[Place | None, ...] = field(default=(), compare=False)
 
 
 def load(path: str | Path, motion: Motion) -> Program:
@@ -185,7 +194,14 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
     programs: list[Program] = []
     with errors.raised_as(ProgramError), errors.noted(place_of(document)):
         programs.append(_program(document, motion, name, errors))
-    return programs[0]
+    (program,) = programs
+    source, moves = getattr(document, 'source', ''), document['moves']
+    places = tuple(place_in(moves, n) for n in range(len(moves)))
+    if source or any(
+        place and place.line > 1 for place in places
+    ):  # nobody looks for a place in a single line
+        return replace(program, source=source, places=places)
+    return program
 
 
 def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Program:
