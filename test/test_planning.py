@@ -1132,10 +1132,9 @@ def test_ten_mistakes_are_enough(robot):
 
 
 def test_an_output_is_not_blamed_for_the_move_that_it_belongs_to(robot):
-    far = {'move_l': {'to_m': [0.9, 0.0, -0.8]}}
+    no_circle = {'move_c': {'via_m': [0.05, 0.0, -0.75], 'to_m': [0.1, 0.0, -0.75]}}
     grip = {'output': {'name': 'gripper', 'value': True, 'before_m': 0.01}}
-    read = programs.parse({'moves': [far, grip, {'dwell': {'time_s': 0.1}}]}, robot.motion)
+    moves = [{'move_l': {'to_m': [0.0, 0.0, -0.75]}}, no_circle, grip, {'dwell': {'time_s': 0.1}}]
     with pytest.raises(ProgramError) as error:
-        planning.plan(read, robot.motion.home_m, robot)
-    told = [sentence.split(':')[0] for sentence in str(error.value).split('; ')]
-    assert told == ['moves[0].move_l', 'moves[2].dwell']  # where it would dwell no robot can be
+        planning.plan(programs.parse({'moves': moves}, robot.motion), [0.0, 0.0, -0.8], robot)
+    assert [sentence.split(':')[0] for sentence in str(error.value).split('; ')] == ['moves[1].move_c']
