@@ -12,6 +12,7 @@ import hashlib
 import math
 import os
 import re
+import shutil
 import sys
 import tempfile
 import time
@@ -35,6 +36,8 @@ _IMPORT = re.compile(
     re.M,
 )
 POLL_S = 0.1
+MARK = 'complete-'  # beginning of the names of files that mark versions as compiled
+VERSIONS_KEPT, DAY_S = 4, 86_400.0
 TURN_S, TURN_MAX_S = 5e-3, 20.0  # between two looks for another process's kernel; how long they go on
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
@@ -150,20 +153,43 @@ def compiled() -> int:
     return done
 
 
-def _complete() -> Path:
+def _complete() -> tuple[Path, str]:
+    """Return the file that marks these sources as compiled, and what stands in it: the folders that it stands for."""
     folders = ' '.join(_folder(module).name for module in modules_with_kernels())
-    return CACHE_DIRECTORY / f'complete-{hashlib.sha256(folders.encode()).hexdigest()[:16]}'
+    return CACHE_DIRECTORY / f'{MARK}{hashlib.sha256(folders.encode()).hexdigest()[:16]}', folders
 
 
 def all_compiled() -> bool:
     """Whether every kernel of these sources has been compiled on this machine."""
-    return _complete().exists()
+    mark, _ = _complete()
+    try:
+        os.utime(mark)  # still in use
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return mark.exists()
+    return True
 
 
 def mark_compiled() -> None:
-    """Note that every kernel has been compiled."""
+    """Note that every kernel has been compiled, and remove those that no version of late has used."""
+    mark, folders = _complete()
     with suppress(OSError):  # then it is found out anew each time
-        _complete().touch()
+        mark.write_text(folders, encoding='utf-8')
+        _remove_old()
+
+
+def _remove_old() -> None:
+    """Remove the kernels of all but the last ``VERSIONS_KEPT`` versions, unless they are younger than a day."""
+    marks = sorted(CACHE_DIRECTORY.glob(f'{MARK}*'), key=lambda mark: mark.stat().st_mtime)
+    kept = {name for mark in marks[-VERSIONS_KEPT:] for name in mark.read_text(encoding='utf-8').split()}
+    yesterday = time.time() - DAY_S
+    for mark in marks[:-VERSIONS_KEPT]:
+        mark.unlink()
+    for folder in CACHE_DIRECTORY.iterdir():
+        # another version may be at work on a younger one
+        if folder.is_dir() and folder.name not in kept and folder.stat().st_mtime < yesterday:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 COMPILING = 'compiling the numerical kernels, once for this version'

@@ -7,6 +7,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -37,6 +39,16 @@ simulation.watched = watched
 simulation.compile_kernels(lambda done, total: shown.append((done, total)))
 print(json.dumps({'saved': len(saved), 'shown': shown, 'all': kernel.all_compiled(), 'compiled': kernel.compiled()}))
 """
+
+
+@contextmanager
+def started(command, **options):
+    """Start a process, which does not outlive the test."""
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def environment(cache, root=None):
@@ -109,19 +121,11 @@ def test_a_folder_of_somebody_else_is_not_used(monkeypatch, tmp_path):
 
 def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(tmp_path):
     command = [sys.executable, '-P', '-c', COMPILE]
-    processes = [
-        subprocess.Popen(
-            command,
-            env=environment(tmp_path / 'cache'),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(2)
-    ]
+    options = {'env': environment(tmp_path / 'cache'), 'stdout': subprocess.PIPE}
     answers = []
-    for process in processes:
-        output, errors = process.communicate(timeout=LIMIT_S)
+    with started(command, **options) as first, started(command, **options) as second:
+        results = [(process, *process.communicate(timeout=LIMIT_S)) for process in (first, second)]
+    for process, output, errors in results:
         assert process.returncode == 0, errors
         answers.append(json.loads(output))
     assert min(answer['saved'] for answer in answers) == 0
@@ -153,16 +157,55 @@ NODE = [
 
 def test_one_signal_ends_a_node_that_compiles(tmp_path):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
-    process = subprocess.Popen(NODE, env=environment(tmp_path), stderr=subprocess.PIPE, text=True)
-    assert re.match(rf'{kernel.COMPILING}: \d+ of \d+$', process.stderr.readline())
-    while len(list(tmp_path.rglob('*.nbc'))) < 5:
-        os.sched_yield()
-        assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20.0)
+    with started(NODE, env=environment(tmp_path)) as process:
+        assert re.match(rf'{kernel.COMPILING}: \d+ of \d+$', process.stderr.readline())
+        while len(list(tmp_path.rglob('*.nbc'))) < 5:
+            os.sched_yield()
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20.0)
     assert process.returncode == 130
     assert errors.splitlines()[-1] == 'error: interrupted'
     assert 'Traceback' not in errors
+
+
+MARK_COMPILED = """
+import json, os
+from delta3_pacdrive import kernel
+kernel.mark_compiled()
+print(json.dumps({'compiled': kernel.all_compiled(), 'left': sorted(os.listdir(kernel.CACHE_DIRECTORY))}))
+"""
+
+
+def test_kernels_that_no_version_of_late_has_used_are_removed(tmp_path):
+    (first,) = [name for name in output_of(MARK_COMPILED, tmp_path)['left'] if name.startswith(kernel.MARK)]
+    (cache,) = (path.parent for path in tmp_path.rglob(first))
+    old = time.time() - 2.0 * kernel.DAY_S
+    for version in range(kernel.VERSIONS_KEPT + 1):  # the later, the longer ago
+        for path in (
+            cache / f'{kernel.MARK}{version}',
+            cache / f'motor-{version}',
+            cache / 'motor-unfinished',
+        ):
+            if path.name.startswith('motor'):
+                path.mkdir(exist_ok=True)
+            else:
+                path.write_text(f'motor-{version} path-{version}', encoding='utf-8')
+            os.utime(path, (old - version, old - version))
+    (cache / 'motor-today').mkdir()
+    answer = output_of(MARK_COMPILED, tmp_path)
+    last = kernel.VERSIONS_KEPT - 1  # beside the present one
+    kept = [f'{kernel.MARK}{n}' for n in range(last)] + [f'motor-{n}' for n in range(last)]
+    assert answer['compiled']
+    assert answer['left'] == sorted([*kept, first, 'motor-today'])
+
+
+def test_a_version_that_is_used_is_not_old(tmp_path):
+    (mark,) = [name for name in output_of(MARK_COMPILED, tmp_path)['left'] if name.startswith(kernel.MARK)]
+    (path,) = tmp_path.rglob(mark)
+    os.utime(path, (1e9, 1e9))
+    assert output_of('from delta3_pacdrive import kernel\nprint(int(kernel.all_compiled()))', tmp_path) == 1
+    assert path.stat().st_mtime > 1e9
 
 
 def catches_sigterm(process):
@@ -177,14 +220,14 @@ def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
     alone = os.environ | {'ROS_DOMAIN_ID': str(110 + os.getpid() % 100)}
     statuses = []
     for moment in range(20):
-        process = subprocess.Popen(NODE, env=alone, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        while not catches_sigterm(process) and process.poll() is None:
-            os.sched_yield()  # until then it is Python that starts, not the node
-        try:
-            process.wait(2.0 * (moment / 20) ** 2)
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30.0)
+        with started(NODE, env=alone, stdout=subprocess.PIPE) as process:
+            while not catches_sigterm(process) and process.poll() is None:
+                os.sched_yield()  # until then it is Python that starts, not the node
+            try:
+                process.wait(2.0 * (moment / 20) ** 2)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=30.0)
         assert 'Traceback' not in errors
         assert process.returncode in (0, 130), errors  # 0: the node was up, and ended as a node ends
         statuses.append(process.returncode)
