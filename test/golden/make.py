@@ -5,8 +5,8 @@
 
 The simulator gives the same bits wherever the same machine code runs. ``maker`` is a digest of what that depends on:
 versions of the interpreter, of numba and its compiler, numpy, scipy, ruckig and the C library, and the kind of
-processor. Figures have nine digits. They may change only with the equations, the parameters or the programs; a commit
-that changes them says why.
+processor. Figures have nine digits; a digest of each run holds every bit of every signal. They may change only with the
+equations, the parameters or the programs; a commit that changes them says why.
 """
 
 import hashlib
@@ -51,11 +51,23 @@ CASES = {
     'experiment 1': ('experiment1', {}, None),
     'experiment 2': ('experiment2', {}, None),
     'experiment 3': ('experiment3', {}, None),
+    'experiment 1, built robot': ('experiment1', {}, 'rich'),
+    'experiment 2, built robot': ('experiment2', {}, 'rich'),
     'experiment 3, built robot': ('experiment3', {}, 'rich'),
     'experiment 1, exact exchange': ('experiment1', {'bus__exchange_period_s': 125e-6}, None),
     'experiment 1, cycle of 2 ms': ('experiment1', {'bus__cycle_time_s': 2e-3}, None),
+    'experiment 1, cycle of 4 ms': ('experiment1', {'bus__cycle_time_s': 4e-3}, None),
+    'experiment 2, cycle of 4 ms, exact exchange': (
+        'experiment2',
+        {'bus__cycle_time_s': 4e-3, 'bus__exchange_period_s': 125e-6},
+        None,
+    ),
     'experiment 1, filters and friction': ('experiment1', TUNED, None),
     'packaging with stops': ('packaging_stops', {}, None),
+    'packaging': ('packaging', {}, None),
+    'packaging, built robot': ('packaging', {}, 'rich'),
+    'excitation': ('excitation', {}, None),
+    'excitation, built robot': ('excitation', {}, 'rich'),
     'gripped on the way': (LINE, {}, None),
     'telegrams lost': (
         _with_faults(
@@ -68,6 +80,24 @@ CASES = {
     ),
     'encoder lost': (_with_faults({'fault': 'encoder_failure', 'axis': 'axis2', 'after_s': 0.2}), {}, None),
     'emergency stop': (_with_faults({'fault': 'emergency_stop', 'after_s': 0.2}), {}, None),
+    'MDT lost until the drive stops': (
+        _with_faults({'fault': 'drop_mdt', 'axis': 'axis1', 'cycles': 2, 'after_s': 0.2}),
+        {},
+        None,
+    ),
+    'AT late until the master stops': (
+        _with_faults({'fault': 'delay_at', 'axis': 'axis3', 'cycles': 20, 'by_cycles': 3, 'after_s': 0.2}),
+        {},
+        None,
+    ),
+    'winding shorted': (_with_faults({'fault': 'winding_short', 'axis': 'axis1', 'after_s': 0.2}), {}, None),
+    'brake stuck': (_with_faults({'fault': 'brake_stuck', 'axis': 'axis2', 'after_s': 0.2}), {}, None),
+    'payload lost': (_with_faults({'fault': 'payload_lost', 'after_s': 0.35}), {}, None),
+    'DC link sags, built robot': (
+        _with_faults({'fault': 'dc_link', 'axis': 'axis2', 'voltage_v': 60.0, 'after_s': 0.2, 'for_s': 0.1}),
+        {},
+        'rich',
+    ),
     'load and noise': (
         _with_faults(
             {'fault': 'overload', 'axis': 'axis1', 'torque_n_m': 1.5, 'after_s': 0.1, 'for_s': 0.1},
@@ -100,6 +130,14 @@ def _rounded(values):
     return [float(f'{value:.{DIGITS}g}') for value in np.ravel(values).tolist()]
 
 
+def digest(trace):
+    """Return the SHA-256 of all signals of a run with their names."""
+    found = hashlib.sha256(trace.time_s.tobytes())
+    for key in sorted(trace.signals):
+        found.update(f'{key} {trace[key].shape}'.encode() + np.ascontiguousarray(trace[key]).tobytes())
+    return found.hexdigest()
+
+
 def figures(name):
     """Return the figures of a case: of each signal rms and last value by axis, and what the run says of itself."""
     program, changes, file = CASES[name]
@@ -115,6 +153,7 @@ def figures(name):
         'end_cycle': trace.meta['end_cycle'],
         'stopped': trace.meta['stopped'],
         'lost_telegrams': trace.meta['lost_telegrams'],
+        'sha256': digest(trace),
         'figures': {key: _rounded(value) for key, value in trace.meta['figures'].items()},
     }
     signals = {key: np.sqrt((values**2).mean(axis=0)) for key, values in trace.signals.items()}
