@@ -14,6 +14,7 @@ from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.bus.participants import Occasion
 from delta3_pacdrive.bus.phases import DRIVES, Identity
 from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.drive.record import DriveState
@@ -243,7 +244,7 @@ def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_l
 
 def test_an_announcement_with_a_number_of_thousands_of_digits_is_ignored(cell: Cell) -> None:
     facts = vars(Identity.of(parameters.load())) | {'links': '', 'session': '', 'bus_cycle': '9' * 5000}
-    message = DiagnosticStatus(name='plant', message='present')
+    message = DiagnosticStatus(name='plant', message=str(Occasion.STARTED))
     message.values = [KeyValue(key=key, value=str(value)) for key, value in facts.items()]
     cell.publish(DiagnosticStatus, 'sercos/participants', LATCHED, message)
     cell.assert_untouched()
