@@ -243,3 +243,13 @@ def graph() -> Iterator[Graph]:
         yield made
     finally:
         made.close()
+
+
+@pytest.fixture(scope='module')
+def shared_graph() -> Iterator[Graph]:
+    """Give one graph to all facts of a file that look at the same robot and leave it as it was."""
+    made = Graph()
+    try:
+        yield made
+    finally:
+        made.close()

@@ -170,6 +170,20 @@ def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_the
     cell.graph.spin_until(lambda: not any(drive._drive.powered for drive in cell.drives), 'no torque')
 
 
+def test_an_at_of_a_cycle_to_come_says_that_the_drives_went_on_without_their_master(cell: Cell) -> None:
+    session = cell.task.progress()['session']
+    publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the master')
+    stamp = cell.task.stamp(cell.task.next_cycle + 100_000)
+    publisher.publish(telegram_message(f'c008 0000 {session}', ['axis1'], stamp, **AT))
+    cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
+    assert ' without the master (8506)' in cell.task.progress()['fault']
+    cell.graph.listener.destroy_publisher(publisher)
+    cell.graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP4', 'cyclic operation')
+    assert cell.task.progress()['session'] != session
+    assert not cell.task.progress()['in_torque']
+
+
 def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cell: Cell) -> None:
     operator = cell.operator
     operator.inject('{fault: encoder_failure, axis: axis2}')
