@@ -149,10 +149,10 @@ class Deadline:
 
 
 class Graph:
-    """Nodes on one executor in a context of their own."""
+    """Nodes on one executor in a context of their own, or in the one that nodes have who are given none."""
 
-    def __init__(self) -> None:
-        self.context = rclpy.Context()
+    def __init__(self, context: rclpy.Context | None = None) -> None:
+        self.context = context or rclpy.Context()
         rclpy.init(context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self.nodes: list[Node] = []
@@ -168,9 +168,13 @@ class Graph:
             given = [Parameter(key.replace('__', '.'), value=value) for key, value in overrides.items()]
             names = {'cli_args': ['--ros-args', '-r', f'__node:=mc4_drive_{overrides["axis"]}']}
         node = kind(*arguments, context=self.context, parameter_overrides=given, **names)
+        self.adopt(node)
+        return node
+
+    def adopt(self, node: Node) -> None:
+        """Take a node in that somebody else has made."""
         self.nodes.append(node)
         self._executor.add_node(node)
-        return node
 
     def robot(self, order: tuple[str, ...] = ('plant', '1', '2', '3', 'task'), **overrides: Any) -> Any:
         """Start the nodes of a robot in an order; return the task."""
@@ -247,8 +251,8 @@ def graph() -> Iterator[Graph]:
 
 @pytest.fixture(scope='module')
 def shared_graph() -> Iterator[Graph]:
-    """Give one graph to all facts of a file that look at the same robot and leave it as it was."""
-    made = Graph()
+    """Give one graph to all facts of a file that look at the same robot; nodes may be made without a context."""
+    made = Graph(rclpy.get_default_context())
     try:
         yield made
     finally:
