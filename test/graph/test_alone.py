@@ -13,7 +13,7 @@ from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.bus.words import Phase, Status
 from delta3_pacdrive.nodes import telegram
 from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.plant import PlantNode
+from delta3_pacdrive.nodes.plant import REST_S, PlantNode
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
 
 ROBOT = parameters.load()
@@ -24,6 +24,11 @@ ON, STOP, NO_POWER = 0xE000, 0xA000, 0x6000
 ENABLING_CYCLES = 150  # more than settling and the release of the brake take
 FREE_CYCLES = 100  # the brake opens and the arms begin to fall
 STANDING = [0.0] * 9
+SOON_S = 1.0  # for a node that has nothing else to do
+
+
+def cycle_of(message: Any) -> int:
+    return int(message.header.stamp.sec * 1000 + message.header.stamp.nanosec // 1_000_000)
 
 
 class Bus:
@@ -80,7 +85,7 @@ class Drive(Bus):
             newest = [messages[-1].header.stamp for messages in (self.answers, self.currents)]
             return all((last.sec, last.nanosec) == stamp for last in newest)
 
-        self.graph.spin_until(there, f'the answer of cycle {self.cycle}')
+        self.graph.spin_until(there, f'the answer of cycle {self.cycle}', SOON_S)
         self.cycle += 1
         return self.answers[-1]
 
@@ -127,6 +132,21 @@ def test_shafts_of_another_session_are_none_of_a_drives(drive: Drive) -> None:
     assert drive.node.diagnostics()['refused_telegrams'] == refused + 1
 
 
+def test_two_different_mdt_of_a_cycle_stop_a_drive_and_two_equal_ones_do_not(drive: Drive) -> None:
+    drive.go(ENABLING_CYCLES, ON)
+    drive.command(CLOCK.stamp(drive.cycle - 1), ON)  # as it was
+    assert drive.go(1, ON) == ENABLED
+    late = drive.node.diagnostics()['late_telegrams']
+    assert late == 1
+    drive.command(CLOCK.stamp(drive.cycle - 1), ON, position=1e-3)
+    drive.graph.spin_until(lambda: drive.node.diagnostics()['late_telegrams'] > late, 'the second', SOON_S)
+    for _ in range(3):  # without a master it goes on with the plant alone
+        drive.shafts(CLOCK.stamp(drive.cycle))
+        drive.answer()
+    assert int(drive.answers[-1].header.frame_id.split()[0], 16) & int(Status.ERROR)
+    assert drive.node.diagnostics()['diagnostic'].startswith('8506')
+
+
 def test_the_diagnostics_of_a_drive_that_warns_say_so(graph: Any) -> None:
     arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
     drive = Drive(graph)
@@ -134,7 +154,7 @@ def test_the_diagnostics_of_a_drive_that_warns_say_so(graph: Any) -> None:
     off = 1.5 * ROBOT.drive.following_error_limit_rad  # a shaft that does not follow, less than trips
     assert drive.go(30, ON, position=off) & int(Status.WARNING)
     arrays.clear()
-    graph.spin_until(lambda: arrays, 'diagnostics', 1.0)
+    graph.spin_until(lambda: arrays, 'diagnostics', SOON_S)
     (status,) = arrays[-1].status
     facts = {item.key: item.value for item in status.values}
     assert (status.level, status.hardware_id) == (DiagnosticStatus.WARN, 'axis2')
@@ -161,7 +181,7 @@ class Machine(Bus):
             last = self.shafts[-1].header.stamp
             return (last.sec, last.nanosec) == stamp
 
-        self.graph.spin_until(there, f'the shafts of exchange {self.exchange}')
+        self.graph.spin_until(there, f'the shafts of exchange {self.exchange}', SOON_S)
         return self.shafts[-1]
 
     def current(
@@ -208,6 +228,20 @@ def test_a_held_machine_stands_and_a_free_one_falls(machine: Machine) -> None:
     assert np.abs(held.velocity).max() == 0.0
     free = machine.go(FREE_CYCLES, free=True)
     assert np.abs(free.velocity).min() > 0.05
+
+
+def test_a_machine_whose_bus_falls_comes_to_rest_in_bus_time(machine: Machine) -> None:
+    falling = machine.go(FREE_CYCLES, free=True)
+    assert np.abs(falling.velocity).max() > 0.05
+    machine.tell(Phase.CP1)
+
+    def last() -> Any:
+        return [message for message in machine.shafts if message.header.stamp.sec >= 0][-1]
+
+    end = machine.exchange + round(REST_S / ROBOT.bus.cycle_time_s)
+    machine.graph.spin_until(lambda: cycle_of(last()) >= end, 'rest', SOON_S)
+    assert np.abs(last().velocity).max() == 0.0
+    assert list(last().position) != list(falling.position)
 
 
 def test_currents_of_the_future_and_of_another_session_do_not_move_the_machine(machine: Machine) -> None:

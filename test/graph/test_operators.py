@@ -217,20 +217,24 @@ def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell:
     assert json.loads(cell.bert.queue)['moves'] == 0
 
 
-def test_the_answer_to_an_earlier_request_is_none_to_this_one(cell: Cell, graph: Any) -> None:
+def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this_one(
+    cell: Cell, graph: Any
+) -> None:
     cell.anna.send_program(POSSIBLE)
     cell.anna.call('clear')
     stranger = graph.listener.create_publisher(String, 'unit_robot/reply', REQUEST)
     graph.spin_until(lambda: stranger.get_subscription_count() >= 2, 'the operators')
+    others = [(cell.anna.identity, 1), *((cell.bert.identity, number) for number in range(1, 9))]
 
-    def hear_an_old_one_first(seconds: float) -> None:
-        reply = Reply(cell.anna.identity, 1, True, True, '', 'an earlier answer')
-        stranger.publish(String(data=reply.to_json()))
+    def hear_others_first(seconds: float) -> None:
+        for identity, number in others:
+            reply = Reply(identity, number, True, True, '', 'not meant for this')
+            stranger.publish(String(data=reply.to_json()))
         graph.spin_for(seconds)
 
-    cell.anna.spin_for = hear_an_old_one_first
-    with pytest.raises(RefusedError, match=r'z is -0\.2 m'):
-        cell.anna.send_program(IMPOSSIBLE)
+    cell.anna.spin_for = hear_others_first
+    moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(200))
+    assert 'planned "program": 200 moves' in cell.anna.send_program(f'moves: [{moves}]')
 
 
 def test_planning_that_takes_long_tells_how_far_it_is(cell: Cell) -> None:
