@@ -149,11 +149,13 @@ class Deadline:
 
 
 class Graph:
-    """Nodes on one executor in a context of their own, or in the one that nodes have who are given none."""
+    """Nodes on one executor, in a context of their own unless one is given."""
 
     def __init__(self, context: rclpy.Context | None = None) -> None:
+        self._owns_context = context is None
         self.context = context or rclpy.Context()
-        rclpy.init(context=self.context)
+        if self._owns_context:
+            rclpy.init(context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.listener = self.add(Node, 'listener')
@@ -236,7 +238,8 @@ class Graph:
             self._executor.remove_node(node)
             node.destroy_node()
         self._executor.shutdown()
-        rclpy.shutdown(context=self.context)
+        if self._owns_context:
+            rclpy.shutdown(context=self.context)
 
 
 @pytest.fixture
@@ -252,8 +255,10 @@ def graph() -> Iterator[Graph]:
 @pytest.fixture(scope='module')
 def shared_graph() -> Iterator[Graph]:
     """Give one graph to all facts of a file that look at the same robot; nodes may be made without a context."""
+    rclpy.init()
     made = Graph(rclpy.get_default_context())
     try:
         yield made
     finally:
         made.close()
+        rclpy.shutdown()
