@@ -494,6 +494,15 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
     np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
 
 
+def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
+    bag = record(tmp_path / 'bag', messages(), meta=None)
+    (bag / 'metadata.yaml').unlink()
+    assert len(recording.load(bag).time_s) == CYCLES
+    assert recording.cut(bag) == (
+        'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
+    )
+
+
 def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
     writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
     topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}

@@ -213,7 +213,9 @@ def test_what_was_recorded_reaches_the_file_of_a_bag_that_stays_open(graph: Any,
     def left() -> int:
         return sum(channel.msgcount for channel in recover(tmp_path / 'bag' / 'bag.mcap').channels.values())
 
-    graph.spin_until(left, 'the message in the file')  # every FLUSH_S, which is less than a second
+    graph.spin_until(
+        left, 'the message in the file', 2.0 * SOON_S
+    )  # every FLUSH_S, which is less than a second
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_recorder(graph: Any, small_disk: Path) -> None:
