@@ -61,6 +61,8 @@ def outcome_of(catalogue: Catalogue, state: State, expected: str = '', **fault: 
         ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}, State.STANDING, 'up to 0.1000 rad wrong'),
         ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 560.0}, State.STANDING, 'dc_link axis1 voltage_v 560 b'),
         ({'fault': 'payload_lost'}, State.STANDING, ' kg lost'),
+        # over before anybody looks
+        ({'fault': 'encoder_jump', 'axis': 'axis2', 'jump_rad': 0.1, 'for_s': 0.05}, State.STANDING, '0.1000 rad'),
     ],
 )  # fmt: skip
 def test_what_a_fault_leaves_behind_is_found(
