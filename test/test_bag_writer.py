@@ -5,15 +5,18 @@ import errno
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import pytest
+from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from delta3_pacdrive import bag_writer
-from delta3_pacdrive.bag_recovery import recover
+from delta3_pacdrive.bag_recovery import CHUNK, MAGIC, recover
 from delta3_pacdrive.bag_writer import OPEN_KEY, STOPPED_KEY, BagWriter
 from delta3_pacdrive.errors import RunError
 
@@ -61,6 +64,46 @@ def test_a_bag_is_complete_when_it_is_closed(tmp_path):
     fill(writer, topics, 9001)  # more than one chunk of 1 MiB
     writer.close({'delta3_pacdrive': '{"lost": {}}'})
     assert held(tmp_path / 'bag') == ({'/a': 4501, '/b': 4500}, {'delta3_pacdrive': '{"lost": {}}'})
+
+
+def test_a_bag_says_how_its_topics_were_offered(tmp_path):
+    writer, _ = opened(tmp_path / 'bag')
+    writer.add_topic('/c', TEXT, 77, False)
+    writer.close({})
+    with Reader(tmp_path / 'bag') as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}
+    assert {topic: qos.depth for topic, qos in offered.items()} == {'/a': 10, '/b': 10, '/c': 77}
+    latched = [topic for topic, qos in offered.items() if qos.durability == QosDurability.TRANSIENT_LOCAL]
+    assert latched == ['/b']
+
+
+def recovered(file):
+    """Return how many messages are left of a file, and what else is known of it."""
+    found = recover(file)
+    return sum(channel.msgcount for channel in found.channels.values()), found.ended, found.lost_bytes
+
+
+def test_a_whole_file_is_recovered_whole_and_a_chunk_with_another_checksum_not_at_all(tmp_path):
+    writer, topics = opened(tmp_path / 'bag')
+    fill(writer, topics, 10)
+    writer.close({})
+    file = tmp_path / 'bag' / 'bag.mcap'
+    assert recovered(file) == (10, True, 0)
+    content = bytearray(file.read_bytes())
+    # the chunk that holds the messages: code, size, two times, size of its records, checksum, compression, size
+    place, message = len(MAGIC), content.index(MESSAGE)
+    while content[place] != CHUNK or message > place + 9 + struct.unpack_from('<Q', content, place + 1)[0]:
+        place += 9 + struct.unpack_from('<Q', content, place + 1)[0]
+    (size,) = struct.unpack_from('<Q', content, place + 25)
+    records = content[place + 49 : place + 49 + size]
+    struct.pack_into('<I', content, place + 33, zlib.crc32(records))  # other writers give one
+    file.write_bytes(content)
+    assert recovered(file) == (10, True, 0)
+    content[message + 50] ^= 1
+    file.write_bytes(content)
+    messages, ended, lost = recovered(file)
+    assert (messages, ended) == (0, False)
+    assert lost > 10 * len(MESSAGE)
 
 
 def test_metadata_and_topics_are_on_the_disk_from_the_beginning(tmp_path):

@@ -11,7 +11,8 @@ pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.nodes.cases import Case, Outcome, State
+from delta3_pacdrive.nodes.attendant import Attendant
+from delta3_pacdrive.nodes.cases import Case, Outcome, State, cases
 from delta3_pacdrive.nodes.catalogue import Catalogue
 from delta3_pacdrive.nodes.evidence import AxisRecord, burdened, loaded, misread, sagged
 from delta3_pacdrive.nodes.invariants import Invariants
@@ -179,6 +180,26 @@ def test_an_undisturbed_program_keeps_the_nominal_limits(topic, column, value, w
     assert any(sentence.startswith(what) and cycle == 150 for sentence, cycle in said), said
 
 
+def test_what_a_robot_does_that_stops_hard_is_allowed(invariants, said, robot):
+    one = telegrams(shafts_at([HOME] * 5, robot))
+    invariants.check(SHAFTS, changed(one, 3, 0, math.radians(107.9) * GEAR))  # leans on its end stop
+    edge = (0.6005, 0.0, -0.8)  # a stop that ends outside its workspace
+    commands = kinematics.inverse([HOME, edge, (0.0, 0.0, -0.6995)], robot.kinematics) * GEAR
+    invariants.check(MDT, telegrams(commands))
+    assert said == []
+
+
+def test_shafts_whose_commands_nobody_has_heard_are_allowed_to_be_anywhere(invariants, said, robot):
+    recorded = sound(robot)
+    late = recorded[MDT]
+    recorded[MDT] = Telegrams(
+        late.cycles[100:], late.sessions[100:], late.received_s[100:], late.values[100:]
+    )
+    error, _ = invariants.check_undisturbed(recorded, AWAY)
+    assert said == []
+    assert error < 2e-4
+
+
 def test_an_undisturbed_program_keeps_to_its_commands(invariants, said, robot):
     recorded = sound(robot)
     off = recorded[SHAFTS].values[80, 0] + 2e-3 / 0.4 * GEAR  # 2 mm at the elbow
@@ -309,6 +330,15 @@ def test_evidence_says_what_is_off_and_by_how_much():
     assert loaded(record(coupling=np.full(QUIET, -1.75))) == 'carries 1.75 N m'
 
 
+def test_evidence_is_what_lasts_and_not_a_single_cycle():
+    spike = np.full(QUIET, 0.3)
+    spike[100] = 5.0
+    assert burdened(record(torque=spike)) == ''
+    assert loaded(record(coupling=spike)) == ''
+    # a load that the brake holds, without torque, burdens no motor
+    assert burdened(record(torque=np.zeros(QUIET), coupling=np.full(QUIET, 2.0))) == ''
+
+
 def test_evidence_counts_from_the_fault_on():
     shafts, answers = np.zeros((10, 9)), np.zeros((10, 3))
     answers[:5, 0] = 1.0  # before the fault
@@ -344,6 +374,50 @@ TOLD = 'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, 
 def test_a_case_is_as_expected_if_it_led_to_that_was_seen_and_was_overcome(outcome, expected):
     assert outcome.as_expected is expected
     assert outcome.to_row()['ok'] is expected
+
+
+def test_the_catalogue_says_what_each_fault_leads_to_in_each_state():
+    every = {case.line: case for case in cases()}
+    assert every['kill unit_robot moving'].expected == 'unit_robot'
+    assert every['kill unit_robot standing'].expected == ''
+    assert every['freeze axis1 0.2 starting'].expected == '8506'
+    assert every['kill transformation_task starting'].expected == ''
+    assert {case.expected for case in every.values() if case.state == State.STOPPED_BY_FAULT} == {
+        'emergency stop',
+        '8506',
+    }
+    assert every['encoder_failure axis2 moving'].lasts
+    assert not every['brake_worn axis1 1 for 0.1 s moving'].lasts
+    assert not every['drop_mdt axis1 moving'].lasts
+    assert not every['payload_lost moving'].lasts
+    chosen = cases(only='held')
+    assert chosen
+    assert {case.state for case in chosen} == {State.HELD}
+
+
+class Operated(Attendant):
+    """Somebody who attends to a robot that is only told of."""
+
+    progress = {'fault': '', 'in_torque': True}  # noqa: RUF012
+
+    def __init__(self, state, fault, in_torque):
+        self.operator = SimpleNamespace(state=state)
+        self.progress = {'fault': fault, 'in_torque': in_torque}
+
+
+@pytest.mark.parametrize(
+    ('state', 'fault', 'in_torque', 'stands'),
+    [
+        ('idle', '', True, True),
+        ('stopped', '', True, True),
+        ('moving', '', True, False),
+        ('stopping', '', True, False),
+        ('error', '8171', True, False),
+        ('error', '8171', False, True),
+    ],
+)
+def test_a_robot_stands_when_nothing_moves_any_more(state, fault, in_torque, stands):
+    assert Operated(state, fault, in_torque).stands() is stands
 
 
 class Still(Catalogue):

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -493,6 +494,15 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
     np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
 
 
+def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
+    bag = record(tmp_path / 'bag', messages(), meta=None)
+    (bag / 'metadata.yaml').unlink()
+    assert len(recording.load(bag).time_s) == CYCLES
+    assert recording.cut(bag) == (
+        'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
+    )
+
+
 def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
     writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
     topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
@@ -506,6 +516,30 @@ def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
     assert_holds(trace, range(5))
     assert 'what was not yet on the disk is missing' in trace.meta['cut']
     assert f'{5 * len(TYPES)} messages are left' in caplog.text
+
+
+def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_path):
+    writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
+    topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
+    writer.begin()
+    for i, (topic, data) in enumerate(messages(range(5))):
+        writer.write(topics[topic], i, data)
+    writer.flush()
+    file = tmp_path / 'bag' / 'bag.mcap'
+    content = file.read_bytes()
+    file.write_bytes(content + content[8:38])  # the beginning of a record that the power was cut off in
+    assert 'and 30 bytes at its end are no whole message' in recording.cut(tmp_path / 'bag')
+
+
+def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
+    custom = {'delta3_pacdrive': json.dumps(META), 'delta3_pacdrive_stopped': 'no space left on device'}
+    bag = record(tmp_path / 'bag', messages())
+    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
+    document = yaml.safe_load(text)
+    document['rosbag2_bagfile_information']['custom_data'] = custom
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
+    assert recording.cut(bag) == 'the recorder stopped writing: no space left on device'
+    assert_holds(recording.load(bag))
 
 
 # programs

@@ -19,14 +19,16 @@ class Machine:
         self.folder, self.now_s = folder, 100.0
         patch.setattr(strain.time, 'monotonic', lambda: self.now_s)
 
-    def thread(self, number: int, seconds: float, policy: int = 1, flags: int = 0) -> None:
+    def thread(
+        self, number: int, seconds: float, policy: int = 1, flags: int = 0, in_the_kernel: bool = False
+    ) -> None:
         fields = [
             'S',
             *['0'] * 5,
             str(flags),
             *['0'] * 4,
-            str(round(seconds * TICKS)),
-            '0',
+            '0' if in_the_kernel else str(round(seconds * TICKS)),
+            str(round(seconds * TICKS)) if in_the_kernel else '0',
             *['0'] * 25,
             str(policy),
         ]
@@ -54,6 +56,14 @@ def cores_after(machine: Machine, looks: Strain, *spent: float, **more: int) -> 
 def test_real_time_work_of_several_robots_adds_up(machine: Machine) -> None:
     each = 0.6 * CORES * LOOK_S
     assert cores_after(machine, Strain(machine.folder), each, each) == pytest.approx(1.2 * CORES, abs=0.02)
+
+
+@pytest.mark.parametrize('more', [{'policy': 2}, {'in_the_kernel': True}])
+def test_work_that_takes_turns_and_work_in_the_kernel_count_as_well(
+    more: dict[str, int], machine: Machine
+) -> None:
+    spent = 1.2 * CORES * LOOK_S
+    assert cores_after(machine, Strain(machine.folder), spent, **more) == pytest.approx(1.2 * CORES, abs=0.02)
 
 
 def test_real_time_work_below_the_limit_is_no_strain(machine: Machine) -> None:

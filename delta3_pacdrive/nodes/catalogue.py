@@ -142,11 +142,12 @@ class Catalogue(Witness):
             outcome.deviation_m = max(
                 outcome.deviation_m, _distance_from_line(self._tcp(), self._home, self._away)
             )
-        outcome.evidence = (
-            self._evidence(case, losses, repeated)
-            or self._befallen
-            or next((note for note in self._bringup.notes[notes:] if 'was killed' in note), '')
-        )
+        if KINDS[case.kind].telegram or case.kind in OF_AXIS:
+            # what can be measured has to be: a node may say that a fault begins, and nothing comes of it
+            outcome.evidence = self._evidence(case, losses, repeated)
+        else:
+            killed = (note for note in self._bringup.notes[notes:] if 'was killed' in note)
+            outcome.evidence = self._befallen or next(killed, '')
         if case.kind == 'payload_lost' and not outcome.reported:
             outcome.evidence = self._payload_evidence(held)
 
@@ -342,7 +343,7 @@ class Catalogue(Witness):
                 now - before for now, before in zip(self._counters(case), (losses, repeated), strict=True)
             )
             return f'{lost} lost' if lost else f'{late} repeated' if late else ''
-        if case.kind not in OF_AXIS or self._first is None:
+        if self._first is None:
             return ''
         recorded = {topic: self._telegrams(topic) for topic in self._recorded}
         return OF_AXIS[case.kind](AxisRecord.of(recorded, DRIVES.index(case.target), self._first))

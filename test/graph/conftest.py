@@ -149,11 +149,13 @@ class Deadline:
 
 
 class Graph:
-    """Nodes on one executor in a context of their own."""
+    """Nodes on one executor, in a context of their own unless one is given."""
 
-    def __init__(self) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
+    def __init__(self, context: rclpy.Context | None = None) -> None:
+        self._owns_context = context is None
+        self.context = context or rclpy.Context()
+        if self._owns_context:
+            rclpy.init(context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.listener = self.add(Node, 'listener')
@@ -168,9 +170,13 @@ class Graph:
             given = [Parameter(key.replace('__', '.'), value=value) for key, value in overrides.items()]
             names = {'cli_args': ['--ros-args', '-r', f'__node:=mc4_drive_{overrides["axis"]}']}
         node = kind(*arguments, context=self.context, parameter_overrides=given, **names)
+        self.adopt(node)
+        return node
+
+    def adopt(self, node: Node) -> None:
+        """Take a node in that somebody else has made."""
         self.nodes.append(node)
         self._executor.add_node(node)
-        return node
 
     def robot(self, order: tuple[str, ...] = ('plant', '1', '2', '3', 'task'), **overrides: Any) -> Any:
         """Start the nodes of a robot in an order; return the task."""
@@ -232,7 +238,8 @@ class Graph:
             self._executor.remove_node(node)
             node.destroy_node()
         self._executor.shutdown()
-        rclpy.shutdown(context=self.context)
+        if self._owns_context:
+            rclpy.shutdown(context=self.context)
 
 
 @pytest.fixture
@@ -243,3 +250,15 @@ def graph() -> Iterator[Graph]:
         yield made
     finally:
         made.close()
+
+
+@pytest.fixture(scope='module')
+def shared_graph() -> Iterator[Graph]:
+    """Give one graph to all facts of a file that look at the same robot; nodes may be made without a context."""
+    rclpy.init()
+    made = Graph(rclpy.get_default_context())
+    try:
+        yield made
+    finally:
+        made.close()
+        rclpy.shutdown()

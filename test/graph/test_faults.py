@@ -164,6 +164,18 @@ def test_an_emergency_stop_ends_on_the_path_without_torque(graph: Any) -> None:
     assert cell.operator.state == 'error'
 
 
+def test_an_injected_emergency_stop_ends_on_the_path_as_one_of_the_operator(graph: Any) -> None:
+    cell = Cell(graph)
+    cell.move()
+    cell.operator.inject('fault: emergency_stop')
+    graph.spin_until(lambda: cell.task.progress()['fault'], 'the stop')
+    cell.wait_until_disabled()
+    assert cell.task.progress()['fault'].startswith('emergency stop in bus cycle')
+    actual = cell.positions(cell.actual)
+    assert 0.07 < actual[-1, 0] < 0.19
+    assert np.abs(actual[:, 1:] - [0.0, -0.75]).max() < 0.2e-3
+
+
 def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
     cell = Cell(graph)
     cell.drives[2]._drive.state['encoder_broken'] = 1

@@ -198,6 +198,46 @@ def test_a_telegram_that_cannot_be_read_is_refused() -> None:
     assert refused[0].startswith('sercos/mdt: ')
 
 
+class Silent:
+    """A node that hears nothing."""
+
+    def create_polled_subscription(self, *_: Any) -> Callable[[], None]:
+        return lambda: None
+
+
+def test_telegrams_of_cyclic_operation_are_read_from_its_first_cycle_on_and_joined_in_order() -> None:
+    tap = Tap(Silent(), 1e-3, pytest.fail)  # type: ignore[arg-type]
+    frame = b'x' * 43 + b'3fa9'
+    taken = [
+        (CODECS[MDT].encode(stamp, frame, [float(n)] * 3), n)
+        for n, stamp in enumerate([(-1, 0), (0, 0), (0, 1_000_000)])
+    ]
+    first = tap.read(MDT, taken)
+    assert first is not None
+    assert first.cycles.tolist() == [0, 1]
+    assert first.values[:, 0].tolist() == [1.0, 2.0]
+    second = tap.read(MDT, [(CODECS[MDT].encode((0, 2_000_000), frame, [3.0] * 3), 3)])
+    assert second is not None
+    whole = Telegrams.joined([first, second])
+    assert whole.cycles.tolist() == [0, 1, 2]
+    assert whole.values[:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert whole.until(2).cycles.tolist() == [0, 1]
+    assert tap.read(MDT, taken[:1]) is None
+
+
+@pytest.mark.parametrize(
+    ('move', 'end'),
+    [
+        ({'move_l': {'to_m': [0.1, 0.2, -0.8]}}, [0.1, 0.2, -0.8]),
+        ({'move_c': {'via_m': [0.0, 0.0, -0.8], 'to_m': [0.1, 0.2, -0.8]}}, [0.1, 0.2, -0.8]),
+        ({'move_sb': {'through_m': [[0.0, 0.0, -0.8], [0.1, 0.2, -0.8]]}}, [0.1, 0.2, -0.8]),
+    ],
+)
+def test_the_end_of_a_program_is_that_of_its_last_move(move: dict[str, Any], end: list[float]) -> None:
+    first = {'move_l': {'to_m': [0.3, 0.0, -0.8]}}
+    assert soak_programs.Drawn(1, [first, move], []).end_m == end
+
+
 def test_programs_follow_from_seed_pace_and_number() -> None:
     assert soak_programs.draw(3, 'fast', 17) == soak_programs.draw(3, 'fast', 17)
     others = [

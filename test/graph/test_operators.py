@@ -12,6 +12,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
+from delta3_pacdrive.controller.messages import DISABLE, HOLD, Reply, Request
+from delta3_pacdrive.controller.reason import Code
 from delta3_pacdrive.nodes.operator import OperatorNode, RefusedError
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
 from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
@@ -106,10 +108,12 @@ def test_reading_and_stopping_are_free_for_all(cell: Cell, graph: Any) -> None:
 
 def test_an_operator_who_falls_silent_leaves_the_robot_standing_on_its_path(cell: Cell, graph: Any) -> None:
     commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
+    names = graph.listen(String, 'control/operator', LATCHED)
     cell.anna.take_control('Anna')
     cell.move()
     graph.remove(cell.anna)  # as if she had been killed
     graph.spin_until(lambda: cell.bert.state == 'stopped', 'standstill')
+    graph.spin_until(lambda: names[-1].data == '', 'nobody in control')
     assert cell.task.progress()['fault'] == ''
     assert 0.0 < commands[-1].point.x < 0.2
     assert cell.task.progress()['operator'] == ''
@@ -142,8 +146,12 @@ def test_a_start_is_answered_when_the_master_has_taken_it(cell: Cell, graph: Any
     response = graph.call(Trigger, 'start', Trigger.Request())
     assert (response.success, response.message) == (False, 'the drives are not enabled: enable them first')
     cell.anna.enable(True)
+    verdicts = graph.listen(String, 'motion/verdict', REQUEST)
+    graph.spin_until(lambda: graph.listener.count_publishers('motion/verdict'), 'the task')
     assert graph.call(Trigger, 'start', Trigger.Request()).success
     assert cell.task.progress()['state'] == 'moving'
+    graph.spin_until(lambda: verdicts, 'the verdict')
+    assert json.loads(verdicts[-1].data)['accepted']
 
 
 def test_a_request_that_nobody_waits_for_any_more_is_withdrawn(cell: Cell, graph: Any) -> None:
@@ -162,6 +170,71 @@ def test_a_request_that_nobody_waits_for_any_more_is_withdrawn(cell: Cell, graph
         cell.anna.send_program(f'moves: [{moves}]')
     cell.anna.spin_for = graph.spin_for
     assert 'planned "program": 1 moves' in cell.bert.send_program(POSSIBLE)
+
+
+def asked_as_anna(
+    cell: Cell, graph: Any, whom: str, receiver: str, action: str, text: str, times: int
+) -> Any:
+    """Ask by messages of her own, the same each time; return the final replies."""
+    replies = graph.listen(String, f'{whom}/reply', REQUEST)
+    publisher = graph.listener.create_publisher(String, f'{whom}/request', REQUEST)
+    graph.spin_until(publisher.get_subscription_count, 'a reader')
+    graph.spin_until(lambda: graph.listener.count_publishers(f'{whom}/reply'), 'his replies')
+    request = Request(receiver, cell.anna.identity, 1000, 0, action, text)
+
+    def final() -> list[Reply]:
+        found = [Reply.from_json(message.data) for message in replies]
+        return [reply for reply in found if reply.done and reply.number == request.number]
+
+    for number in range(times):
+        publisher.publish(String(data=request.to_json()))
+        graph.spin_until(lambda number=number: len(final()) > number, f'reply {number + 1}')
+    return final()
+
+
+def test_a_request_that_is_made_again_is_answered_again_and_not_done_again(cell: Cell, graph: Any) -> None:
+    planner = json.loads(cell.anna.queue)['identity']
+    first, second = asked_as_anna(cell, graph, 'unit_robot', planner, 'program', SLOW, 2)
+    assert first.accepted
+    assert first == second
+    queue = graph.listen(String, 'unit_robot/queue', LATCHED)
+    graph.spin_until(lambda: queue, 'the queue')
+    assert json.loads(queue[-1].data)['moves'] == 1
+    cell.bert.call('start')
+    graph.spin_until(lambda: cell.bert.state == 'moving', 'the motion')
+    session = cell.task.progress()['session']
+    first, second = asked_as_anna(cell, graph, 'control', session, HOLD, '', 2)
+    assert first.sentence.startswith('stops from bus cycle')
+    assert first == second
+
+
+def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell: Cell, graph: Any) -> None:
+    (reply,) = asked_as_anna(cell, graph, 'control', 'ffff', DISABLE, '', 1)
+    assert (reply.accepted, reply.code) == (False, str(Code.STRANGER))
+    (reply,) = asked_as_anna(cell, graph, 'unit_robot', 'deadbeef', 'program', POSSIBLE, 1)
+    assert (reply.accepted, reply.code) == (False, str(Code.STRANGER))
+    assert cell.task.progress()['in_torque']
+    assert json.loads(cell.bert.queue)['moves'] == 0
+
+
+def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this_one(
+    cell: Cell, graph: Any
+) -> None:
+    cell.anna.send_program(POSSIBLE)
+    cell.anna.call('clear')
+    stranger = graph.listener.create_publisher(String, 'unit_robot/reply', REQUEST)
+    graph.spin_until(lambda: stranger.get_subscription_count() >= 2, 'the operators')
+    others = [(cell.anna.identity, 1), *((cell.bert.identity, number) for number in range(1, 9))]
+
+    def hear_others_first(seconds: float) -> None:
+        for identity, number in others:
+            reply = Reply(identity, number, True, True, '', 'not meant for this')
+            stranger.publish(String(data=reply.to_json()))
+        graph.spin_for(seconds)
+
+    cell.anna.spin_for = hear_others_first
+    moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(200))
+    assert 'planned "program": 200 moves' in cell.anna.send_program(f'moves: [{moves}]')
 
 
 def test_planning_that_takes_long_tells_how_far_it_is(cell: Cell) -> None:

@@ -3,6 +3,7 @@
 import ctypes
 import json
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,20 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
+from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.bag_recovery import recover
+from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
-from delta3_pacdrive.nodes.recorder import RecorderNode
+from delta3_pacdrive.nodes.recorder import CYCLIC, RecorderNode
 
 TMPFS_BYTES = 600_000
+SOON_S = 1.0  # for a recorder that has nothing else to do
 AT_ONCE = 50  # messages, fewer than the queues hold
 FRAME = 'x' * 200
 
@@ -27,10 +33,8 @@ class Studio:
     """A recorder, and somebody who publishes the virtual master of a robot."""
 
     def __init__(self, graph: Any, bag: Path) -> None:
-        flat = parameters.flatten(parameters.load())
-        lists = {key: list(value) if isinstance(value, tuple) else value for key, value in flat.items()}
         self._graph = graph
-        self.recorder = graph.add(RecorderNode, bag=str(bag), **lists)
+        self.recorder = graph.add(RecorderNode, bag=str(bag), **lists(parameters.load()))
         self._master = graph.listener.create_publisher(Vector3Stamped, 'motion/master', CYCLIC_PUBLISHER)
         self.phase = graph.listener.create_publisher(Header, 'sercos/phase', LATCHED)
         self.states: list[String] = graph.listen(String, 'recorder/state', LATCHED)
@@ -50,6 +54,15 @@ class Studio:
     def close(self) -> None:
         """End the recorder."""
         self._graph.remove(self.recorder)
+
+    def greet(self) -> None:
+        """Publish what comes before cyclic operation."""
+        self._master.publish(Vector3Stamped(header=Header(stamp=Time(sec=-1))))
+
+    def end_at_once(self) -> None:
+        """End the recorder, without the time for another look."""
+        self._graph.nodes.remove(self.recorder)
+        self.recorder.destroy_node()
 
 
 def closed_bag(bag: Path) -> tuple[int, dict[str, Any]]:
@@ -72,6 +85,126 @@ def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: An
     assert 'start_cycle' not in meta  # it knows of no program
 
 
+EVERY_TOPIC = {
+    'sercos/mdt', 'sercos/phase', 'sercos/participants', 'plant/motor_shafts', 'following_error', 'joint_states',
+    'tcp/command', 'tcp/actual', 'tcp/error', 'outputs', 'faults/schedule', 'control/operator',
+    *(f'sercos/at/{axis}' for axis in DRIVES), *(f'{axis}/motor_current' for axis in DRIVES),
+    *(f'motion/{name}' for name in ('master', 'plan', 'located', 'progress', 'course', 'state', 'status', 'verdict')),
+    'unit_robot/answer', 'unit_robot/queue',
+}  # fmt: skip
+
+
+def lists(robot: parameters.Parameters) -> dict[str, Any]:
+    """Return parameters as ROS takes them."""
+    flat = parameters.flatten(robot)
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in flat.items()}
+
+
+def test_every_topic_of_a_robot_is_recorded_under_its_name_with_time_and_constants(
+    graph: Any, tmp_path: Path
+) -> None:
+    robot = parameters.load().replace(motor__torque_constant_n_m_a=0.8)
+
+    def of_cell_2(**options: Any) -> RecorderNode:
+        return RecorderNode(namespace='/cell2', **options)
+
+    recorder = graph.add(of_cell_2, bag=str(tmp_path / 'bag'), program='a program', **lists(robot))
+    state = graph.listener.create_publisher(String, '/cell2/motion/state', LATCHED)
+    graph.spin_until(state.get_subscription_count, 'the recorder')
+    began_ns = time.time_ns()
+    state.publish(String(data='idle'))
+    graph.remove(recorder)
+    with Reader(tmp_path / 'bag') as reader:
+        topics = {connection.topic: connection for connection in reader.connections}
+        assert set(topics) == {f'/cell2/{topic}' for topic in EVERY_TOPIC}
+        ((connection, received_ns, _),) = reader.messages()
+        assert connection.topic == '/cell2/motion/state'
+        assert began_ns <= received_ns <= time.time_ns()
+
+        def latched(topic: str) -> bool:
+            (qos,) = topics[f'/cell2/{topic}'].ext.offered_qos_profiles
+            return bool(qos.durability == QosDurability.TRANSIENT_LOCAL)
+
+        assert latched('motion/state')
+        assert latched('outputs')
+        assert not latched('sercos/mdt')
+        meta = json.loads(reader.storage.metadata.custom['delta3_pacdrive'])
+    assert meta == {
+        'program': 'a program',
+        'checksum': robot.checksum,
+        'gear_ratio': robot.dynamics.gear_ratio,
+        'torque_constant_n_m_a': 0.8,
+        'cycle_time_s': 1e-3,
+        'exchange_period_s': robot.bus.exchange_period_s,
+        'lost': {},
+    }
+
+
+def test_a_recorder_without_a_folder_is_none(graph: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RunError, match='the recorder needs a folder: parameter bag'):
+        graph.add(RecorderNode)
+
+
+def test_a_recorder_is_ready_when_it_has_heard_every_cyclic_topic(graph: Any, tmp_path: Path) -> None:
+    recorder = graph.add(RecorderNode, bag=str(tmp_path / 'bag'), **lists(parameters.load()))
+    publishers = {
+        topic: graph.listener.create_publisher(kind, topic, CYCLIC_PUBLISHER)
+        for topic, kind in CYCLIC.items()
+    }
+    graph.spin_until(
+        lambda: all(item.get_subscription_count() for item in publishers.values()), 'the recorder'
+    )
+    states = graph.listen(String, 'recorder/state', LATCHED)
+    graph.spin_until(lambda: graph.listener.count_publishers('recorder/state'), 'its state')
+    greeting, last = Header(stamp=Time(sec=-1)), 'sercos/at/axis3'
+    for topic, kind in CYCLIC.items():
+        if topic != last:
+            publishers[topic].publish(kind(header=greeting))
+    for count in (1, 2):  # messages behind the greetings, in one look and in the next
+        publishers['motion/master'].publish(Vector3Stamped())
+        graph.spin_until(
+            lambda count=count: recorder.completeness()['motion/master'][0] == count, 'a message', SOON_S
+        )
+    assert not states
+    publishers[last].publish(CYCLIC[last](header=greeting))
+    graph.spin_until(lambda: states, 'its word', SOON_S)
+    assert [state.data for state in states] == ['recording']
+    late = graph.listen(String, 'recorder/state', LATCHED)
+    graph.spin_until(lambda: late, 'its word to a latecomer', SOON_S)
+
+
+def test_who_was_greeted_misses_what_comes_from_the_start_of_cyclic_operation_on(
+    graph: Any, tmp_path: Path
+) -> None:
+    studio = Studio(graph, tmp_path / 'bag')
+    studio.greet()
+    studio.phase.publish(Header(frame_id='CP3 3fa9', stamp=Time(nanosec=502_000_000)))
+    studio.say(503)
+    graph.spin_until(lambda: studio.counts()[0] == 1, 'a message')
+    studio.phase.publish(Header(frame_id='CP4 3fa9', stamp=Time(nanosec=500_000_000)))
+    graph.spin_until(lambda: studio.counts() == (1, 3), 'the start', SOON_S)
+
+
+def test_topics_of_the_exchange_are_counted_by_its_period(graph: Any, tmp_path: Path) -> None:
+    robot = parameters.load().replace(bus__exchange_period_s=250e-6)
+    recorder = graph.add(RecorderNode, bag=str(tmp_path / 'bag'), **lists(robot))
+    shafts = graph.listener.create_publisher(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
+    graph.spin_until(shafts.get_subscription_count, 'the recorder')
+    for exchange in (0, 1, 2, 4):
+        shafts.publish(JointState(header=Header(stamp=Time(nanosec=250_000 * exchange))))
+    graph.spin_until(lambda: recorder.completeness()['plant/motor_shafts'][0] == 4, 'the messages')
+    assert recorder.completeness()['plant/motor_shafts'] == (4, 1)
+
+
+def test_the_last_words_before_the_end_are_recorded(graph: Any, tmp_path: Path) -> None:
+    studio = Studio(graph, tmp_path / 'bag')
+    for cycle in range(AT_ONCE):
+        studio.say(cycle)
+    studio.end_at_once()
+    assert closed_bag(tmp_path / 'bag')[0] == AT_ONCE
+
+
 def test_what_was_recorded_reaches_the_file_of_a_bag_that_stays_open(graph: Any, tmp_path: Path) -> None:
     studio = Studio(graph, tmp_path / 'bag')
     studio.say(0)
@@ -80,7 +213,9 @@ def test_what_was_recorded_reaches_the_file_of_a_bag_that_stays_open(graph: Any,
     def left() -> int:
         return sum(channel.msgcount for channel in recover(tmp_path / 'bag' / 'bag.mcap').channels.values())
 
-    graph.spin_until(left, 'the message in the file')  # every FLUSH_S, which is less than a second
+    graph.spin_until(
+        left, 'the message in the file', 2.0 * SOON_S
+    )  # every FLUSH_S, which is less than a second
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_recorder(graph: Any, small_disk: Path) -> None:

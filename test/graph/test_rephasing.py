@@ -198,6 +198,8 @@ def test_a_stranger_that_announces_phases_is_not_obeyed(cell: Cell, graph: Any) 
     cell.move()
     for word in ('CP0 0000', 'CP1 abcd', 'CP4 abcd', 'CP7 abcd', 'stop'):
         stranger.publish(Header(frame_id=word))
+        heard = cell.task.answered  # of what is latched only the newest is heard: one after the other
+        graph.spin_until(lambda heard=heard: cell.task.answered > heard + 20, 'cycles')
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
 

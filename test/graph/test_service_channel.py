@@ -114,6 +114,22 @@ def test_the_answer_repeats_the_mark_of_its_request(cell: Cell) -> None:
     assert len(answers) == len(expected)
 
 
+def test_questions_to_the_same_drive_are_answered_in_their_order(cell: Cell) -> None:
+    answers = cell.graph.listen(String, 'sercos/service/answer', REQUEST)
+    publisher = cell.graph.listener.create_publisher(String, 'sercos/service/request', REQUEST)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the task')
+    cell.graph.spin_until(
+        lambda: cell.graph.listener.count_publishers('sercos/service/answer'), 'its answers'
+    )
+    questions = {'#1': 'S-0-0104', '#2': 'S-0-0296', '#3': 'S-0-0051'}
+    for mark, idn in questions.items():  # the second is asked before the first is answered
+        publisher.publish(String(data=f'{mark} axis1 read {idn}'))
+    cell.graph.spin_until(lambda: len(answers) == len(questions), 'all answers')
+    expected = [f'{mark} accepted: axis1: {idn}' for mark, idn in questions.items()]
+    assert [message.data[: len(text)] for message, text in zip(answers, expected, strict=True)] == expected
+    assert answers[0].data.endswith('= 60 1/s')
+
+
 def test_the_drive_tells_the_same_in_its_diagnostics_and_in_the_service_channel(cell: Cell) -> None:
     cell.drives[0]._drive.state['mdt_losses'] = 3
     facts = {key.split()[0]: value for key, value in cell.drives[0].diagnostics().items()}

@@ -14,6 +14,7 @@ from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.bus.participants import Occasion
 from delta3_pacdrive.bus.phases import DRIVES, Identity
 from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.drive.record import DriveState
@@ -169,6 +170,20 @@ def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_the
     cell.graph.spin_until(lambda: not any(drive._drive.powered for drive in cell.drives), 'no torque')
 
 
+def test_an_at_of_a_cycle_to_come_says_that_the_drives_went_on_without_their_master(cell: Cell) -> None:
+    session = cell.task.progress()['session']
+    publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
+    cell.graph.spin_until(publisher.get_subscription_count, 'the master')
+    stamp = cell.task.stamp(cell.task.next_cycle + 100_000)
+    publisher.publish(telegram_message(f'c008 0000 {session}', ['axis1'], stamp, **AT))
+    cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
+    assert ' without the master (8506)' in cell.task.progress()['fault']
+    cell.graph.listener.destroy_publisher(publisher)
+    cell.graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP4', 'cyclic operation')
+    assert cell.task.progress()['session'] != session
+    assert not cell.task.progress()['in_torque']
+
+
 def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cell: Cell) -> None:
     operator = cell.operator
     operator.inject('{fault: encoder_failure, axis: axis2}')
@@ -243,7 +258,7 @@ def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_l
 
 def test_an_announcement_with_a_number_of_thousands_of_digits_is_ignored(cell: Cell) -> None:
     facts = vars(Identity.of(parameters.load())) | {'links': '', 'session': '', 'bus_cycle': '9' * 5000}
-    message = DiagnosticStatus(name='plant', message='present')
+    message = DiagnosticStatus(name='plant', message=str(Occasion.STARTED))
     message.values = [KeyValue(key=key, value=str(value)) for key, value in facts.items()]
     cell.publish(DiagnosticStatus, 'sercos/participants', LATCHED, message)
     cell.assert_untouched()

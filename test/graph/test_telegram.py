@@ -9,9 +9,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from delta3_pacdrive.bus.words import Phase
+from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, Phase
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.nodes import telegram
+from delta3_pacdrive.nodes.numbers import numbers, row_of
 
 CODECS = {
     'mdt': (
@@ -205,3 +206,39 @@ def test_frames_hold_what_they_were_made_of() -> None:
     current = telegram.current_frame(False, 9.5, OURS)
     assert len(current) == telegram.CURRENT_FRAME_LENGTH
     assert telegram.parse_current_frame(current, OURS) == (False, 9.5)
+
+
+def test_frames_read_as_the_documentation_writes_them() -> None:
+    mdt = telegram.mdt_frame(4, 0xE000, 0.0125, OURS, (1, 2, 0x9FFF))
+    assert mdt == b'CP4 e000 e000 e000 0001 0002 9fff 000.0125 3fa9'
+    assert telegram.at_frame(0xC008, 0x1234, OURS) == b'c008 1234 3fa9'
+    assert telegram.current_frame(True, 0.0125, OURS) == b'free 000.0125 3fa9'
+    assert telegram.current_frame(False, 12.0, OURS) == b'held 012.0000 3fa9'
+
+
+@pytest.mark.parametrize('payload', ['-0.1', f'{1.01 * PAYLOAD_MAX_KG:.4f}', 'nan', 'inf'])
+def test_a_payload_that_nothing_can_grip_is_refused(payload: str) -> None:
+    with pytest.raises(TelegramError, match='of a motor current is not'):
+        telegram.parse_current_frame(f'free {payload} 3fa9'.encode(), OURS)
+    with pytest.raises(TelegramError, match='of an MDT is not'):
+        telegram.parse_mdt_frame(f'CP4 e000 e000 e000 0000 0000 0000 {payload} 3fa9'.encode(), 0, OURS)
+
+
+@pytest.mark.parametrize('number', [1.01 * telegram.IMPOSSIBLE, -1.01 * telegram.IMPOSSIBLE])
+def test_a_number_that_no_machine_has_is_refused_in_every_place(number: float, case: tuple) -> None:
+    codec, frame, counts, _ = case
+    for position in range(sum(counts)):
+        values = [0.0] * sum(counts)
+        values[position] = number
+        with pytest.raises(TelegramError, match='the limit is'):
+            codec.decode(codec.encode((0, 0), frame, values))
+
+
+def test_a_row_of_numbers_reads_back_with_its_label_and_says_how_long_it_is() -> None:
+    message = numbers([1.5, -2.0, math.pi], 'LINE of 3fa9')
+    (dimension,) = message.layout.dim
+    assert (dimension.label, dimension.size, dimension.stride) == ('LINE of 3fa9', 3, 3)
+    label, row = row_of(message)
+    assert (label, row.tolist()) == ('LINE of 3fa9', [1.5, -2.0, math.pi])
+    message.layout.dim = []
+    assert row_of(message)[0] == ''

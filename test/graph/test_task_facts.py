@@ -1,0 +1,249 @@
+"""Facts about the nodes by themselves: greetings, diagnostics, faults, and the parts that they are made of."""
+
+import json
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.bus.participants import Announcement, Occasion, Participants
+from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity
+from delta3_pacdrive.bus.statistics import BusStatistics
+from delta3_pacdrive.bus.time import Clock
+from delta3_pacdrive.bus.words import Phase
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.injection import Scheduled, parse
+from delta3_pacdrive.motion.timeline import NEVER
+from delta3_pacdrive.nodes import telegram
+from delta3_pacdrive.nodes.at_receiver import AtReceiver
+from delta3_pacdrive.nodes.deferred_service import create_deferred_service
+from delta3_pacdrive.nodes.fault_desk import LEAD_CYCLES, SCHEDULE, Faults
+from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.output import Output
+from delta3_pacdrive.nodes.phase_up import PhaseUp
+from delta3_pacdrive.nodes.polling import PollingNode
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, REPORT, REQUEST
+from delta3_pacdrive.nodes.robot_node import RobotNode
+from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+ROBOT = parameters.load()
+ON_REQUEST = {'motion__start_cycle': -1}
+SOON_S = 1.0  # for nodes that have nothing else to do
+TRIPLES = {'tcp/command': PointStamped, 'tcp/actual': PointStamped, 'tcp/error': Vector3Stamped}
+
+
+def test_who_was_there_before_the_robot_is_greeted_on_every_cyclic_topic(graph: Any) -> None:
+    kinds = {'following_error': JointState, **TRIPLES, 'motion/master': Vector3Stamped}
+    heard = {topic: graph.listen(kind, topic, CYCLIC_PUBLISHER) for topic, kind in kinds.items()}
+    graph.robot(('plant', '1', '2', '3'))
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    graph.spin_until(
+        lambda: all(heard.values()) and task.progress()['phase'] == 'CP3', 'greetings in CP3', SOON_S
+    )
+    assert {message.header.stamp.sec for found in heard.values() for message in found} == {-1}
+
+
+def test_a_fault_is_refused_where_it_cannot_be_and_told_with_the_cycle_of_its_stop(graph: Any) -> None:
+    reports = graph.listen(String, 'motion/progress', REPORT)
+    graph.robot(('plant', '1', '2', '3'))
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    with pytest.raises(ProgramError, match='a fault needs cyclic operation, the bus is in CP3'):
+        operator.inject('{fault: encoder_failure, axis: axis2}')
+    graph.add(UnitRobotNode, program='experiment1')
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    with pytest.raises(ProgramError, match='all nodes of this robot are in one process'):
+        operator.inject('{fault: freeze, node: plant, seconds: 0.01}')
+    said = operator.inject('{fault: encoder_failure, axis: axis2}')
+    first = int(said.removesuffix(' on').rpartition(' ')[2])
+    graph.spin_until(lambda: task.progress()['fault'] and not task.progress()['in_torque'], 'the stop')
+    known = len(reports)
+    graph.spin_until(lambda: len(reports) > known + 1, 'a report')
+    fault = json.loads(reports[-1].data)
+    assert 'axis2 reports a fault in bus cycle' in fault['fault']
+    assert f'in bus cycle {fault["fault_cycle"]}' in fault['fault']
+    assert first <= fault['fault_cycle'] <= first + 3
+    assert fault['cycles'] > fault['fault_cycle']
+
+
+def test_diagnostics_tell_level_sentence_and_drive(graph: Any) -> None:
+    arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
+
+    def newest(name: str) -> Any:
+        found = [array.status[0] for array in arrays if array.status[0].name == name]
+        return found[-1] if found else SimpleNamespace(level=None, message='', hardware_id='', values=[])
+
+    task = graph.robot(**ON_REQUEST)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    graph.spin_until(lambda: newest('/mc4_drive_2').level == DiagnosticStatus.OK, 'a sound drive')
+    graph.spin_until(lambda: newest('/transformation_task').level == DiagnosticStatus.OK, 'a sound robot')
+    assert newest('/transformation_task').message == 'CP4'
+    assert newest('/mc4_drive_2').hardware_id == 'axis2'
+    stranger = graph.listener.create_publisher(JointState, 'axis1/motor_current', CYCLIC_PUBLISHER)
+    graph.spin_until(lambda: newest('/transformation_task').level == DiagnosticStatus.WARN, 'two writers')
+    assert newest('/transformation_task').message.startswith('axis1/motor_current has 2 writers: ')
+    graph.listener.destroy_publisher(stranger)
+    operator.inject('{fault: encoder_failure, axis: axis2}')
+    graph.spin_until(lambda: newest('/mc4_drive_2').level == DiagnosticStatus.ERROR, 'the drive says so')
+    graph.spin_until(
+        lambda: newest('/transformation_task').level == DiagnosticStatus.ERROR, 'the task says so'
+    )
+    assert newest('/mc4_drive_2').message.startswith('8171 ')
+    assert newest('/transformation_task').message == task.progress()['fault']
+    assert newest('/mc4_drive_1').level == DiagnosticStatus.OK
+
+
+# parts of nodes -----------------------------------------------------------------------------------------------------
+
+SESSION = b'3fa9'
+BURST = 40  # AT, fewer than a queue holds
+
+
+def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_look(graph: Any) -> None:
+    node = graph.add(PollingNode, 'master')
+    taken: list[tuple[int, int, Any, int]] = []
+    statistics = BusStatistics(16)
+    receiver = AtReceiver(node, Clock(1e-3), True, statistics, lambda *what: taken.append(what))
+    beside = node.create_polled_subscription(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
+    publisher = graph.listener.create_publisher(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
+    publish, codec = telegram.raw_publish(publisher), telegram.at_codec('axis2')
+    graph.spin_until(lambda: publisher.get_subscription_count() == 2, 'the master')
+
+    def look() -> None:
+        receiver.poll(lambda _: True)
+
+    def send(cycles: range, session: bytes = SESSION) -> None:
+        """Publish AT, and wait until somebody beside the master has all of them."""
+        for cycle in cycles:
+            frame = telegram.at_frame(0xC008, 7, session)
+            publish(codec.encode((0, cycle * 1_000_000), frame, [1.0, 2.0, 3.0]))
+        came = 0
+
+        def all_came() -> bool:
+            nonlocal came
+            while beside() is not None:
+                came += 1
+            return came == len(cycles)
+
+        graph.spin_until(all_came, 'all of them', SOON_S)
+
+    send(range(1))
+    graph.spin_until(lambda: look() or receiver.session == telegram.NO_SESSION, 'a look without a session')
+    assert (taken, statistics.refused) == ([], 0)  # between two sessions nobody expects anything
+    receiver.session = SESSION
+    published_ns = time.time_ns()
+    send(range(BURST))
+    came_ns = time.time_ns()
+    looks = 0
+    while len(taken) < BURST and looks < BURST:
+        look()
+        looks += 1
+    assert [(index, cycle) for index, cycle, _, _ in taken] == [(1, cycle) for cycle in range(BURST)]
+    assert looks < 5
+    # what arrives beside it may arrive here a moment later
+    assert all(published_ns <= then_ns <= came_ns + 5_000_000 for *_, then_ns in taken)
+    send(range(1), b'0001')
+    graph.spin_until(lambda: look() or statistics.refused == 1, 'the refusal')
+    assert len(taken) == BURST
+
+
+def test_a_fault_of_the_schedule_befalls_whom_it_is_for_once_and_in_its_session(graph: Any) -> None:
+    node = graph.add(RobotNode, 'drive')
+    faults = Faults(node, 'axis2', lambda: 500, lambda: SESSION)
+    publisher = graph.listener.create_publisher(String, SCHEDULE, FAULTS)
+    graph.spin_until(publisher.get_subscription_count, 'the drive')
+
+    def schedule(session: bytes, serial: int, first: int, axis: str = 'axis2') -> None:
+        fault = parse({'fault': 'encoder_jump', 'axis': axis, 'jump_rad': 0.1}, 'fault')
+        document = Scheduled(fault, first, NEVER).to_document()
+        publisher.publish(String(data=json.dumps({'session': session.decode(), 'serial': serial} | document)))
+
+    schedule(SESSION, 1, 600)
+    schedule(SESSION, 1, 610)  # heard again
+    schedule(b'0001', 2, 620)  # of another session
+    schedule(SESSION, 3, 630, 'axis1')
+    schedule(SESSION, 4, 499)  # too late
+    graph.spin_until(lambda: faults.late, 'the last of them', SOON_S)
+    assert faults.late == 1
+    assert [(fault.target, begins) for fault, begins in faults.begin_and_end(599)] == [('axis2', True)]
+    assert [(fault.target, begins) for fault, begins in faults.begin_and_end(700)] == [('axis2', True)]
+    assert faults.next_cycle == NEVER
+    assert 2 * ROBOT.bus.outstanding_cycles_max < LEAD_CYCLES  # everybody has heard of it by then
+
+
+def test_an_output_is_wanted_as_long_as_somebody_listens(graph: Any) -> None:
+    node = graph.add(Node, 'speaker')
+    output = Output(node, String, 'said', REPORT)
+    assert not output.wanted
+    subscription = graph.listener.create_subscription(String, 'said', lambda _: None, REPORT)
+    graph.spin_until(lambda: output.wanted, 'a listener', SOON_S)
+    graph.listener.destroy_subscription(subscription)
+    graph.spin_until(lambda: not output.wanted, 'his end', SOON_S)
+
+
+def test_the_first_answer_of_a_service_counts(graph: Any) -> None:
+    node = graph.add(Node, 'desk')
+
+    def ask(_: Any, answer: Any) -> None:
+        answer(True, 'yes')
+        answer(False, 'no')
+
+    create_deferred_service(node, Trigger, 'question', ask)
+    response = graph.call(Trigger, 'question', Trigger.Request())
+    assert (response.success, response.message) == (True, 'yes')
+
+
+def test_a_message_that_is_too_large_is_refused_unread(graph: Any) -> None:
+    node = graph.add(RobotNode, 'reader')
+    read: list[int] = []
+    refused: list[str] = []
+    node.create_bounded_subscription(
+        String, 'text', lambda message: read.append(len(message.data)), REQUEST, 1000, refused.append
+    )
+    publisher = graph.listener.create_publisher(String, 'text', REQUEST)
+    graph.spin_until(publisher.get_subscription_count, 'the reader')
+    for size in (10, 2000, 900):
+        publisher.publish(String(data='x' * size))
+    graph.spin_until(lambda: len(read) >= 2, 'what can be read', SOON_S)
+    assert read == [10, 900]
+    assert refused == ['a message has 2009 bytes, the limit is 1000']
+
+
+def test_nobody_leaves_cp2_before_the_plant_hears_every_drive(graph: Any) -> None:
+    table = Participants()
+    table.begin(SESSION.decode())
+    identity = Identity.of(ROBOT)
+
+    def present(name: str, *links: str) -> None:
+        table.announced(Announcement(name, name, SESSION.decode(), Occasion.CALLED, identity, links))
+
+    for name in PARTICIPANTS:
+        present(name)
+    phase_up = PhaseUp(graph.listener, table, identity)
+    assert phase_up.next(Phase.CP2) == Phase.CP2
+    assert phase_up.waiting == 'waiting for the plant to hear axis1, axis2, axis3'
+    present('plant', 'axis1', 'axis3')
+    assert phase_up.next(Phase.CP2) == Phase.CP2
+    assert phase_up.waiting == 'waiting for the plant to hear axis2'
+    present('plant', 'axis1', 'axis2', 'axis3')
+    assert phase_up.next(Phase.CP2) == Phase.CP3
+    assert phase_up.waiting == ''
+
+
+def test_a_start_up_that_begins_anew_asks_everybody_again(graph: Any) -> None:
+    phase_up = PhaseUp(graph.listener, Participants(), Identity.of(ROBOT))
+    phase_up.resting.update({0: 0.0, 1: 0.0, 2: 0.0})
+    assert phase_up.next(Phase.CP1) == Phase.CP2
+    phase_up.begin()
+    assert phase_up.next(Phase.CP1) == Phase.CP1
+    assert phase_up.waiting == 'waiting for an answer of axis1, axis2, axis3'

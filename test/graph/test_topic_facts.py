@@ -1,0 +1,211 @@
+"""Facts about what a robot publishes: every topic against the telegrams that it is made of, and who hears it."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, String
+
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.nodes import telegram
+from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.progress_report import read_progress
+from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+ROBOT = parameters.load()
+RATIO = ROBOT.dynamics.gear_ratio
+ON_REQUEST = {'motion__start_cycle': -1}
+TRIPLES = {'tcp/command': PointStamped, 'tcp/actual': PointStamped, 'tcp/error': Vector3Stamped}
+# a way on which every arm turns up and down, and something is gripped
+PROGRAM = """
+moves:
+- move_l: {to_m: [0.15, 0.0, -0.75]}
+- output: {name: gripper, value: true, payload_kg: 0.25}
+- move_l: {to_m: [0.0, 0.1, -0.85]}
+"""
+
+
+def cycle_of(message: Any) -> int:
+    return int(message.header.stamp.sec * 1000 + message.header.stamp.nanosec // 1_000_000)
+
+
+def numbers_of(message: Any) -> list[float]:
+    if isinstance(message, JointState):
+        return [*message.position, *message.velocity, *message.effort]
+    vector = message.point if isinstance(message, PointStamped) else message.vector
+    return [vector.x, vector.y, vector.z]
+
+
+class Driven:
+    """A robot that has driven a program, with all that it said meanwhile."""
+
+    def __init__(self, graph: Any) -> None:
+        self.graph = graph
+        kinds = {
+            'sercos/mdt': JointState,
+            **{f'sercos/at/{axis}': JointState for axis in telegram.AXES},
+            'following_error': JointState,
+            **TRIPLES,
+            'motion/master': Vector3Stamped,
+            'joint_states': JointState,
+        }
+        self.heard = {topic: graph.listen(kind, topic, CYCLIC_PUBLISHER) for topic, kind in kinds.items()}
+        self.phases = graph.listen(JointState, 'axis2/phase_current', CYCLIC_PUBLISHER)
+        self.reports = graph.listen(String, 'motion/progress', REPORT)
+        self.task = graph.robot(**ON_REQUEST)
+        self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        self.operator.take_control('Anna')
+        self.operator.send_program(PROGRAM)
+        self.operator.call('start')
+        graph.spin_until(lambda: self.task.progress()['finished'], 'the end')
+        graph.spin_until(lambda: self.operator.state == 'idle', 'its word')
+        known = len(self.reports)
+        graph.spin_until(lambda: len(self.reports) > known + 1, 'a report of the end')
+
+    def rows(self, topic: str) -> dict[int, list[float]]:
+        """Return the numbers of a topic by bus cycle."""
+        return {cycle_of(m): numbers_of(m) for m in self.heard[topic] if m.header.stamp.sec >= 0}
+
+    def answers(self) -> dict[int, np.ndarray]:
+        """Return position, speed and torque of the three motors by bus cycle, shape (3, 3)."""
+        rows = [self.rows(f'sercos/at/{axis}') for axis in telegram.AXES]
+        return {
+            cycle: np.array([row[cycle] for row in rows]).T for cycle in set.intersection(*map(set, rows))
+        }
+
+
+@pytest.fixture(scope='module')
+def driven(shared_graph: Any) -> Driven:
+    return Driven(shared_graph)
+
+
+def test_places_and_errors_belong_to_the_telegrams_of_their_stamp(driven: Driven) -> None:
+    answers = driven.answers()
+    command, actual, error = (driven.rows(topic) for topic in TRIPLES)
+    following = driven.rows('following_error')
+    cycles = sorted(set(answers) & set(actual) & set(command) & set(error) & set(following))[20:]
+    assert len(cycles) > 200
+    theta = np.array([answers[cycle][0] for cycle in cycles]) / RATIO
+    places = np.array([actual[cycle] for cycle in cycles])
+    assert np.abs(kinematics.forward(theta, ROBOT.kinematics) - places).max() < 1e-12
+    known = sorted(command)
+    due = np.array(cycles) - ROBOT.set_point_delay_cycles
+    columns = np.array([command[cycle] for cycle in known]).T
+    wanted = np.column_stack([np.interp(due, known, column) for column in columns])
+    errors = np.array([error[cycle] for cycle in cycles])
+    assert np.abs(wanted - places - errors).max() < 1e-9
+    assert np.abs(errors).max() > 1e-5  # large enough to have a sign
+    off = np.abs([following[cycle] for cycle in cycles])
+    assert 1e-6 < off.max() < 5e-3
+
+
+def test_joint_states_tell_angles_speeds_and_torques_of_their_stamp_at_100_hz(driven: Driven) -> None:
+    answers, joints = driven.answers(), driven.rows('joint_states')
+    cycles = sorted(set(answers) & set(joints))
+    assert len(cycles) > 20
+    assert {cycle % 10 for cycle in joints} == {0}
+    for cycle in cycles:
+        position, speed, torque = answers[cycle]
+        assert joints[cycle] == pytest.approx([*(position / RATIO), *(speed / RATIO), *torque], abs=1e-12)
+    assert max(abs(answers[cycle][1]).max() for cycle in cycles) > 10.0
+
+
+def test_phase_currents_are_those_of_torque_and_angle(driven: Driven) -> None:
+    answers = driven.answers()
+    messages = {cycle_of(message): message for message in driven.phases}
+    cycles = sorted(set(answers) & set(messages))
+    assert len(cycles) > 50
+    turned = 0.0
+    for cycle in cycles:
+        position, _, torque = answers[cycle]
+        peak = math.sqrt(2.0) * torque[1] / ROBOT.motor.torque_constant_n_m_a
+        angle = ROBOT.motor.pole_pairs * position[1]
+        told = dict(zip(messages[cycle].name, messages[cycle].effort, strict=True))
+        for number, name in enumerate(('I1s', 'I2s', 'I3s')):
+            shifted = angle - number * 2.0 * math.pi / 3.0
+            assert told[name] == pytest.approx(-peak * math.sin(shifted), abs=0.05)
+        turned = max(turned, abs(told['I1s'] - told['I2s']))
+    assert turned > 0.5
+
+
+def test_a_report_tells_time_place_and_following_error_of_its_cycle(driven: Driven) -> None:
+    reports = [json.loads(message.data) for message in driven.reports]
+    actual, following = driven.rows('tcp/actual'), driven.rows('following_error')
+    looked = 0
+    for report in reports:
+        cycle = report['cycles'] - 1
+        if cycle in actual and cycle in following:
+            looked += 1
+            assert report['bus_time_s'] == pytest.approx(report['cycles'] * 1e-3)
+            assert report['tcp_m'] == pytest.approx(actual[cycle], abs=1e-12)
+            assert report['following_error_rad'] == pytest.approx(np.abs(following[cycle]).max(), abs=1e-15)
+    assert looked > 3
+
+
+def test_a_report_that_lacks_anything_is_none(driven: Driven) -> None:
+    text = driven.reports[-1].data
+    facts = json.loads(text)
+    assert read_progress(text) == facts
+    for key in driven.task.progress():
+        assert read_progress(json.dumps({name: facts[name] for name in facts if name != key})) is None, key
+
+
+def test_figures_come_with_the_end_of_a_program(driven: Driven) -> None:
+    report = json.loads(driven.reports[-1].data)
+    assert report['finished']
+    assert report['figures']['final_tcp_m'] == pytest.approx([0.0, 0.1, -0.85], abs=1e-5)
+
+
+def test_the_round_trip_is_no_longer_than_what_is_outstanding(driven: Driven) -> None:
+    """The mean time from an MDT to its AT is that of a cycle times the cycles that are under way (Little's law)."""
+    facts = driven.task.progress() | driven.task.statistics()
+    cycle_ms = facts['wall_time_s'] / facts['cycles'] * 1e3
+    longest = cycle_ms * (ROBOT.bus.outstanding_cycles_max + 1)
+    assert 0.0 < facts['mdt_to_last_at_ms']['p50'] < 2.0 * longest
+
+
+LATCHED_TOPICS = {
+    'motion/state': String,
+    'motion/located': PointStamped,
+    'outputs': JointState,
+    'motion/status': String,
+    'motion/course': Float64MultiArray,
+    'control/operator': String,
+    'unit_robot/state': String,
+    'unit_robot/answer': String,
+    'unit_robot/queue': String,
+    'sercos/phase': Header,
+}
+
+
+def test_latecomers_hear_how_things_stand(driven: Driven) -> None:
+    heard = {topic: driven.graph.listen(kind, topic, LATCHED) for topic, kind in LATCHED_TOPICS.items()}
+    present = driven.graph.listen(DiagnosticStatus, 'sercos/participants', LATCHED_FROM_MANY)
+    driven.graph.spin_until(lambda: all(heard.values()) and len(present) >= 4, 'all that is latched')
+    assert heard['motion/state'][-1].data == heard['unit_robot/state'][-1].data == 'idle'
+    assert heard['control/operator'][-1].data.startswith('Anna, ')
+    gripped = dict(zip(heard['outputs'][-1].name, heard['outputs'][-1].position, strict=True))
+    assert (gripped['gripper'], gripped['payload_kg']) == (1.0, 0.25)
+    place = heard['motion/located'][-1]
+    assert numbers_of(place) == pytest.approx([0.0, 0.1, -0.85], abs=1e-5)
+    began, ended = heard['motion/course'][-1].data[0], cycle_of(place)
+    assert began + 200 < ended <= driven.task.answered
+
+
+def test_planner_and_operator_send_heartbeats_with_rising_numbers(driven: Driven) -> None:
+    beats = {
+        topic: driven.graph.listen(Header, topic, REPORT) for topic in ('unit_robot/alive', 'control/alive')
+    }
+    driven.graph.spin_until(lambda: all(len(found) >= 3 for found in beats.values()), 'three beats of each')
+    for found in beats.values():
+        assert len({message.frame_id for message in found}) == 1
+        numbers = [message.stamp.sec for message in found]
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -1,0 +1,229 @@
+"""Facts about catalogue and soak on a robot in this process: a fault leaves evidence, and a robot without it none."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.nodes import mc4_drive, plant, soak
+from delta3_pacdrive.nodes.cases import Case, Outcome, State
+from delta3_pacdrive.nodes.catalogue import Catalogue
+from delta3_pacdrive.nodes.operator import OperatorNode
+from delta3_pacdrive.nodes.soak import Figures, Soak
+from delta3_pacdrive.nodes.soak_programs import Drawn
+from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+
+ROBOT = parameters.load()
+
+
+class Standing:
+    """A robot that is up in this process, in place of one that was brought up."""
+
+    interrupted = False
+
+    def __init__(self, graph: Any) -> None:
+        self.graph, self.node = graph, graph.listener
+        self.notes: list[str] = []
+        self.look: Callable[[float], None] = graph.spin_for
+        self.add: Callable[[Any], None] = graph.adopt
+        task = graph.robot()
+        graph.add(UnitRobotNode)
+        graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+
+    def processes(self) -> list[Any]:
+        return []
+
+
+@pytest.fixture(scope='module')
+def standing(shared_graph: Any) -> Standing:
+    return Standing(shared_graph)
+
+
+@pytest.fixture(scope='module')
+def catalogue(standing: Standing) -> Catalogue:
+    return Catalogue(standing, ROBOT)  # type: ignore[arg-type]
+
+
+def outcome_of(catalogue: Catalogue, state: State, expected: str = '', **fault: Any) -> Outcome:
+    return catalogue.run(Case(fault, state, expected))
+
+
+@pytest.mark.parametrize(
+    ('fault', 'state', 'evidence'),
+    [
+        ({'fault': 'drop_mdt', 'axis': 'axis2'}, State.STANDING, '1 lost'),
+        ({'fault': 'drop_at', 'axis': 'axis3'}, State.STANDING, '1 lost'),
+        ({'fault': 'duplicate_at', 'axis': 'axis1', 'cycles': 20}, State.DISABLED, '20 repeated'),
+        ({'fault': 'duplicate_mdt', 'axis': 'axis1', 'cycles': 20}, State.STANDING, '20 repeated'),
+        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}, State.STANDING, 'up to 0.1000 rad wrong'),
+        ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 560.0}, State.STANDING, 'dc_link axis1 voltage_v 560 b'),
+        ({'fault': 'payload_lost'}, State.STANDING, ' kg lost'),
+        # over before anybody looks
+        ({'fault': 'encoder_jump', 'axis': 'axis2', 'jump_rad': 0.1, 'for_s': 0.05}, State.STANDING, '0.1000 rad'),
+    ],
+)  # fmt: skip
+def test_what_a_fault_leaves_behind_is_found(
+    fault: dict[str, Any], state: State, evidence: str, catalogue: Catalogue
+) -> None:
+    found = outcome_of(catalogue, state, **fault)
+    assert evidence in found.evidence, found
+    assert found.as_expected, found
+
+
+def test_losses_of_before_are_no_evidence(catalogue: Catalogue) -> None:
+    for _ in range(2):
+        assert outcome_of(catalogue, State.STANDING, fault='drop_mdt', axis='axis2').evidence == '1 lost'
+
+
+def test_a_fault_that_stops_the_robot_is_timed_and_measured(catalogue: Catalogue) -> None:
+    found = outcome_of(catalogue, State.MOVING, '8171', fault='encoder_failure', axis='axis3')
+    assert found.as_expected, found
+    assert '8171' in found.reported
+    assert 0.0 <= (found.detected_s or 0.0) <= 0.002
+    assert 1e-4 < found.deviation_m < 0.03
+    assert not found.exercised
+
+
+def test_a_fault_that_hides_in_a_disabled_drive_shows_itself_in_the_exercise(catalogue: Catalogue) -> None:
+    found = outcome_of(catalogue, State.DISABLED, '8905', fault='winding_short', axis='axis1')
+    assert found.as_expected, found
+    assert found.exercised
+
+
+@pytest.mark.parametrize(
+    ('expected', 'fault'),
+    [
+        ('', {'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}),
+        ('', {'fault': 'brake_stuck', 'axis': 'axis3'}),
+        ('8171', {'fault': 'encoder_failure', 'axis': 'axis1'}),
+        ('', {'fault': 'payload_lost'}),
+    ],
+)
+def test_a_robot_that_no_fault_befalls_is_not_as_expected_whatever_it_says(
+    expected: str, fault: dict[str, Any], catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mc4_drive, 'change_drive', lambda *_: None)
+    monkeypatch.setattr(plant, 'change_plant', lambda *_: None)
+    found = outcome_of(catalogue, State.STANDING, expected, **fault)
+    assert not found.reported
+    assert not found.problem
+    assert not found.as_expected, found
+
+
+def test_what_went_wrong_in_a_case_is_told(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = catalogue.drive
+
+    def refuse_faults(moves: Any, faults: Any = (), **more: Any) -> None:
+        if faults:
+            raise ProgramError('the robot will not')
+        drive(moves, faults, **more)
+
+    monkeypatch.setattr(catalogue, 'drive', refuse_faults)
+    found = outcome_of(catalogue, State.MOVING, fault='encoder_noise', axis='axis1', noise_rad=5e-4)
+    assert found.problem == 'the robot will not'
+    assert not found.as_expected
+    assert found.recovered_s is not None
+
+
+def test_bus_time_passes_when_it_should(catalogue: Catalogue) -> None:
+    before = catalogue.fresh()['bus_time_s']
+    catalogue.let_pass(0.5)
+    assert catalogue.progress['bus_time_s'] >= before + 0.5
+
+
+# soak
+
+THERE = {'move_l': {'to_m': [0.1, 0.0, -0.8], 'speed_m_s': 0.5}}
+SLOWLY = {'move_l': {'to_m': [0.1, 0.0, -0.8], 'speed_m_s': 0.05}}  # for longer than a request takes
+
+
+class Replay:
+    """One program of a soak."""
+
+    def __init__(self, standing: Standing, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.figures = Figures()
+        self._standing, self._patch = standing, monkeypatch
+        self._soak = Soak(standing, ROBOT, 1, 'free', self.figures)  # type: ignore[arg-type]
+
+    def run(self, moves: list[dict[str, Any]], *faults: dict[str, Any]) -> Figures:
+        """Run it."""
+        self._patch.setattr(soak, 'draw', lambda *_: Drawn(7, moves, list(faults)))
+        self._soak.run(0.0, lambda _: None, 7)
+        return self.figures
+
+    def run_beside(self, moves: list[dict[str, Any]], fault: dict[str, Any]) -> Figures:
+        """Run it; when it moves, somebody of whom the soak knows nothing injects a fault."""
+        graph = self._standing.graph
+        other = graph.add(OperatorNode, graph.spin_for)
+        due = False
+
+        def draw(*_: Any) -> Drawn:
+            nonlocal due
+            due = True  # the robot stands, ready for the program
+            return Drawn(7, moves, [])
+
+        def look(seconds: float) -> None:
+            nonlocal due
+            graph.spin_for(seconds)
+            if due and other.state == 'moving':
+                due = False
+                other.inject(json.dumps(fault))
+
+        self._patch.setattr(soak, 'draw', draw)
+        self._patch.setattr(self._standing, 'look', look)
+        self._soak.run(0.0, lambda _: None, 7)
+        return self.figures
+
+
+@pytest.fixture
+def replay(standing: Standing, monkeypatch: pytest.MonkeyPatch) -> Replay:
+    return Replay(standing, monkeypatch)
+
+
+def test_an_undisturbed_program_is_held_against_its_commands_and_its_end(replay: Replay) -> None:
+    figures = replay.run([THERE])
+    assert figures.ok, figures
+    assert (figures.programs, figures.undisturbed, figures.injected, figures.stopped) == (1, 1, 0, 0)
+    assert 1e-6 < figures.error_max_m < 1.5e-3
+    assert 0.0 < figures.end_max_m < 1e-5
+    assert 200 < figures.cycles < 20_000
+
+
+def test_a_disturbed_program_counts_its_faults_and_what_they_took_away(replay: Replay) -> None:
+    figures = replay.run(
+        [THERE],
+        {'fault': 'drop_at', 'axis': 'axis1', 'cycles': 1, 'after_s': 0.1},
+        {'fault': 'encoder_failure', 'axis': 'axis2', 'after_s': 0.2},
+    )
+    assert figures.ok, figures
+    assert (figures.injected, figures.survived, figures.stopped, figures.undisturbed) == (2, 2, 1, 0)
+    assert figures.kinds == {'drop_at': 1, 'encoder_failure': 1}
+    assert (figures.lost_at, figures.lost_at_injected) == (1, 1)
+
+
+def test_a_program_that_is_refused_is_none_that_ran(replay: Replay) -> None:
+    figures = replay.run([{'move_l': {'to_m': [0.9, 0.0, -0.8]}}])
+    assert (figures.programs, figures.refused, figures.ok) == (0, 1, False)
+
+
+@pytest.mark.parametrize(
+    ('beside', 'sentence'),
+    [
+        ({'fault': 'drop_at', 'axis': 'axis1'}, 'AT: 1 lost, 0 were injected'),
+        ({'fault': 'drop_mdt', 'axis': 'axis2'}, 'MDT of axis2: 1 lost, 0 were injected'),
+        ({'fault': 'encoder_failure', 'axis': 'axis2'}, 'stopped without an injected fault: axis2'),
+    ],
+)
+def test_what_nobody_injected_is_a_violation_that_can_be_replayed(
+    beside: dict[str, Any], sentence: str, replay: Replay
+) -> None:
+    figures = replay.run_beside([SLOWLY], beside)
+    assert not figures.ok
+    (violation,) = figures.violations
+    assert violation.sentence.startswith(sentence)
+    assert (violation.seed, violation.pace, violation.number) == (1, 'free', 7)
+    assert violation.cycle > 0
+    assert violation.program == Drawn(7, [SLOWLY], []).to_yaml()

@@ -1,0 +1,156 @@
+"""Facts about the processes of a robot: who may be one, how they are scheduled, and how they end."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip(
+    'rclpy', reason='processes of a robot need the ROS wheels (extra "ros") or a sourced ROS 2'
+)
+
+from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.nodes.bringup import Bringup, Options
+from delta3_pacdrive.nodes.child import Child, end_all
+from delta3_pacdrive.nodes.lock import only_one
+
+
+def run_python(code, *arguments):
+    """Run a Python process to its end."""
+    command = [sys.executable, '-c', code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+
+
+# one robot in a namespace of a domain
+
+
+def test_the_lock_of_a_robot_is_that_of_its_namespace_and_domain(monkeypatch):
+    name = f'facts_{os.getpid()}'
+    monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    with only_one(f'/{name}'):
+        with pytest.raises(RunError, match=f'up in namespace {name} of domain 7'), only_one(name):
+            pass
+        with only_one(f'/{name}/cell2'):
+            pass
+        monkeypatch.setenv('ROS_DOMAIN_ID', '8')
+        with only_one(f'/{name}'):
+            pass
+        monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    with only_one(f'/{name}'):
+        pass
+
+
+# children
+
+CHILD = """
+import signal, sys, time
+def end(*_):
+    time.sleep(float(sys.argv[1]))
+    sys.exit(0)
+signal.signal(signal.SIGINT, end if sys.argv[1] != 'never' else signal.SIG_IGN)
+print('up', flush=True)
+time.sleep(60)
+"""
+
+
+def started(way):
+    """Start a process that is asked to end by SIGINT; it says when it is up."""
+    process = subprocess.Popen([sys.executable, '-c', CHILD, way], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == 'up\n'
+    return process
+
+
+def child_of(process, tmp_path, name, patience_s=1.0):
+    return Child(name, process.pid, tmp_path / 'log', patience_s)
+
+
+def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path):
+    quick, slow, deaf = (started(way) for way in ('0', '0.3', 'never'))
+    children = [
+        child_of(quick, tmp_path, 'quick'),
+        child_of(slow, tmp_path, 'slow', 10.0),
+        child_of(deaf, tmp_path, 'deaf', 0.1),
+    ]
+    try:
+        assert end_all(children) == ['deaf']
+        assert [child.status for child in children] == [0, 0, -9]
+    finally:
+        for process in (quick, slow, deaf):
+            process.kill()
+            process.communicate()
+
+
+@pytest.mark.parametrize(
+    ('status', 'printed', 'sentence'),
+    [
+        (3, '', 'plant ended with status 3'),
+        (-9, 'begins\n', 'plant was killed by SIGKILL'),
+        (1, 'error: one\nerror: two\n\n', 'plant ended with status 1: two'),
+        (1, 'error: one\nTraceback\n', 'plant ended with status 1: one'),
+    ],
+)
+def test_an_ending_is_told_with_the_last_error(status, printed, sentence, tmp_path):
+    (tmp_path / 'log').write_text(printed)
+    assert Child('plant', 0, tmp_path / 'log', status=status).ending() == sentence
+
+
+# scheduling
+
+PERMITTED = """
+from delta3_pacdrive.nodes import scheduling
+before = scheduling.real_time_is_permitted()
+scheduling.give_up_real_time()
+print(before, scheduling.real_time_is_permitted())
+"""
+
+
+def may_schedule_in_real_time():
+    """Try it, in a process of its own."""
+    code = 'import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))'
+    return run_python(code).returncode == 0
+
+
+def test_real_time_is_permitted_where_it_works_and_not_where_it_was_given_up():
+    done = run_python(PERMITTED)
+    assert done.stdout.split() == [str(may_schedule_in_real_time()), 'False'], done.stderr
+
+
+# being one process or several
+
+ALONE = """
+import sys
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.nodes import runtime
+def fail():
+    print(runtime.is_separate())
+    raise RunError('no node today')
+sys.exit(runtime.run([fail] * int(sys.argv[1]), []))
+"""
+
+
+@pytest.mark.parametrize('nodes', [1, 2])
+def test_a_process_knows_whether_its_node_is_alone_and_says_why_it_cannot_begin(nodes):
+    done = run_python(ALONE, str(nodes))
+    assert done.stdout == f'{nodes == 1}\n'
+    assert done.stderr == 'error: no node today\n'
+    assert done.returncode == 1
+
+
+# what a bring-up refuses before the first process starts
+
+
+def test_a_bring_up_refuses_what_cannot_work_before_anything_starts(tmp_path):
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(RunError, match='bag: it exists already'):
+        Bringup(Options(program=None, bag=tmp_path / 'bag'))
+    with pytest.raises(RunError, match="namespace '/cell 2' is not valid"):
+        Bringup(Options(program=None, namespace='/cell 2'))
+    file = tmp_path / 'robot.yaml'
+    packaged = Path(__file__).parent.parent / 'config' / 'delta3.yaml'
+    text = packaged.read_text(encoding='utf-8')
+    (line,) = (row for row in text.splitlines() if row.strip().startswith('enable_cycle:'))
+    file.write_text(text.replace(line, line.partition(':')[0] + ': -1'), encoding='utf-8')
+    with pytest.raises(ParameterError, match=r'enable_cycle and motion\.start_cycle of at least 0'):
+        Bringup(Options(program=None, parameters=file))
