@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.kernel import (
-    POLL_S,
     all_compiled,
     alone,
     compiled,
@@ -194,38 +192,31 @@ def compile_kernels(show: Show = lambda done, total: None) -> None:
     tell()
     with alone(tell), watched(tell):
         if not all_compiled():
-            _compile(tell)
+            _compile()
             mark_compiled()
 
 
-def _compile(tell: Callable[[], None]) -> None:
-    """Compile the parts side by side, one process for each core, then what needs all of them.
+def _compile() -> None:
+    """Compile the parts side by side, one process for each core, and at last what needs all of them.
 
     Processes, not threads: the compiler holds a lock. New interpreters, not forked ones: who calls may have threads.
     """
-    processes = min(len(_PARTS), len(os.sched_getaffinity(0)))
+    processes = min(len(_ORDERS), len(os.sched_getaffinity(0)))
     helpers = [
         subprocess.Popen(
-            [sys.executable, '-P', '-c', _HELPER, str(Path(__file__).parents[1]), str(first), str(processes)],
+            [sys.executable, '-P', '-c', _HELPER, str(Path(__file__).parents[1]), str(number)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        for first in range(1, processes)
+        for number in range(1, processes)
     ]
     try:
-        rehearse_parts(0, processes)
-        for helper in helpers:  # what one has not done, for whatever reason, is done below
-            while True:
-                with suppress(subprocess.TimeoutExpired):
-                    helper.wait(POLL_S)
-                    break
-                tell()
+        rehearse_parts(0)  # what helpers have not done, for whatever reason, is done here
     finally:
         for helper in helpers:
             helper.kill()
             helper.wait()
-    _call_all(core.load())
 
 
 # a helper dies with its parent
@@ -234,16 +225,17 @@ import ctypes, signal, sys
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 sys.path.insert(0, sys.argv[1])
 from delta3_pacdrive import simulation
-simulation.rehearse_parts(int(sys.argv[2]), int(sys.argv[3]))
+simulation.rehearse_parts(int(sys.argv[2]))
 """
 
 
-def rehearse_parts(first: int, step: int) -> None:
-    """Call the kernels of every so many parts of the machine."""
+def rehearse_parts(number: int) -> None:
+    """Call the kernels of all parts of the machine, in an order of one's own, as one of several processes."""
     parameters = core.load()
     with shared():
-        for part in _PARTS[first::step]:
+        for part in _ORDERS[number]:
             part(parameters)
+        _call_all(parameters)
 
 
 def _stand(parameters: Parameters) -> None:
@@ -277,14 +269,13 @@ def _call_all(parameters: Parameters) -> None:
 
 def _rehearse_plant(parameters: Parameters) -> None:
     """Call the plant as its node does."""
-    plant = Plant(parameters)
-    plant.advance(np.zeros((len(MC4(parameters).currents), 3)), [False] * 3)
+    samples = round(parameters.bus.exchange_period_s / parameters.drive.current_period_s)
+    Plant(parameters).advance(np.zeros((samples, 3)), [False] * 3)
 
 
 def _rehearse_drive(parameters: Parameters) -> None:
     """Call a drive as its node does."""
-    plant, drive = Plant(parameters), MC4(parameters)
-    shaft = plant.shafts()[0], 0.0, 0.0
+    drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
     drive.clear_fault()
@@ -306,8 +297,20 @@ def _rehearse_task(parameters: Parameters) -> None:
     task.receive(0, np.zeros(3), np.zeros(3))
 
 
-# in this order they share little between neighbours, and need about the same time
-_PARTS = (_rehearse_plant, _rehearse_drive, _rehearse_task, _rehearse_planning)
+def _rehearse_robot(parameters: Parameters) -> None:
+    """Call drives and plant as the simulation does."""
+    robot = Robot(parameters)
+    robot.cycle(np.zeros(3), CONTROL_ON, np.empty((3, 3)))
+
+
+# One for each process. What takes longest comes first, one part with each process; who has done his own helps with that
+# of another one, since none compiles what another one is compiling. The robot takes what plant and drive have done.
+_ORDERS = (
+    (_rehearse_plant, _rehearse_drive, _rehearse_robot, _rehearse_planning, _rehearse_task),
+    (_rehearse_drive, _rehearse_plant, _rehearse_task, _stand, _rehearse_planning),
+    (_rehearse_task, _rehearse_planning, _rehearse_drive, _rehearse_plant, _stand),
+    (_rehearse_planning, _rehearse_task, _rehearse_plant, _rehearse_drive, _rehearse_robot),
+)
 
 
 def _rehearsal(parameters: Parameters) -> Program:
