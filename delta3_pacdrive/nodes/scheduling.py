@@ -15,9 +15,10 @@ SLICE_S = (
     1e-4  # what an ordinary process may run at a stretch: who waits for its core waits no longer than that
 )
 NOT_PERMITTED = (
-    'real-time scheduling is not permitted here, which costs one cycle in some 10,000 its start in time and answers '
-    f'that take up to 30 ms, on a quiet machine: a line "USER - rtprio {REAL_TIME_PRIORITY}" in a file of '
-    '/etc/security/limits.d permits it from the next login on; --single-process keeps time nearly as well without it'
+    'real-time scheduling is not permitted here: on a quiet machine one cycle in some 10,000 cannot start in time, and '
+    'answers take up to 30 ms, on a busy one it is more; a line "USER - rtprio '
+    f'{REAL_TIME_PRIORITY}" in a file of /etc/security/limits.d permits it from the next login on; --single-process '
+    'keeps time nearly as well without it'
 )
 _CAP_SYS_NICE = 23
 _CAPABILITY_VERSION = 0x20080522
