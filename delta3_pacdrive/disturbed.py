@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from delta3_pacdrive.bus.master import Master
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.injection import (
@@ -18,7 +19,6 @@ from delta3_pacdrive.injection import (
     change_plant,
 )
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot import AXES, Robot
 from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS

@@ -19,10 +19,10 @@ from enum import StrEnum
 from typing import Any
 
 from delta3_pacdrive.bus.phases import DRIVES, PLANT
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, refuse
 from delta3_pacdrive.configuration.located import place_in, place_of
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.motion.timeline import NEVER
 
 AFTER_MAX_S = 1e5
 CYCLES_MAX = 1000

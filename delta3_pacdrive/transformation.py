@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.bus.increments import on_grid
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON, payload_on_grid
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kernel import kernel
@@ -20,7 +21,7 @@ from delta3_pacdrive.kinematics import Floats, arm_angles, geometry, plate_posit
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.master import rest
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, plan_path_at
-from delta3_pacdrive.motion.timeline import NEVER, Course, MasterState, Timeline, course_at
+from delta3_pacdrive.motion.timeline import Course, MasterState, Timeline, course_at
 from delta3_pacdrive.parameters import Parameters
 
 HISTORY = 64  # cycles of commands kept for the answers that are still on their way

@@ -10,12 +10,12 @@ import yaml
 
 from delta3_pacdrive import injection, simulation
 from delta3_pacdrive.bus.phases import DRIVES
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.bus.transit import Transit
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.injection import KINDS, NAMES, Fault, Place, Schedule, Scheduled, befalls, parse
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.plant.mechanism import Plant
 
 HOME = [0.0, 0.0, -0.78]

@@ -13,10 +13,10 @@ from delta3_pacdrive.bus.silence import (
     MASTER_SILENT_S,
     Watch,
 )
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON, Status
 from delta3_pacdrive.motion import planning, program
 from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.transformation import DISABLE_CYCLES, Transformation
 
 FOLLOWS = int(Status.IN_TORQUE | Status.FOLLOWS_COMMAND)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
@@ -14,7 +15,7 @@ from delta3_pacdrive.motion.master import master_at_distances, sample_master, sl
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.motion.timeline import NEVER, Course, Timeline, velocity_stop
+from delta3_pacdrive.motion.timeline import Course, Timeline, velocity_stop
 
 CYCLE_S = 1e-3
 START = (0.0, 0.0, -0.75)

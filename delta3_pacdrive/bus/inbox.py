@@ -3,7 +3,7 @@
 from typing import Generic, TypeVar
 
 from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.motion.timeline import NEVER
+from delta3_pacdrive.bus.time import NEVER
 
 Content = TypeVar('Content')
 

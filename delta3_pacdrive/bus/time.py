@@ -3,6 +3,7 @@
 from delta3_pacdrive.errors import TelegramError
 
 NANOSECONDS = 1_000_000_000
+NEVER = 2**62  # a cycle that does not come
 ACYCLIC_SEC = -1  # stamp of telegrams outside cyclic operation: before bus time 0
 
 

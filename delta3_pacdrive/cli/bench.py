@@ -1,10 +1,11 @@
 """``delta3 bench``: figures of the robot, each beside what it is measured against. Never a test."""
 
+import argparse
 import sys
 from collections.abc import Sequence
 
 from delta3_pacdrive.cli import bench_graph
-from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.output import guarded, parser_for, print_json
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,15 +40,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f'--{name} is for graph, not for {options.what}')
     if options.no_graph and options.what != 'motion':
         parser.error(f'--no-graph is for motion, not for {options.what}')
-    if options.what in ('simulate', 'kinematics'):
-        from delta3_pacdrive.cli import bench_simulation
+    return guarded(lambda: _run(options), options.json)
 
-        action = getattr(bench_simulation, f'bench_{options.what}')
-    elif options.what == 'motion':
-        from delta3_pacdrive.cli.bench_motion import bench_motion as action
+
+def _run(options: argparse.Namespace) -> int:
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.cli import bench_motion, bench_simulation
+
+    measure, show = {
+        'graph': (bench_graph.measure, bench_graph.show),
+        'motion': (bench_motion.measure, bench_motion.show),
+        'simulate': (bench_simulation.measure_simulation, bench_simulation.show_simulation),
+        'kinematics': (bench_simulation.measure_kinematics, bench_simulation.show_kinematics),
+    }[options.what]
+    result = measure(options)
+    if options.json:
+        print_json(result, options, core.load())
     else:
-        action = bench_graph.bench_graph
-    return guarded(lambda: action(options), options.json)
+        show(result)
+    return 0
 
 
 if __name__ == '__main__':

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.errors import Delta3Error, RunError
 
 
 def program_file(seconds: float, folder: str) -> Path:
@@ -40,7 +40,10 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         try:
             os.close(read_end)
             with os.fdopen(write_end, 'w') as pipe:
-                status = guarded(lambda: pipe.write(json.dumps(action())) * 0)
+                pipe.write(json.dumps(_outcome(action)))
+            status = 0
+        except KeyboardInterrupt:  # the parent has it as well, and says so
+            pass
         except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
             traceback.print_exc()
         finally:
@@ -49,10 +52,18 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     with os.fdopen(read_end) as pipe:
         text = pipe.read()
     if os.waitpid(pid, 0)[1] != 0:
-        from delta3_pacdrive.errors import RunError
-
         raise RunError('the case did not come to its end')
-    return dict(json.loads(text))
+    result = dict(json.loads(text))
+    if 'error' in result:
+        raise RunError(result['error'])
+    return result
+
+
+def _outcome(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    try:
+        return action()
+    except Delta3Error as error:
+        return {'error': str(error)}
 
 
 def times_text(values: dict[str, float]) -> str:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.bench_case import in_child, program_file
-from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.nodes.scheduling import (
     NOT_PERMITTED,
@@ -39,8 +38,8 @@ COLUMNS = {
 }
 
 
-def bench_graph(options: argparse.Namespace) -> int:
-    """Measure every case in a process of its own and print; return the exit status. Raises RunError."""
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Measure every case in a process of its own, by case and column. Raises RunError."""
     schedulings = options.scheduling or SCHEDULINGS[not real_time_is_permitted() :]
     if REAL_TIME in schedulings and not real_time_is_permitted():
         raise RunError(NOT_PERMITTED)
@@ -53,11 +52,7 @@ def bench_graph(options: argparse.Namespace) -> int:
                 print(f'measuring {title} ...', file=sys.stderr, flush=True)
             measured = in_child(partial(_measure, case, scheduling, options.seconds))
             results.setdefault(case, {})[scheduling] = measured
-    if options.json:
-        print_json(results, options)
-    else:
-        _print(results)
-    return 0
+    return results
 
 
 class _Meter:
@@ -211,7 +206,8 @@ def _rows(result: dict[str, Any]) -> dict[str, str]:
     return rows
 
 
-def _print(results: dict[str, dict[str, Any]]) -> None:
+def show(results: dict[str, dict[str, Any]]) -> None:
+    """Print the columns side by side."""
     print('times and outstanding cycles as p50 / p99 / p99.9 / max')
     for case, columns in results.items():
         texts = {scheduling: _rows(result) for scheduling, result in columns.items()}

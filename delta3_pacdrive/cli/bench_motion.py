@@ -8,14 +8,13 @@ from functools import partial
 from typing import Any
 
 from delta3_pacdrive.cli.bench_case import in_child, times_text
-from delta3_pacdrive.cli.output import print_json
 
 ROUNDS = 40
 PLANS_PER_S = 20.0
 
 
-def bench_motion(options: argparse.Namespace) -> int:
-    """Measure and print; return the exit status."""
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Measure planning, cost per cycle, errors and cycle times; and, unless it is not wanted, a robot."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
 
@@ -29,11 +28,7 @@ def bench_motion(options: argparse.Namespace) -> int:
     }
     if not options.no_graph:
         result['plans_arriving'] = _plans_arriving(options.seconds)
-    if options.json:
-        print_json(result, options, robot)
-    else:
-        _print(result)
-    return 0
+    return result
 
 
 def spline_points(count: int = 100) -> list[list[float]]:
@@ -237,7 +232,8 @@ def _measure_standing(seconds: float, plans_per_s: float) -> dict[str, Any]:
     return measure(seconds, plans_per_s, planning.plan(program, robot.motion.home_m, robot).plan)
 
 
-def _print(result: dict[str, Any]) -> None:
+def show(result: dict[str, Any]) -> None:
+    """Print the figures."""
     print('planning with all checks, and cost of a command per cycle (plan, path, inverse kinematics)')
     for name, spent in result['planning_ms'].items():
         cost = result['cycle_us'][name]['mean']

@@ -11,7 +11,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.bench_case import program_file
-from delta3_pacdrive.cli.output import print_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,8 +27,8 @@ FALL_S = 0.05  # of the comparison with MuJoCo, under the weight and a push that
 PUSH_N_M = (6.0, -2.0, 0.0)
 
 
-def bench_simulate(options: argparse.Namespace) -> int:
-    """Measure and print the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
+def measure_simulation(options: argparse.Namespace) -> dict[str, Any]:
+    """Measure the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
     import tempfile
 
     from delta3_pacdrive import parameters as core
@@ -50,19 +49,17 @@ def bench_simulate(options: argparse.Namespace) -> int:
         simulation.rehearse(changed)
         spent_s, trace = _spent(partial(simulation.run, program, changed))
         speeds[name] = len(trace.time_s) * changed.bus.cycle_time_s / spent_s
-    result = {
+    return {
         'bus_time_s': len(trace.time_s) * robot.bus.cycle_time_s,
         'real_time_factors': speeds,
         'start_s': _start_s(),
         **_exchange_difference(robot),
         'mechanism': _beside_mujoco(robot),
     }
-    print_json(result, options, robot) if options.json else _print_simulate(result)
-    return 0
 
 
-def bench_kinematics(options: argparse.Namespace) -> int:
-    """Measure and print the speed of array kinematics on one core."""
+def measure_kinematics(_: argparse.Namespace) -> dict[str, Any]:
+    """Measure the speed of array kinematics on one core."""
     import numpy as np
 
     from delta3_pacdrive import kinematics
@@ -87,8 +84,7 @@ def bench_kinematics(options: argparse.Namespace) -> int:
         result['poses_per_s'][name] = {'median': float(np.median(rates)), 'best': max(rates)}
     back = kinematics.forward(theta, k)
     result['round_trip_max_m'] = float(np.abs(back - points).max())
-    print_json(result, options, robot) if options.json else _print_kinematics(result)
-    return 0
+    return result
 
 
 def _spent(action: Callable[[], Any]) -> tuple[float, Any]:
@@ -208,7 +204,8 @@ def _mujoco_xml(robot: Parameters, step_s: float) -> str:
         </worldbody><tendon>{rods}</tendon><equality>{ends}</equality></mujoco>"""
 
 
-def _print_simulate(result: dict[str, Any]) -> None:
+def show_simulation(result: dict[str, Any]) -> None:
+    """Print the figures."""
     rows = [
         (name, f'{factor:.1f} x real time, {factor / REAL_TIME_FACTOR_AIM:.2f} of the aim')
         for name, factor in result['real_time_factors'].items()
@@ -244,7 +241,8 @@ def _print_simulate(result: dict[str, Any]) -> None:
         print(f'{name:>16}  {text}')
 
 
-def _print_kinematics(result: dict[str, Any]) -> None:
+def show_kinematics(result: dict[str, Any]) -> None:
+    """Print the figures."""
     for name, rates in result['poses_per_s'].items():
         aim = POSES_PER_S_AIM.get(name)
         beside = f', {rates["median"] / aim:.2f} of the aim' if aim else ''

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.bus.service import Access, Answer, Operation, parse_idn
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.bus.words import in_torque
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
@@ -18,7 +19,7 @@ from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.injection import Fault
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.timeline import NEVER, Course
+from delta3_pacdrive.motion.timeline import Course
 from delta3_pacdrive.transformation import Transformation
 
 RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)

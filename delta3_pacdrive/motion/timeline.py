@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
@@ -28,7 +29,6 @@ from delta3_pacdrive.motion.master import (
 )
 from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
 
-NEVER = 2**62
 RATE_MIN, RATE_MAX = 0.01, 1.5  # of an override
 JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
 HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration

@@ -21,7 +21,7 @@ from delta3_pacdrive.bus.participants import Announcement, Participants
 from delta3_pacdrive.bus.phases import DRIVES, PLANT, Identity
 from delta3_pacdrive.bus.silence import ANSWER_SILENT_S, BUS_SILENT_S, Watch
 from delta3_pacdrive.bus.statistics import BusStatistics
-from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.bus.time import ACYCLIC_SEC, NEVER, Clock
 from delta3_pacdrive.bus.transit import Transit
 from delta3_pacdrive.bus.words import CONTROL_OFF, Phase
 from delta3_pacdrive.controller.control import Control
@@ -30,7 +30,6 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import ParameterError, RunError, UnreachableError
 from delta3_pacdrive.injection import AT_FAULTS, TASK, UNIT_ROBOT
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.at_receiver import AtReceiver, Content
 from delta3_pacdrive.nodes.fault_desk import FaultDesk, Faults

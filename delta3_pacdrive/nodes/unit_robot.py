@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.bus.time import Clock
+from delta3_pacdrive.bus.time import NEVER, Clock
 from delta3_pacdrive.controller import planner as decisions
 from delta3_pacdrive.controller.messages import (
     COURSE,
@@ -45,7 +45,6 @@ from delta3_pacdrive.errors import ProgramError, TelegramError, shown
 from delta3_pacdrive.injection import UNIT_ROBOT
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import runtime, telegram
 from delta3_pacdrive.nodes.deferred_service import Answer, create_deferred_service
 from delta3_pacdrive.nodes.fault_desk import Faults

@@ -11,6 +11,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.bus.master import Master
 from delta3_pacdrive.bus.phases import Identity
 from delta3_pacdrive.bus.service import Answer
+from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.bus.words import Status as Word
 from delta3_pacdrive.controller import planner as planning_actions
 from delta3_pacdrive.controller.control import Control, Operator
@@ -21,7 +22,6 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.planning_job import Job, Result, work
 from delta3_pacdrive.controller.reason import Reason
 from delta3_pacdrive.controller.robot_state import Answered, Asked, Followed, RobotState
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.transformation import Transformation
 

@@ -17,11 +17,10 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.bus.participants import Announcement, Occasion, Participants
 from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity
 from delta3_pacdrive.bus.statistics import BusStatistics
-from delta3_pacdrive.bus.time import Clock
+from delta3_pacdrive.bus.time import NEVER, Clock
 from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.injection import Scheduled, parse
-from delta3_pacdrive.motion.timeline import NEVER
 from delta3_pacdrive.nodes import telegram
 from delta3_pacdrive.nodes.at_receiver import AtReceiver
 from delta3_pacdrive.nodes.deferred_service import create_deferred_service
