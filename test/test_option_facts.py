@@ -9,10 +9,10 @@ from delta3_pacdrive import parameters, recording, simulation
 from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.estimation import measurement, session
-from delta3_pacdrive.jacobian_study import study as jacobian_study
+from delta3_pacdrive.jacobian_study import run as jacobian_run
 from delta3_pacdrive.trace import Trace
 from delta3_pacdrive.tuning import recording as tuning_recording
-from delta3_pacdrive.tuning import study as tuning_study
+from delta3_pacdrive.tuning import run as tuning_run
 from delta3_pacdrive.tuning.bench import Place
 
 REPORT = {'ok': True}
@@ -49,7 +49,7 @@ def asking(*_):
 @pytest.fixture
 def tuned(monkeypatch):
     """Return the function that gives the settings of a tuning."""
-    monkeypatch.setattr(tuning_study, 'Study', asking())
+    monkeypatch.setattr(tuning_run, 'Study', asking())
     return lambda *arguments: asked(tune, arguments)[0]
 
 
@@ -76,7 +76,7 @@ def test_an_option_of_tune_is_a_setting_of_the_study_and_changes_no_other(argume
 
 
 def test_the_folder_of_a_tuning_is_that_of_its_option(monkeypatch, tmp_path):
-    monkeypatch.setattr(tuning_study, 'Study', asking())
+    monkeypatch.setattr(tuning_run, 'Study', asking())
     _, folder, command, _ = asked(tune, ['--output', str(tmp_path / 'here')])
     assert folder == tmp_path / 'here'
     assert command == f'delta3 tune --output {tmp_path}/here'
@@ -135,7 +135,7 @@ JACOBIAN = {
 
 @pytest.mark.parametrize('arguments', JACOBIAN, ids=' '.join)
 def test_an_option_of_jacobian_is_a_setting_of_the_study_and_changes_no_other(arguments, monkeypatch):
-    monkeypatch.setattr(jacobian_study, 'run', asking())
+    monkeypatch.setattr(jacobian_run, 'run', asking())
     default, chosen = asked(jacobian, [])[0], asked(jacobian, arguments)[0]
     changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
     assert changed == JACOBIAN[arguments]

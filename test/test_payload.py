@@ -10,7 +10,8 @@ from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
-from delta3_pacdrive.tuning.study import Settings, robot_of
+from delta3_pacdrive.tuning.run import robot_of
+from delta3_pacdrive.tuning.study import Settings
 
 TOO_HEAVY_KG = PAYLOAD_MAX_KG + 1e-3
 RESERVE = 2.0  # of what is held at rest, over the limit

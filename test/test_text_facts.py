@@ -11,10 +11,10 @@ from delta3_pacdrive.cli import estimate, experiment, jacobian, output, simulate
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.estimation import session
 from delta3_pacdrive.experiments import report as experiment_report
-from delta3_pacdrive.jacobian_study import study as jacobian_study
+from delta3_pacdrive.jacobian_study import run as jacobian_run
 from delta3_pacdrive.provenance import Provenance, digest, write_json, write_table
 from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.tuning import study as tuning_study
+from delta3_pacdrive.tuning import run as tuning_run
 
 # every number is another one, so that none can stand for another
 FIGURES = {
@@ -236,7 +236,7 @@ def tuned(monkeypatch, capsys):
     monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
 
     def show(**changes):
-        monkeypatch.setattr(tuning_study, 'Study', returning(TUNING | changes))
+        monkeypatch.setattr(tuning_run, 'Study', returning(TUNING | changes))
         assert tune.main([]) == 0
         return [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
@@ -327,7 +327,7 @@ def test_deviations_are_printed_peak_first_exact_first(monkeypatch, capsys):
         'files': ['report.json'],
     }
     monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
-    monkeypatch.setattr(jacobian_study, 'run', lambda *_: document)
+    monkeypatch.setattr(jacobian_run, 'run', lambda *_: document)
     assert jacobian.main([]) == 0
     printed = lines(capsys)
     assert printed[0] == 'exact lengths R_A +35 mm all 1 mm off, at worst'

@@ -16,7 +16,7 @@ from delta3_pacdrive.estimation import measurement
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.tuning import effect, identification, recorded, recording, settings, study
+from delta3_pacdrive.tuning import effect, identification, recorded, recording, run, settings, study
 from delta3_pacdrive.tuning.analysis import (
     LOOPS,
     Operation,
@@ -376,11 +376,11 @@ def studied(monkeypatch):
     """Return the studies that the command made, none of which is computed."""
     made = []
 
-    def run(self):
+    def give_up(self):
         made.append(self)
         return {}
 
-    monkeypatch.setattr(study.Study, 'run', run)
+    monkeypatch.setattr(run.Study, 'run', give_up)
     return made
 
 
@@ -409,7 +409,7 @@ def test_options_of_the_load_and_the_bench_change_what_they_say(studied, robot, 
     assert (plain.operation.speed_rad_s, slow.operation.speed_rad_s) == (10.0, 5.0)
     assert (plain.operation.amplitude, small.operation.amplitude) == (1.0, 0.5)
     assert (plain.robot.bus.exchange_period_s, exact.robot.bus.exchange_period_s) == (1e-3, 125e-6)
-    assert (plain.program_name, other.program_name) == (
+    assert (plain.program.name, other.program.name) == (
         'experiment 1, pick and place',
         'packaging cycle 25/305/25 mm',
     )
@@ -419,7 +419,7 @@ def test_options_of_the_load_and_the_bench_change_what_they_say(studied, robot, 
 def test_the_exchange_period_reaches_the_program_and_the_workspace(tmp_path):
     found = []
     for period_s in (None, 125e-6):
-        own = study.Study(study.Settings(exchange_period_s=period_s), tmp_path, 'test', silent)
+        own = run.Study(study.Settings(exchange_period_s=period_s), tmp_path, 'test', silent)
         variant = own.variant(own.robot, '')
         exchanged = [loops[-1].margins.gain_margin_db for _, loops in variant.workspace]
         found.append((variant.effect.tcp_error_max_m, exchanged))
@@ -435,7 +435,7 @@ def test_the_recording_of_the_axis_that_is_asked_for_is_evaluated(excited, robot
     monkeypatch.setattr(recorded, 'identify', lambda _trace, axis, *_: asked.append(axis) or [])
     for axis in (1, 3):
         settings_ = study.Settings(axis=axis, recording=str(tmp_path / 'trace.npz'))
-        study.Study(settings_, tmp_path, 'test', silent)._recorded()
+        run.Study(settings_, tmp_path, 'test', silent)._recorded()
     assert asked == [1, 3]
 
 

@@ -95,6 +95,7 @@ def _jacobian(options: argparse.Namespace) -> int:
     from delta3_pacdrive.jacobian_study import study
     from delta3_pacdrive.jacobian_study.mapping import Pose
     from delta3_pacdrive.jacobian_study.motion import Signals
+    from delta3_pacdrive.jacobian_study.run import run
 
     announce_compilation()
     simulation.load_kernels(core.load(options.parameters))
@@ -107,7 +108,7 @@ def _jacobian(options: argparse.Namespace) -> int:
     )
     try:
         with Progress(quiet=options.json) as progress:
-            document = study.run(settings, Path(options.output), options.command_line, progress.show)
+            document = run(settings, Path(options.output), options.command_line, progress.show)
     except KeyboardInterrupt:
         print(f'interrupted: {options.output} holds no report of this study', file=sys.stderr)
         return INTERRUPTED

@@ -98,7 +98,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _tune(options: argparse.Namespace) -> int:
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.tuning.study import Settings, Study, robot_of
+    from delta3_pacdrive.tuning.run import Study, robot_of
+    from delta3_pacdrive.tuning.study import Settings
 
     settings = Settings(
         options.parameters,
@@ -139,7 +140,7 @@ def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> d
     from delta3_pacdrive.estimation import measurement
     from delta3_pacdrive.tuning.bench import Place
     from delta3_pacdrive.tuning.recording import SPEED_SHARE, Excitation, record
-    from delta3_pacdrive.tuning.study import robot_of
+    from delta3_pacdrive.tuning.run import robot_of
 
     folder = Path(options.excite).parent
     if not folder.is_dir():

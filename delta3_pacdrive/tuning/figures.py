@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.figure_style import AXIS_COLOURS, COLOURS, MUTED, NORM_COLOUR, dress, report_figure
-from delta3_pacdrive.tuning.report import decibels, degrees
+from delta3_pacdrive.tuning.response import decibels, degrees
 
 if TYPE_CHECKING:
     from collections.abc import Callable

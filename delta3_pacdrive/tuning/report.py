@@ -10,7 +10,7 @@ import numpy as np
 from delta3_pacdrive.provenance import write_table
 from delta3_pacdrive.tuning import settings
 from delta3_pacdrive.tuning.analysis import deviation
-from delta3_pacdrive.tuning.response import margins
+from delta3_pacdrive.tuning.response import decibels, degrees, margins
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.kinematics import Floats
     from delta3_pacdrive.provenance import Provenance
-    from delta3_pacdrive.tuning.analysis import LoopResult
+    from delta3_pacdrive.tuning.analysis import LoopResult, Operation
     from delta3_pacdrive.tuning.identification import Measured
     from delta3_pacdrive.tuning.recorded import Recorded
-    from delta3_pacdrive.tuning.study import Study, SweepPoint, Variant
+    from delta3_pacdrive.tuning.study import SweepPoint, Variant
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 
@@ -31,20 +31,21 @@ def document(
     variants: list[Variant],
     points: list[SweepPoint],
     found: list[Recorded],
-    study: Study,
+    operation: Operation,
+    program_name: str,
     provenance: Provenance,
 ) -> dict[str, Any]:
     """Return the report of a tuning, ready for JSON."""
-    load = study.operation.load
+    load = operation.load
     names = ('before', 'after') if len(variants) > 1 else ('now',)
     return {
         'ok': True,
         'provenance': provenance.lines(),
         'load': asdict(load),
-        'speed_rad_s': study.operation.speed_rad_s,
-        'amplitude': study.operation.amplitude,
+        'speed_rad_s': operation.speed_rad_s,
+        'amplitude': operation.amplitude,
         'changes': settings.changes(variants[0].robot, variants[-1].robot),
-        'program': study.program_name,
+        'program': program_name,
         'variants': {
             name: {
                 'loops': {loop.name: loop_figures(loop) for loop in variant.loops},
@@ -156,17 +157,6 @@ def interpolated(
     at, grid = np.log(frequencies_hz), np.log(grid_hz)
     size = np.exp(np.interp(at, grid, np.log(np.abs(values))))
     return np.asarray(size * np.exp(1j * np.interp(at, grid, np.unwrap(np.angle(values)))))
-
-
-def decibels(values: NDArray[np.complex128]) -> Floats:
-    """Magnitude in dB."""
-    return np.asarray(20.0 * np.log10(np.maximum(np.abs(values), 1e-15)))
-
-
-def degrees(values: NDArray[np.complex128]) -> Floats:
-    """Phase in degrees, without jumps, beginning between -270 and 90."""
-    phase = np.degrees(np.unwrap(np.angle(values)))
-    return np.asarray(phase - 360.0 * np.floor((phase[0] + 270.0) / 360.0))
 
 
 def write_tables(

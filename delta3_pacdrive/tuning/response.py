@@ -149,3 +149,14 @@ def _moment(time_s: Floats, response: Floats, first: int, level: float) -> float
         return float(time_s[0])
     low, high = response[first - 1], response[first]
     return float(time_s[first - 1] + (level - low) / (high - low) * (time_s[first] - time_s[first - 1]))
+
+
+def decibels(values: NDArray[np.complex128]) -> Floats:
+    """Magnitude in dB."""
+    return np.asarray(20.0 * np.log10(np.maximum(np.abs(values), 1e-15)))
+
+
+def degrees(values: NDArray[np.complex128]) -> Floats:
+    """Phase in degrees, without jumps, beginning between -270 and 90."""
+    phase = np.degrees(np.unwrap(np.angle(values)))
+    return np.asarray(phase - 360.0 * np.floor((phase[0] + 270.0) / 360.0))
