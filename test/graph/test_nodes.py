@@ -156,7 +156,8 @@ def test_a_refused_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> 
     task = graph.robot()
     graph.add(UnitRobotNode, program=str(program))
     graph.spin_until(
-        lambda: any(m.data.startswith('refused: moves[0].move_l') for m in answers), 'the refusal'
+        lambda: any(m.data.startswith(f'refused: {program}:1:9: moves[0].move_l') for m in answers),
+        'the refusal',
     )
     cycles = task.progress()['cycles']
     graph.spin_until(lambda: task.progress()['cycles'] > cycles + 100, 'operation to go on')
