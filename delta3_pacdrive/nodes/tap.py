@@ -13,7 +13,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.nodes import telegram
 from delta3_pacdrive.nodes.polling import PollingNode
-from delta3_pacdrive.nodes.qos import RECORDER
+from delta3_pacdrive.nodes.qos import WATCHER
 
 SHAFTS, MDT = 'plant/motor_shafts', 'sercos/mdt'
 AT = tuple(f'sercos/at/{axis}' for axis in DRIVES)
@@ -82,9 +82,7 @@ class Tap:
 
     def __init__(self, node: PollingNode, cycle_time_s: float, refuse: Callable[[str], None]) -> None:
         self._clock, self._refuse = Clock(cycle_time_s), refuse
-        self._takes = {
-            topic: node.create_polled_subscription(JointState, topic, RECORDER) for topic in CODECS
-        }
+        self._takes = {topic: node.create_polled_subscription(JointState, topic, WATCHER) for topic in CODECS}
 
     def take(self) -> dict[str, Telegrams]:
         """Return the cyclic telegrams that have come since the last time, by topic."""
