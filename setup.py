@@ -17,10 +17,10 @@ from setuptools import find_packages, setup
 PACKAGE = 'delta3_pacdrive'
 COMMAND_LINE = {'delta3': f'{PACKAGE}.cli.main:main'}
 EXECUTABLES = {
-    'unit_robot': f'{PACKAGE}.nodes.start:unit_robot',
-    'transformation_task': f'{PACKAGE}.nodes.start:transformation_task',
-    'mc4_drive': f'{PACKAGE}.nodes.start:mc4_drive',
-    'plant': f'{PACKAGE}.nodes.start:plant',
+    'unit_robot': f'{PACKAGE}.ros.nodes.start:unit_robot',
+    'transformation_task': f'{PACKAGE}.ros.nodes.start:transformation_task',
+    'mc4_drive': f'{PACKAGE}.ros.nodes.start:mc4_drive',
+    'plant': f'{PACKAGE}.ros.nodes.start:plant',
     'bringup': f'{PACKAGE}.cli.main:bringup',
     'record': f'{PACKAGE}.cli.main:record',
 }
@@ -28,6 +28,7 @@ ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazz
 TEST = [
     'toppra>=0.6',
     'hypothesis>=6.170',
+    'import-linter>=2.16',
     'mujoco>=4.0',
     'mypy>=2.4',
     'pytest>=9.2',

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import UnreachableError
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import Kinematics, Rich
 
 Floats = NDArray[np.float64]

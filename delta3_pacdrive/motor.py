@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import Parameters
 
 TERMINAL_SHORT = (

@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive import yaml_file
+from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.configuration.checked import Errors, nearest_of, refuse
 from delta3_pacdrive.configuration.located import place_in, place_of_key
 from delta3_pacdrive.errors import ParameterError, shown

@@ -5,10 +5,11 @@ import math
 
 import pytest
 
-from delta3_pacdrive import arrival, simulation
-from delta3_pacdrive.arrival import ARRIVAL_TOLERANCE_M
+from delta3_pacdrive import simulation
 from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.motion import arrival
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion.arrival import ARRIVAL_TOLERANCE_M
 
 END_M = [0.1, 0.0, -0.8]
 # too much for the gains, which are tuned to the rated 2 kg: the plate sags for a while after the end

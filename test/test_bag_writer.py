@@ -15,10 +15,10 @@ import pytest
 from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
-from delta3_pacdrive import bag_writer
-from delta3_pacdrive.bag_recovery import CHUNK, MAGIC, recover
-from delta3_pacdrive.bag_writer import OPEN_KEY, STOPPED_KEY, BagWriter
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.recording import bag_writer
+from delta3_pacdrive.recording.bag_recovery import CHUNK, MAGIC, recover
+from delta3_pacdrive.recording.bag_writer import OPEN_KEY, STOPPED_KEY, BagWriter
 
 TEXT = 'std_msgs/msg/String'
 MESSAGE = b'\0\1\0\0' + bytes(200)
@@ -128,7 +128,7 @@ def test_what_was_flushed_is_on_the_disk_and_nothing_waits_for_a_second_chunk(tm
 
 def test_a_writer_that_is_killed_leaves_what_it_had_flushed(tmp_path):
     code = (
-        'import sys, os, signal; from pathlib import Path; from delta3_pacdrive.bag_writer import BagWriter\n'
+        'import sys, os, signal; from pathlib import Path; from delta3_pacdrive.recording.bag_writer import BagWriter\n'
         f'w = BagWriter(Path(sys.argv[1]), {{}}); t = w.add_topic("/a", {TEXT!r}, 10, False); w.begin()\n'
         'for n in range(500): w.write(t, n, bytes(204))\n'
         'w.flush(); w.write(t, 500, bytes(204)); os.kill(os.getpid(), signal.SIGKILL)\n'

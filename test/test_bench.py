@@ -5,9 +5,10 @@ import os
 
 import pytest
 
-from delta3_pacdrive.cli import bench, bench_graph
-from delta3_pacdrive.cli.bench_case import in_child
-from delta3_pacdrive.nodes import scheduling
+from delta3_pacdrive.benchmarks import graph
+from delta3_pacdrive.benchmarks.case import in_child
+from delta3_pacdrive.bringup import scheduling
+from delta3_pacdrive.cli import bench
 
 
 def run(capsys, *arguments):
@@ -53,8 +54,8 @@ def test_the_benchmark_of_the_graph_prints_its_columns_side_by_side(monkeypatch,
             return {'lateness_ms': times(2.5)}
         return FIGURES | {'us_per_cycle': {'bare': 1000.0}.get(case, 750.0) * (1 + (column == 'ordinary'))}
 
-    monkeypatch.setattr(bench_graph, 'in_child', measure)
-    monkeypatch.setattr(bench_graph, 'real_time_is_permitted', lambda: True)
+    monkeypatch.setattr(graph, 'in_child', measure)
+    monkeypatch.setattr(graph, 'real_time_is_permitted', lambda: True)
     assert bench.main(['graph', '--seconds', '7']) == 0
     printed = capsys.readouterr().out
     rows = [' '.join(line.split()) for line in printed.splitlines()]
@@ -81,7 +82,7 @@ def test_the_benchmark_of_the_graph_prints_its_columns_side_by_side(monkeypatch,
 
 
 def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys):
-    monkeypatch.setattr(bench_graph, 'real_time_is_permitted', lambda: False)
+    monkeypatch.setattr(graph, 'real_time_is_permitted', lambda: False)
     assert bench.main(['graph', '--scheduling', 'real-time']) == 1
     assert 'real-time scheduling is not permitted here' in capsys.readouterr().err
 

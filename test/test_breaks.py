@@ -68,8 +68,8 @@ def test_a_row_that_is_no_break_and_an_id_that_stands_twice_are_refused(runner, 
 def test_only_kernels_that_a_break_cannot_reach_are_kept(runner):
     package = ROOT / runner.PACKAGE
     of_kinematics = runner.stale_modules(package, {'kinematics'})
-    assert {'kinematics', 'dynamics', 'plant.mechanism', 'simulation', 'cli.simulate'} <= of_kinematics
-    assert not {'motor', 'drive.cascade', 'bus.increments'} & of_kinematics
+    assert {'kinematics', 'dynamics', 'plant.plant', 'simulation.loop', 'cli.simulate'} <= of_kinematics
+    assert not {'motor', 'drive.cascade', 'sercos.increments'} & of_kinematics
     assert runner.stale_modules(package, {'parameters'}) == set()
 
 

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delta3_pacdrive.bus.increments import on_grid, to_increments
-from delta3_pacdrive.bus.pacing import Histogram, Pacing
-from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity, disagreements, missing
-from delta3_pacdrive.bus.time import ACYCLIC_SEC, NANOSECONDS, Clock
-from delta3_pacdrive.bus.words import (
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
+from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity, disagreements, missing
+from delta3_pacdrive.sercos.increments import on_grid, to_increments
+from delta3_pacdrive.sercos.scheduler import Histogram, Pacing
+from delta3_pacdrive.sercos.words import (
     CONTROL_ENABLE,
     CONTROL_OFF,
     CONTROL_ON,
@@ -25,7 +26,6 @@ from delta3_pacdrive.bus.words import (
     Status,
     in_torque,
 )
-from delta3_pacdrive.errors import TelegramError
 
 YEARS_S = 60 * 365 * 24 * 3600  # beyond that a stamp's 32 bit seconds end
 PERIODS_S = [1e-3, 2e-3, 4e-3, 500e-6, 250e-6, 125e-6]

@@ -11,13 +11,13 @@ pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.nodes.attendant import Attendant
-from delta3_pacdrive.nodes.cases import Case, Outcome, State, cases
-from delta3_pacdrive.nodes.catalogue import Catalogue
-from delta3_pacdrive.nodes.evidence import AxisRecord, burdened, loaded, misread, sagged
-from delta3_pacdrive.nodes.invariants import Invariants
-from delta3_pacdrive.nodes.soak import Figures, Soak, Violation
-from delta3_pacdrive.nodes.tap import AT, MDT, SHAFTS, Telegrams
+from delta3_pacdrive.verification.cases import Case, Outcome, State, cases
+from delta3_pacdrive.verification.catalogue import Catalogue
+from delta3_pacdrive.verification.fault_signatures import AxisRecord, burdened, loaded, misread, sagged
+from delta3_pacdrive.verification.invariants import Invariants
+from delta3_pacdrive.verification.operator import Attendant
+from delta3_pacdrive.verification.soak import Figures, Soak, Violation
+from delta3_pacdrive.verification.telegram_log import AT, MDT, SHAFTS, Telegrams
 
 GEAR = 32.0
 HOME = (0.0, 0.0, -0.75)

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from delta3_pacdrive.bus.completeness import Completeness
+from delta3_pacdrive.recording.completeness import Completeness
 
 PERIOD_NS = 1_000_000
 NANOSECONDS = 1_000_000_000

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive import trace_csv
 from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import trace_csv
 
 # unit in the file: (a signal of that quantity, its axis names, SI value of 1.5 of it)
 MEANING = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Control, Status, in_torque
+from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.drive.diagnostics import (
     FAULT_OF_NUMBER,
     FAULTS,
@@ -20,10 +20,11 @@ from delta3_pacdrive.drive.diagnostics import (
     fault_text,
 )
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.record import DriveState
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import program
-from delta3_pacdrive.simulation import Robot, run
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_OFF, CONTROL_ON, Control, Status, in_torque
+from delta3_pacdrive.simulation import run
+from delta3_pacdrive.simulation.robot import Robot
 
 INCREMENT_RAD = math.tau / 2**19
 I_PEAK, I_NOMINAL, K_M, GEAR = 17.0, 4.1, 0.78, 32.0

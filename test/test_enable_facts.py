@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON
+from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.drive.diagnostics import DriveFault
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON
 
 LOAD_N_M = 0.4  # of the shaft, while it is enabled
 K_M = 0.78

@@ -7,15 +7,13 @@ import struct
 import numpy as np
 import pytest
 
-from delta3_pacdrive import dynamics, parameters, simulation, trace_csv
-from delta3_pacdrive.cli import estimate
-from delta3_pacdrive.errors import EstimationError, TraceError
-from delta3_pacdrive.estimation import excitation, measurement, solver, thesis_setup
-from delta3_pacdrive.estimation.geometry_model import GeometryModel
-from delta3_pacdrive.estimation.identifiability import Verdict, analyse, analyse_jacobian
-from delta3_pacdrive.estimation.motor_models import TorqueModel, WindingModel
-from delta3_pacdrive.estimation.problem import Problem
-from delta3_pacdrive.estimation.quantities import (
+from delta3_pacdrive import dynamics, parameters, simulation
+from delta3_pacdrive.analysis.estimation import excitation, measurement, solver, thesis_setup
+from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
+from delta3_pacdrive.analysis.estimation.identifiability import Verdict, analyse, analyse_jacobian
+from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.analysis.estimation.problem import Problem
+from delta3_pacdrive.analysis.estimation.quantities import (
     COMBINATIONS,
     GROUPS,
     TABLE,
@@ -23,11 +21,14 @@ from delta3_pacdrive.estimation.quantities import (
     values_of,
     with_values,
 )
-from delta3_pacdrive.estimation.replay_model import ReplayModel
-from delta3_pacdrive.estimation.session import Session, Settings
-from delta3_pacdrive.estimation.solver import QUIET, fit, whiteness_of
+from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
+from delta3_pacdrive.analysis.estimation.session import Session, Settings
+from delta3_pacdrive.analysis.estimation.solver import QUIET, fit, whiteness_of
+from delta3_pacdrive.cli import estimate
+from delta3_pacdrive.errors import EstimationError, TraceError
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.trace import Trace
 
 EXACT = 1e-3  # relative, without noise; the issue asks for 1e-2
 SEEDS = 40

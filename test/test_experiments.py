@@ -10,16 +10,22 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.analysis.experiments import report
+from delta3_pacdrive.analysis.experiments.attribution import (
+    EFFECTS,
+    attribute,
+    effects_of,
+    shapley,
+    with_effects,
+)
+from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run, delayed
+from delta3_pacdrive.analysis.experiments.findings import findings, truth, verdict
 from delta3_pacdrive.cli import experiment, experiment_graph
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.experiments import report
-from delta3_pacdrive.experiments.attribution import EFFECTS, attribute, effects_of, shapley, with_effects
-from delta3_pacdrive.experiments.comparison import QUANTITIES, Comparison, Run, delayed
-from delta3_pacdrive.experiments.findings import findings, truth, verdict
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.parameters import flatten
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation import run
-from delta3_pacdrive.trace import Trace
 
 EXPERIMENTS = (1, 2, 3)
 ROUNDING = 1e-12  # relative, of sums of a few hundred numbers
@@ -351,7 +357,7 @@ def test_an_interruption_leaves_nothing_that_looks_like_a_report(tmp_path, monke
         raise KeyboardInterrupt
 
     (tmp_path / 'report.json').write_text('old')
-    monkeypatch.setattr('delta3_pacdrive.experiments.attribution.attribute', interrupted)
+    monkeypatch.setattr('delta3_pacdrive.analysis.experiments.attribution.attribute', interrupted)
     assert experiment.main(['1', '--output', str(tmp_path)]) == 130
     assert capsys.readouterr().err.endswith('interrupted: no report was written\n')
     assert {path.name for path in tmp_path.iterdir()} == {'model.yaml', 'robot.yaml'}

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delta3_pacdrive import figures, parameters, recording, simulation
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.analysis import run_figures
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.trace import Trace
 
 PROMISED = {
     'tcp_path_3d.png',
@@ -32,7 +34,7 @@ def trace() -> Trace:
 
 
 def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_path: Path) -> None:
-    paths = figures.draw(trace, tmp_path)
+    paths = run_figures.draw(trace, tmp_path)
     assert {path.name for path in paths} == PROMISED
     for path in paths:
         data = path.read_bytes()
@@ -44,7 +46,7 @@ def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_pat
 
 def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None:
     trace.save(tmp_path / 'run.npz')
-    loaded = recording.load(tmp_path / 'run.npz')
+    loaded = bag_trace.load(tmp_path / 'run.npz')
     np.testing.assert_array_equal(loaded.time_s, trace.time_s)
     assert loaded.signals.keys() == trace.signals.keys()
     for name, values in trace.signals.items():
@@ -62,7 +64,7 @@ def test_what_is_plotted_stands_beside_the_pictures_and_says_where_it_comes_from
     assert origin['command'] == f'delta3 simulate --trace {file} --json'
     assert main(['plot', str(file), '--output', str(tmp_path / 'figures'), '--json']) == 0
     files = json.loads(capsys.readouterr().out)['files']
-    data, run = recording.load(files[-1]), recording.load(file)
+    data, run = bag_trace.load(files[-1]), bag_trace.load(file)
     assert data.meta['provenance'] == origin
     assert data.meta['plotted']['parameters'] == run.meta['checksum'] == parameters.load().checksum
     assert all(Path(picture).read_bytes().count(b'delta3 plot') == 1 for picture in files[:-1])
@@ -76,7 +78,7 @@ def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> No
     (tmp_path / 'text.npz').write_text('no trace')
     (tmp_path / 'empty_folder').mkdir()
     with pytest.raises(TraceError) as refusal:
-        recording.load(tmp_path / name)
+        bag_trace.load(tmp_path / name)
     assert name in str(refusal.value)
     assert '\n' not in str(refusal.value)
 
@@ -93,14 +95,14 @@ def test_a_trace_that_would_not_be_what_its_name_says_is_refused_by_name(
         assert f'cannot write {path}: the name ' in (told := capsys.readouterr().err)
         assert 'must end in .npz or .csv' in told
     with pytest.raises(TraceError, match=r'must end in \.npz or \.csv'):
-        recording.save(Trace(np.zeros(1), {}), path)
+        bag_trace.save(Trace(np.zeros(1), {}), path)
     assert not list(tmp_path.iterdir())
 
 
 def test_an_ending_in_capitals_is_the_same_ending(trace: Trace, tmp_path: Path) -> None:
     for name in ('RUN.NPZ', 'RUN.CSV'):
-        recording.save(trace, tmp_path / name)
-        assert recording.load(tmp_path / name).time_s.tobytes() == trace.time_s.tobytes()
+        bag_trace.save(trace, tmp_path / name)
+        assert bag_trace.load(tmp_path / name).time_s.tobytes() == trace.time_s.tobytes()
 
 
 # windows and signals
@@ -118,7 +120,7 @@ def late(trace: Trace, cycles: int, idle: int = 5000) -> Trace:
 
 def drawn(trace: Trace) -> tuple[float, float]:
     """Return the first and the last time of the curves of a figure [s]."""
-    line = figures.currents(trace).axes[0].get_lines()[0]
+    line = run_figures.currents(trace).axes[0].get_lines()[0]
     times = np.asarray(line.get_xdata(), dtype=float)
     return float(times[0]), float(times[-1])
 
@@ -126,10 +128,10 @@ def drawn(trace: Trace) -> tuple[float, float]:
 def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_motion(trace: Trace) -> None:
     own = late(trace, 500_000)
     first, last = drawn(own)
-    assert first == pytest.approx(-figures.BEFORE_S)
+    assert first == pytest.approx(-run_figures.BEFORE_S)
     end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3
-    assert last == pytest.approx(end_s + figures.AFTER_S, abs=0.01)
-    (label,) = {axes.get_xlabel() for axes in figures.currents(own).axes} - {''}
+    assert last == pytest.approx(end_s + run_figures.AFTER_S, abs=0.01)
+    (label,) = {axes.get_xlabel() for axes in run_figures.currents(own).axes} - {''}
     assert label == 'time from program start (s)'
 
 
@@ -142,10 +144,10 @@ def test_a_program_long_after_the_first_makes_no_spikes_of_it(
     signals = {name: np.concatenate([values, again[name]]) for name, values in one.signals.items()}
     starts = [one.meta['start_cycle'], again.meta['start_cycle']]
     both = Trace(np.concatenate([one.time_s, again.time_s]), signals, one.meta | {'starts': starts})
-    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3 + figures.AFTER_S
+    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3 + run_figures.AFTER_S
     second_s = (starts[1] - starts[0]) * 1e-3
     assert drawn(both)[1] == pytest.approx(end_s + (second_s if together else 0.0), abs=0.02)
-    assert drawn(figures.windowed(both, second_s, second_s + 0.3)) == pytest.approx(
+    assert drawn(run_figures.windowed(both, second_s, second_s + 0.3)) == pytest.approx(
         (second_s, second_s + 0.3)
     )
 
@@ -155,7 +157,7 @@ def test_a_program_long_after_the_first_makes_no_spikes_of_it(
     [
         ((0.2, 0.5), (0.2, 0.5)),
         ((0.2, None), (0.2, None)),
-        ((None, 0.5), (-figures.BEFORE_S, 0.5)),
+        ((None, 0.5), (-run_figures.BEFORE_S, 0.5)),
         ((-0.01, 0.0), (-0.01, 0.0)),
         ((4.0, 4.5), (4.0, 4.5)),
         ((4.0, None), (4.0, 6.512)),  # behind the program: what is there
@@ -165,14 +167,14 @@ def test_a_window_counts_from_the_start_of_the_program(
     window: tuple[float | None, float | None], expected: tuple[float, float | None], trace: Trace
 ) -> None:
     own = late(trace, 500_000)
-    first, last = drawn(figures.windowed(own, *window))
+    first, last = drawn(run_figures.windowed(own, *window))
     assert first == pytest.approx(expected[0], abs=1e-9)
     assert last == pytest.approx(drawn(own)[1] if expected[1] is None else expected[1], abs=0.1)
 
 
 def test_a_window_without_a_program_counts_bus_time(trace: Trace) -> None:
     meta = {key: value for key, value in trace.meta.items() if key not in ('start_cycle', 'end_cycle')}
-    own = figures.windowed(Trace(trace.time_s, trace.signals, meta), 0.3, 0.4)
+    own = run_figures.windowed(Trace(trace.time_s, trace.signals, meta), 0.3, 0.4)
     assert drawn(own) == pytest.approx((0.3, 0.4))
 
 
@@ -181,7 +183,7 @@ def test_a_gap_in_a_recording_makes_no_spike(trace: Trace) -> None:
     keep[400:430] = False
     cut = Trace(trace.time_s[keep], {n: v[keep] for n, v in trace.signals.items()}, trace.meta)
     for whole, gapped in zip(
-        figures.arm_accelerations(trace).axes, figures.arm_accelerations(cut).axes, strict=True
+        run_figures.arm_accelerations(trace).axes, run_figures.arm_accelerations(cut).axes, strict=True
     ):
         highest = [
             max(np.nanmax(np.abs(np.asarray(line.get_ydata(), float))) for line in axes.get_lines())
@@ -202,7 +204,7 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
     printed = capsys.readouterr()
     assert 'programs started at 0, 3 s' in printed.err
     assert {path.name for path in folder.iterdir()} == {'currents.png', 'coupling_torque.png', 'signals.csv'}
-    data = recording.load(folder / 'signals.csv')
+    data = bag_trace.load(folder / 'signals.csv')
     assert set(data.signals) == {'current', 'coupling_torque'}
     assert data.time_s[[0, -1]] == pytest.approx([500.22, 500.42])  # bus time
     assert len(data.time_s) == 201
@@ -210,11 +212,11 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
     np.testing.assert_array_equal(data['current'], trace['current'][first : first + 201])
 
 
-@pytest.mark.parametrize('signal', figures.SUBJECTS.values())
+@pytest.mark.parametrize('signal', run_figures.SUBJECTS.values())
 def test_a_signal_asks_for_its_figures(signal: str) -> None:
-    chosen = {name for name in figures.FIGURES if figures.shows(name, [signal])}
-    assert chosen == {name for name, subject in figures.SUBJECTS.items() if subject == signal} != set()
-    assert figures.SUBJECTS.keys() == figures.FIGURES.keys()
+    chosen = {name for name in run_figures.FIGURES if run_figures.shows(name, [signal])}
+    assert chosen == {name for name, subject in run_figures.SUBJECTS.items() if subject == signal} != set()
+    assert run_figures.SUBJECTS.keys() == run_figures.FIGURES.keys()
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.jacobian_study import condition
-from delta3_pacdrive.jacobian_study.mapping import (
+from delta3_pacdrive.analysis.jacobian import condition
+from delta3_pacdrive.analysis.jacobian.mapping import (
     LENGTHS,
     Pose,
     inexact,
@@ -15,11 +15,11 @@ from delta3_pacdrive.jacobian_study.mapping import (
     solve,
     with_printed_jacobian_dot,
 )
-from delta3_pacdrive.jacobian_study.motion import Signals, load
-from delta3_pacdrive.tuning.analysis import exchanged_shaft
-from delta3_pacdrive.tuning.excitation import multisine
-from delta3_pacdrive.tuning.identification import Measured, opened, response
-from delta3_pacdrive.tuning.load import extremes, load_at
+from delta3_pacdrive.analysis.jacobian.motion import Signals, load
+from delta3_pacdrive.analysis.tuning.analysis import exchanged_shaft
+from delta3_pacdrive.analysis.tuning.excitation import multisine
+from delta3_pacdrive.analysis.tuning.identification import Measured, opened, response
+from delta3_pacdrive.analysis.tuning.load import extremes, load_at
 
 GEAR = 32.0
 

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive.bus.service import Access, Operation, ServiceError, format_idn, parse_idn
-from delta3_pacdrive.bus.words import Phase
-from delta3_pacdrive.drive.idn import TABLE, Register
-from delta3_pacdrive.drive.record import STATE
+from delta3_pacdrive.drive.arrays import STATE
+from delta3_pacdrive.drive.operation_data import TABLE, Register
 from delta3_pacdrive.parameters import flatten
+from delta3_pacdrive.sercos.service_channel import Access, Operation, ServiceError, format_idn, parse_idn
+from delta3_pacdrive.sercos.words import Phase
 
 # one rounding of a product or quotient; the values themselves are exact
 ROUNDING = 1e-15

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 import yaml
 
-from delta3_pacdrive import injection, simulation
-from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.time import NEVER
-from delta3_pacdrive.bus.transit import Transit
+from delta3_pacdrive import simulation
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.injection import KINDS, NAMES, Fault, Place, Schedule, Scheduled, befalls, parse
+from delta3_pacdrive.faults import injection
+from delta3_pacdrive.faults.injection import KINDS, NAMES, Fault, Place, Schedule, Scheduled, befalls, parse
+from delta3_pacdrive.faults.telegram_faults import Transit
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.plant.mechanism import Plant
+from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 HOME = [0.0, 0.0, -0.78]
 LINE = {'start_m': HOME, 'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.78], 'speed_m_s': 0.4}}]}

@@ -8,16 +8,17 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive import kinematics, parameters, simulation, trace_csv
+from delta3_pacdrive import kinematics, parameters, simulation
+from delta3_pacdrive.analysis.jacobian import condition, figures, mapping, motion, report, sensitivity, study
+from delta3_pacdrive.analysis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT, causes
+from delta3_pacdrive.analysis.jacobian.deviation import Deviation, peaks
+from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, JointMotion, Pose, inexact, joint_motion
+from delta3_pacdrive.analysis.jacobian.motion import Signals
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import ParameterError, TraceError
-from delta3_pacdrive.jacobian_study import condition, figures, mapping, motion, report, sensitivity, study
-from delta3_pacdrive.jacobian_study.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT, causes
-from delta3_pacdrive.jacobian_study.deviation import Deviation, peaks
-from delta3_pacdrive.jacobian_study.mapping import LENGTHS, JointMotion, Pose, inexact, joint_motion
-from delta3_pacdrive.jacobian_study.motion import Signals
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.trace import Trace
 
 NUMERICALLY_NIL = (1e-8, 1e-4)  # percent: rounding of 1e-16 m over steps of 1 ms, once and squared
 DIFFERENCED = 0.01  # percent of the peaks: the squared cycle time, times what jerks leave

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 import delta3_pacdrive
-from delta3_pacdrive import kernel, simulation
+from delta3_pacdrive import simulation
+from delta3_pacdrive.numerics import kernel
 
 LIMIT_S = 400.0  # for a compilation on a busy machine
 PACKAGE = Path(delta3_pacdrive.__file__).parent
@@ -22,7 +23,8 @@ PACKAGE = Path(delta3_pacdrive.__file__).parent
 FORWARD = """
 import json, sys, time
 import numpy as np
-from delta3_pacdrive import kernel, kinematics, parameters
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.numerics import kernel
 saved = []
 with kernel.watched(lambda: saved.append(1)):
     p = kinematics.forward(np.array([0.3, 0.35, 0.4]), parameters.load().kinematics)
@@ -30,12 +32,14 @@ print(json.dumps({'package': kernel.__file__, 'compiled': len(saved), 'p': p.tol
 """
 COMPILE = """
 import json
-from delta3_pacdrive import kernel, simulation
+from delta3_pacdrive import simulation
+from delta3_pacdrive.numerics import kernel
+from delta3_pacdrive.simulation import warm_up
 shown, saved = [], []
 kernel_watched = kernel.watched
 def watched(tell):
     return kernel_watched(lambda: (saved.append(1), tell()))
-simulation.watched = watched
+warm_up.watched = watched
 simulation.compile_kernels(lambda done, total: shown.append((done, total)))
 print(json.dumps({'saved': len(saved), 'shown': shown, 'all': kernel.all_compiled(), 'compiled': kernel.compiled()}))
 """
@@ -86,7 +90,13 @@ def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, tm
 
 def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, tmp_path):
     output_of(FORWARD, tmp_path / 'cache')
-    for name in ('figures.py', 'cli/plot.py', 'tuning/report.py', 'motion/planning.py', 'nodes/plant.py'):
+    for name in (
+        'analysis/run_figures.py',
+        'cli/plot.py',
+        'analysis/tuning/report.py',
+        'motion/program_planner.py',
+        'ros/nodes/plant.py',
+    ):
         with (copy / PACKAGE.name / name).open('a') as file:
             file.write('\n# an edit\n')
     assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] == 0
@@ -142,7 +152,8 @@ def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(tmp_path
     if len(os.sched_getaffinity(0)) > 1:
         assert max(answer['saved'] for answer in answers) < binaries
     # nothing is compiled in the middle of a run
-    run = 'import json; from delta3_pacdrive import kernel, parameters, simulation; saved = []\n'
+    run = 'import json; from delta3_pacdrive import parameters, simulation; saved = []\n'
+    run += 'from delta3_pacdrive.numerics import kernel\n'
     run += 'with kernel.watched(lambda: saved.append(1)): simulation.rehearse(parameters.load())\n'
     assert output_of(run + 'print(json.dumps(len(saved)))', tmp_path / 'cache') == 0
 
@@ -151,7 +162,7 @@ NODE = [
     sys.executable,
     '-P',
     '-c',
-    'from delta3_pacdrive.nodes import start; raise SystemExit(start.plant())',
+    'from delta3_pacdrive.ros.nodes import start; raise SystemExit(start.plant())',
 ]
 
 
@@ -171,7 +182,7 @@ def test_one_signal_ends_a_node_that_compiles(tmp_path):
 
 MARK_COMPILED = """
 import json, os
-from delta3_pacdrive import kernel
+from delta3_pacdrive.numerics import kernel
 kernel.mark_compiled()
 print(json.dumps({'compiled': kernel.all_compiled(), 'left': sorted(os.listdir(kernel.CACHE_DIRECTORY))}))
 """
@@ -204,7 +215,10 @@ def test_a_version_that_is_used_is_not_old(tmp_path):
     (mark,) = [name for name in output_of(MARK_COMPILED, tmp_path)['left'] if name.startswith(kernel.MARK)]
     (path,) = tmp_path.rglob(mark)
     os.utime(path, (1e9, 1e9))
-    assert output_of('from delta3_pacdrive import kernel\nprint(int(kernel.all_compiled()))', tmp_path) == 1
+    assert (
+        output_of('from delta3_pacdrive.numerics import kernel\nprint(int(kernel.all_compiled()))', tmp_path)
+        == 1
+    )
     assert path.stat().st_mtime > 1e9
 
 

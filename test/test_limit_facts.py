@@ -11,12 +11,12 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.checks import check_speed
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.limits import check_speed
 from delta3_pacdrive.motion.plan import Plan, sample_plan
-from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.motion.timeline import Timeline
+from delta3_pacdrive.motion.resume import rejoin
 
 STEP_S = 0.25e-3
 CYCLE_S = 1e-3
@@ -44,7 +44,7 @@ def limits(speed, acceleration, jerk):
 
 
 def plan(robot, moves, **fields):
-    return planning.plan(programs.parse({'moves': moves, **fields}, robot.motion), HOME, robot)
+    return program_planner.plan(programs.parse({'moves': moves, **fields}, robot.motion), HOME, robot)
 
 
 def first(planned):

@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive.bus.inbox import Inbox
-from delta3_pacdrive.bus.losses import FORGIVING_CYCLES
-from delta3_pacdrive.bus.master import Master
-from delta3_pacdrive.bus.silence import (
+from delta3_pacdrive.controller.transformation import DISABLE_CYCLES, Transformation
+from delta3_pacdrive.motion import program, program_planner
+from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.sercos.answer_buffer import Inbox
+from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.losses import FORGIVING_CYCLES
+from delta3_pacdrive.sercos.watchdog import (
     ANSWER_SILENT_S,
     BUS_SILENT_S,
     DRIVE_SILENT_S,
     MASTER_SILENT_S,
     Watch,
 )
-from delta3_pacdrive.bus.time import NEVER
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON, Status
-from delta3_pacdrive.motion import planning, program
-from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.transformation import DISABLE_CYCLES, Transformation
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Status
 
 FOLLOWS = int(Status.IN_TORQUE | Status.FOLLOWS_COMMAND)
 
@@ -114,7 +114,7 @@ def task(robot):
     line = program.parse(
         {'moves': [{'move_l': {'to_m': {'by_m': [0.0, 0.0, -0.1]}, 'speed_m_s': 0.5}}]}, robot.motion
     )
-    result.load(planning.plan(line, tcp, robot).plan)
+    result.load(program_planner.plan(line, tcp, robot).plan)
     result.enable_cycle = 0
     result.start(10)
     return result
@@ -220,7 +220,9 @@ def test_a_stop_for_an_axis_that_is_lost_is_as_hard_as_the_robot_can_also_when_a
         task = Transformation(robot)
         tcp = task.locate(np.zeros(3))
         slow = {'to_m': {'by_m': [0.0, 0.0, -0.1]}, 'speed_m_s': 0.5, 'acceleration_m_s2': 2.0}
-        task.load(planning.plan(program.parse({'moves': [{'move_l': slow}]}, robot.motion), tcp, robot).plan)
+        task.load(
+            program_planner.plan(program.parse({'moves': [{'move_l': slow}]}, robot.motion), tcp, robot).plan
+        )
         task.enable_cycle = 0
         task.start(10)
         commands(task, 0, 190)

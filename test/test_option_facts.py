@@ -5,15 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from delta3_pacdrive import parameters, recording, simulation
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.analysis.estimation import measurement, session
+from delta3_pacdrive.analysis.jacobian import run as jacobian_run
+from delta3_pacdrive.analysis.tuning import recording as tuning_recording
+from delta3_pacdrive.analysis.tuning import run as tuning_run
+from delta3_pacdrive.analysis.tuning.bench import Place
 from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.estimation import measurement, session
-from delta3_pacdrive.jacobian_study import run as jacobian_run
-from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.tuning import recording as tuning_recording
-from delta3_pacdrive.tuning import run as tuning_run
-from delta3_pacdrive.tuning.bench import Place
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.trace import Trace
 
 REPORT = {'ok': True}
 
@@ -193,7 +194,7 @@ def test_the_trace_of_a_simulation_is_the_file_that_was_asked_for(name, tmp_path
     arguments = [str(program), '--trace', str(tmp_path / name), '--exchange-period', '250e-6', '--json']
     assert simulate.main(arguments) == 0
     result = json.loads(capsys.readouterr().out)
-    trace = recording.load(tmp_path / name)
+    trace = bag_trace.load(tmp_path / name)
     assert len(trace.time_s) == result['cycles']
     assert trace.meta['exchange_period_s'] == 250e-6
     # the packaged robot, the packaged cycle of 1 ms

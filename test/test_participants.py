@@ -2,8 +2,8 @@
 
 import pytest
 
-from delta3_pacdrive.bus.participants import Announcement, Occasion, Participants
-from delta3_pacdrive.bus.phases import Identity
+from delta3_pacdrive.sercos.configuration_check import Identity
+from delta3_pacdrive.sercos.participants import Announcement, Occasion, Participants
 
 
 @pytest.fixture

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters
-from delta3_pacdrive.bus import words
+from delta3_pacdrive.analysis.tuning.run import robot_of
+from delta3_pacdrive.analysis.tuning.study import Settings
 from delta3_pacdrive.errors import ParameterError, ProgramError, TelegramError, TuningError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
-from delta3_pacdrive.tuning.run import robot_of
-from delta3_pacdrive.tuning.study import Settings
+from delta3_pacdrive.sercos import words
 
 TOO_HEAVY_KG = PAYLOAD_MAX_KG + 1e-3
 RESERVE = 2.0  # of what is held at rest, over the limit
@@ -71,7 +71,9 @@ def test_a_tuning_carries_up_to_the_limit():
 @pytest.mark.parametrize('where', ['program', 'output'])
 def test_plans_carry_up_to_the_limit(where, robot):
     document = program_of(PAYLOAD_MAX_KG, where)
-    plan = planning.plan(programs.parse(document, robot.motion), np.array(document['start_m']), robot).plan
+    plan = program_planner.plan(
+        programs.parse(document, robot.motion), np.array(document['start_m']), robot
+    ).plan
     row = plan.moves[0].to_array(0, 1)
     assert Move.from_array(row)
     (places,) = np.nonzero(row == PAYLOAD_MAX_KG)
@@ -84,7 +86,7 @@ def test_plans_carry_up_to_the_limit(where, robot):
 
 
 def test_telegrams_carry_up_to_the_limit():
-    telegram = pytest.importorskip('delta3_pacdrive.nodes.telegram', exc_type=ImportError)
+    telegram = pytest.importorskip('delta3_pacdrive.ros.cdr', exc_type=ImportError)
     assert words.PAYLOAD_MAX_KG == parameters.PAYLOAD_MAX_KG
     session = b'3fa9'
     for kg in (0.0, PAYLOAD_MAX_KG):

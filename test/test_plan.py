@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import curves, planning
+from delta3_pacdrive.motion import curves, program_planner
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.checks import check_reach
-from delta3_pacdrive.motion.master import plan_master, rest, sample_master
+from delta3_pacdrive.motion.limits import check_reach
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, sample_path
 from delta3_pacdrive.motion.plan import (
     CONTINUOUS,
@@ -32,6 +31,7 @@ from delta3_pacdrive.motion.plan import (
     plan_path_at,
     sample_plan,
 )
+from delta3_pacdrive.motion.virtual_master import plan_master, rest, sample_master
 
 HOME = (0.0, 0.0, -0.75)
 EXACT = 1e-12
@@ -62,7 +62,7 @@ def planned(robot):
         {'cubic': {'to_m': [0.05, 0.0, -0.8], 'duration_s': 0.4, 'end_velocity_m_s': [0.2, 0.1, 0.0]}},
         {'cubic': {'to_m': [0.1, 0.1, -0.8], 'duration_s': 0.5}},
     ]
-    return planning.plan(programs.parse({'moves': moves}, robot.motion), HOME, robot).plan
+    return program_planner.plan(programs.parse({'moves': moves}, robot.motion), HOME, robot).plan
 
 
 def refusal(function, *arguments):

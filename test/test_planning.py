@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import curves, planning
+from delta3_pacdrive.motion import curves, program_planner
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.demand import path_demand, timed_demand
-from delta3_pacdrive.motion.master import master_at_distances, plan_master, sample_master
 from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.path_dynamics import path_demand, timed_demand
 from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind, Plan, sample_plan
+from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
 
 HOME = (0.0, 0.0, -0.75)
 EXACT = 1e-12
@@ -36,7 +36,7 @@ def parse(robot, moves, **fields):
 
 def plan(robot, moves, position=HOME, **fields):
     """Plan a program of statements for a robot at a position."""
-    return planning.plan(parse(robot, moves, **fields), position, robot)
+    return program_planner.plan(parse(robot, moves, **fields), position, robot)
 
 
 def to(x, y, z, **options):
@@ -568,7 +568,7 @@ OUTSIDE = (0.63, 0.0, -0.8)  # 30 mm
 
 def plan_back(robot, moves, position=OUTSIDE, **fields):
     """Plan for a robot that was pushed to a position."""
-    return planning.plan(parse(robot, moves, **fields), position, robot, returning=True)
+    return program_planner.plan(parse(robot, moves, **fields), position, robot, returning=True)
 
 
 @pytest.mark.parametrize(
@@ -767,7 +767,7 @@ def test_a_program_may_have_no_more_moves_than_a_plan_holds(robot):
 def test_packaged_programs_are_planned_without_being_slowed_down(robot):
     for name in programs.packaged_names():
         program = programs.load(name, robot.motion)
-        planned = planning.plan(program, program.start_m or robot.motion.home_m, robot)
+        planned = program_planner.plan(program, program.start_m or robot.motion.home_m, robot)
         assert planned.name == program.name
         assert len(planned.plan) >= program.repeat
         assert all(' is slowed down, ' in notice for notice in planned.notices)
@@ -1098,7 +1098,7 @@ def test_everything_that_cannot_be_planned_is_told_with_its_place(robot, tmp_pat
     path.write_text(MISTAKES, encoding='utf-8')
     read = programs.load(path, robot.motion)
     with pytest.raises(ProgramError) as error:
-        planning.plan(read, robot.motion.home_m, robot)
+        program_planner.plan(read, robot.motion.home_m, robot)
     told = [sentence.split(': ')[:2] for sentence in str(error.value).split('; ')]
     assert told == [
         [f'{path}:3:5', 'moves[1].move_l'],
@@ -1115,7 +1115,7 @@ def test_behind_a_move_that_cannot_be_planned_planning_goes_on_at_its_end(robot)
     near = {'move_l': {'to_m': {'by_m': [0.0, 0.1, 0.0]}}}  # from (0.1, 0, -0.8)
     read = programs.parse({'moves': [far, back, near]}, robot.motion)
     with pytest.raises(ProgramError) as error:
-        planning.plan(read, robot.motion.home_m, robot)
+        program_planner.plan(read, robot.motion.home_m, robot)
     assert [sentence.split(':')[0] for sentence in str(error.value).split('; ')] == [
         'moves[0].move_l',
         'moves[1].move_l',
@@ -1125,7 +1125,7 @@ def test_behind_a_move_that_cannot_be_planned_planning_goes_on_at_its_end(robot)
 def test_ten_mistakes_are_enough(robot):
     moves = [{'move_l': {'to_m': [0.9, 0.01 * n, -0.8]}} for n in range(30)]
     with pytest.raises(ProgramError) as error:
-        planning.plan(programs.parse({'moves': moves}, robot.motion), robot.motion.home_m, robot)
+        program_planner.plan(programs.parse({'moves': moves}, robot.motion), robot.motion.home_m, robot)
     *told, last = str(error.value).split('; ')
     assert len(told) == 10
     assert last == 'the search ended after 10 errors'
@@ -1136,5 +1136,5 @@ def test_an_output_is_not_blamed_for_the_move_that_it_belongs_to(robot):
     grip = {'output': {'name': 'gripper', 'value': True, 'before_m': 0.01}}
     moves = [{'move_l': {'to_m': [0.0, 0.0, -0.75]}}, no_circle, grip, {'dwell': {'time_s': 0.1}}]
     with pytest.raises(ProgramError) as error:
-        planning.plan(programs.parse({'moves': moves}, robot.motion), [0.0, 0.0, -0.8], robot)
+        program_planner.plan(programs.parse({'moves': moves}, robot.motion), [0.0, 0.0, -0.8], robot)
     assert [sentence.split(':')[0] for sentence in str(error.value).split('; ')] == ['moves[1].move_c']

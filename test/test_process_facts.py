@@ -11,10 +11,10 @@ pytest.importorskip(
     'rclpy', reason='processes of a robot need the ROS wheels (extra "ros") or a sourced ROS 2'
 )
 
+from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.bringup.lock import only_one
+from delta3_pacdrive.bringup.processes import Child, end_all
 from delta3_pacdrive.errors import ParameterError, RunError
-from delta3_pacdrive.nodes.bringup import Bringup, Options
-from delta3_pacdrive.nodes.child import Child, end_all
-from delta3_pacdrive.nodes.lock import only_one
 
 
 def run_python(code, *arguments):
@@ -99,7 +99,7 @@ def test_an_ending_is_told_with_the_last_error(status, printed, sentence, tmp_pa
 # scheduling
 
 PERMITTED = """
-from delta3_pacdrive.nodes import scheduling
+from delta3_pacdrive.bringup import scheduling
 before = scheduling.real_time_is_permitted()
 scheduling.give_up_real_time()
 print(before, scheduling.real_time_is_permitted())
@@ -122,11 +122,11 @@ def test_real_time_is_permitted_where_it_works_and_not_where_it_was_given_up():
 ALONE = """
 import sys
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.nodes import runtime
+from delta3_pacdrive.ros import node_process
 def fail():
-    print(runtime.is_separate())
+    print(node_process.is_separate())
     raise RunError('no node today')
-sys.exit(runtime.run([fail] * int(sys.argv[1]), []))
+sys.exit(node_process.run([fail] * int(sys.argv[1]), []))
 """
 
 

@@ -12,11 +12,11 @@ import yaml
 from hypothesis import event, example, given, settings
 from hypothesis import strategies as st
 
-from delta3_pacdrive import yaml_file
+from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.checks import Limits
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind, sample_plan
 from delta3_pacdrive.motion.program import Cubic, Dwell, MoveC, MoveL, MoveSB, Output, Program, Target
 
@@ -679,7 +679,7 @@ SOME_PROGRAM = st.fixed_dictionaries(
 @given(SOME_PROGRAM)
 def test_whatever_is_read_is_planned_within_the_workspace_or_refused_with_one_sentence(robot, document):
     try:
-        planned = planning.plan(parse(document, robot), HOME, robot)
+        planned = program_planner.plan(parse(document, robot), HOME, robot)
     except ProgramError as error:
         event(checked(error)[:40])
         return

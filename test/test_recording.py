@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from delta3_pacdrive import recording
-from delta3_pacdrive.bag_writer import BagWriter
-from delta3_pacdrive.bus.time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.errors import Delta3Error, TraceError
-from delta3_pacdrive.signals import SIGNALS
-from delta3_pacdrive.trace import Trace
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.bag_writer import BagWriter
+from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE, POINT, VECTOR = (
@@ -112,7 +112,7 @@ def assert_holds(trace, cycles=range(CYCLES), signals=SIGNALS):
 def refusal(path):
     """Return the one sentence in which a recording is refused; it names the recording."""
     with pytest.raises(TraceError) as caught:
-        recording.load(path)
+        bag_trace.load(path)
     sentence = str(caught.value)
     assert isinstance(caught.value, Delta3Error)
     assert str(path) in sentence
@@ -128,36 +128,36 @@ def refusal(path):
 @given(st.permutations(messages()))
 def test_messages_belong_to_the_cycle_of_their_stamp_in_whatever_order_they_came(tmp_path_factory, arrivals):
     bag = record(tmp_path_factory.mktemp('order') / 'bag', arrivals)
-    assert_holds(recording.read_bag(bag))
+    assert_holds(bag_trace.read_bag(bag))
 
 
 @pytest.mark.parametrize('batch', [1, 3, CYCLES, CYCLES + 2])
 def test_a_recording_longer_than_a_batch_is_read_whole_and_once(batch, tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, 'BATCH', batch)
-    trace = recording.read_bag(record(tmp_path / 'bag', [('tcp/error', b'noise'), *messages()[::-1]]))
+    monkeypatch.setattr(bag_trace, 'BATCH', batch)
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', [('tcp/error', b'noise'), *messages()[::-1]]))
     assert_holds(trace)
     assert trace.meta['refused'] == {'tcp/error': 1}
 
 
 def test_messages_of_one_layout_are_not_parsed_one_by_one(tmp_path, monkeypatch):
     parsed = []
-    parse = recording._Column._parse
+    parse = bag_trace._Column._parse
     monkeypatch.setattr(
-        recording._Column, '_parse', lambda self, data: parsed.append(data) or parse(self, data)
+        bag_trace._Column, '_parse', lambda self, data: parsed.append(data) or parse(self, data)
     )
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', messages())))
+    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', messages())))
     assert len(parsed) == len(TYPES)
 
 
 @pytest.mark.parametrize('storage', StoragePlugin)
 def test_either_storage_of_rosbag2_is_read(storage, tmp_path):
-    assert_holds(recording.load(record(tmp_path / 'bag', messages(), storage=storage)))
+    assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), storage=storage)))
 
 
 @pytest.mark.parametrize('first', [0, 1, 5])
 def test_a_recording_that_began_late_keeps_its_bus_time(first, tmp_path):
     bag = record(tmp_path / 'bag', messages(range(first, CYCLES)))
-    assert_holds(recording.read_bag(bag), range(first, CYCLES))
+    assert_holds(bag_trace.read_bag(bag), range(first, CYCLES))
 
 
 @pytest.mark.parametrize('topics', [TYPES, ['sercos/at/axis1'], ['tcp/command', 'plant/motor_shafts']])
@@ -165,7 +165,7 @@ def test_greetings_before_cyclic_operation_are_no_cycles_and_not_refused(topics,
     arrivals = messages()
     for place in (len(arrivals), 20, 0):
         arrivals[place:place] = greetings(topics)
-    trace = recording.read_bag(record(tmp_path / 'bag', arrivals))
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals))
     assert_holds(trace)
     assert 'refused' not in trace.meta
 
@@ -180,7 +180,7 @@ def test_shafts_published_in_every_exchange_are_taken_at_cycle_starts(tmp_path):
         for n in range(4 * CYCLES)
         if n % 4
     ]
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', between + messages())))
+    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', between + messages())))
 
 
 @pytest.mark.parametrize('topic', [topic for topic in TYPES if topic != 'plant/motor_shafts'])
@@ -205,22 +205,22 @@ def test_a_cycle_that_any_topic_lacks_is_left_out_and_no_other(tmp_path_factory,
     stamped = [(topic, k) for k in range(CYCLES) for topic in TYPES]
     arrivals = [entry for entry, at in zip(messages(), stamped, strict=True) if at not in lost]
     incomplete = {cycle for _, cycle in lost}
-    trace = recording.read_bag(record(tmp_path_factory.mktemp('lost') / 'bag', arrivals))
+    trace = bag_trace.read_bag(record(tmp_path_factory.mktemp('lost') / 'bag', arrivals))
     assert_holds(trace, sorted(set(range(CYCLES)) - incomplete))
 
 
 def test_what_the_recorder_counted_as_lost_stays_in_the_metadata(tmp_path):
     meta = META | {'lost': {'tcp/actual': 1}}
     arrivals = [entry for entry in messages() if entry != messages([4], ['tcp/actual'])[0]]
-    trace = recording.read_bag(record(tmp_path / 'bag', arrivals, meta))
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals, meta))
     assert_holds(trace, [0, 1, 2, 3, 5, 6, 7])
     assert trace.meta == meta
-    assert recording.missing(tmp_path / 'bag') == {'tcp/actual': 1}
+    assert bag_trace.missing(tmp_path / 'bag') == {'tcp/actual': 1}
 
 
 def test_missing_messages_of_no_bag_are_refused(tmp_path):
     with pytest.raises(TraceError, match='cannot read recording'):
-        recording.missing(tmp_path)
+        bag_trace.missing(tmp_path)
 
 
 def test_topics_that_share_no_cycle_are_named(tmp_path):
@@ -231,7 +231,7 @@ def test_topics_that_share_no_cycle_are_named(tmp_path):
 
 def test_a_topic_that_was_not_recorded_is_missed_by_the_name_of_its_signal(tmp_path):
     types = {topic: kind for topic, kind in TYPES.items() if topic not in {'tcp/error', 'sercos/at/axis2'}}
-    trace = recording.read_bag(record(tmp_path / 'bag', messages(topics=types), types=types))
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', messages(topics=types), types=types))
     gone = {'tcp_error', 'motor_position', 'motor_speed', 'current'}
     assert_holds(trace, signals=[name for name in SIGNALS if name not in gone])
     for name in gone:
@@ -241,13 +241,13 @@ def test_a_topic_that_was_not_recorded_is_missed_by_the_name_of_its_signal(tmp_p
 
 def test_one_drive_alone_makes_no_signal(tmp_path):
     types = {'sercos/at/axis3': JOINT_STATE}
-    trace = recording.read_bag(record(tmp_path / 'bag', messages(topics=types), types=types))
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', messages(topics=types), types=types))
     with pytest.raises(TraceError, match='no signal current, only none'):
         trace['current']
 
 
 def test_a_message_recorded_twice_counts_once(tmp_path):
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', messages() + messages(range(3, 6)))))
+    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', messages() + messages(range(3, 6)))))
 
 
 @pytest.mark.parametrize('topic', TYPES)
@@ -278,7 +278,7 @@ WRONG = {
 def test_a_message_that_the_nodes_refuse_is_left_out_and_counted(wrong, place, tmp_path):
     arrivals = [entry for entry in messages() if entry != messages([5], ['sercos/mdt'])[0]]
     arrivals.insert(place, ('sercos/mdt', WRONG[wrong]))
-    trace = recording.read_bag(record(tmp_path / 'bag', arrivals))
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals))
     assert_holds(trace, [0, 1, 2, 3, 4, 6, 7])
     assert trace.meta['refused'] == {'sercos/mdt': 1}
 
@@ -289,18 +289,18 @@ def test_a_message_that_the_nodes_refuse_is_left_out_and_counted(wrong, place, t
 @pytest.mark.parametrize('frame', ['', 'base', 'a frame of another length', 'Grundplatte \N{DEGREE SIGN}'])
 def test_the_frame_does_not_matter(frame, tmp_path):
     arrivals = messages(range(4)) + messages(range(4, CYCLES), frame=frame)
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', arrivals)))
+    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', arrivals)))
 
 
 @pytest.mark.parametrize('padding', [1, 2, 3])
 def test_messages_padded_to_whole_words_are_read(padding, tmp_path):
     arrivals = [(topic, data + bytes(padding)) for topic, data in messages()]
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', arrivals)))
+    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', arrivals)))
 
 
 def test_messages_of_the_other_byte_order_are_read(tmp_path):
     arrivals = messages(range(4), little_endian=False) + messages(range(4, CYCLES))
-    assert_holds(recording.read_bag(record(tmp_path / 'bag', arrivals)))
+    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', arrivals)))
 
 
 def test_zeros_tell_no_byte_order(tmp_path):
@@ -311,7 +311,7 @@ def test_zeros_tell_no_byte_order(tmp_path):
         ('tcp/command', message('tcp/command', stamp, value, little_endian=False))
         for stamp, value in zip(stamps, values, strict=True)
     ]
-    trace = recording.read_bag(record(tmp_path / 'bag', arrivals, types=types))
+    trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals, types=types))
     assert trace['tcp_command'].tolist() == [list(value) for value in values]
 
 
@@ -319,16 +319,16 @@ def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
     pytest.importorskip('rclpy', reason='the layouts are written with the message types of ROS')
     from geometry_msgs.msg import PointStamped, Vector3Stamped
 
-    from delta3_pacdrive.nodes import telegram
+    from delta3_pacdrive.ros import cdr
 
     codecs = {
-        'sercos/mdt': telegram.mdt_codec(),
-        **{f'sercos/at/{axis}': telegram.at_codec(axis) for axis in AXES},
-        'plant/motor_shafts': telegram.shafts_codec(),
-        'following_error': telegram.following_error_codec(),
-        'tcp/command': telegram.StampedTripleCodec(PointStamped, 4),
-        'tcp/actual': telegram.StampedTripleCodec(PointStamped, 4),
-        'tcp/error': telegram.StampedTripleCodec(Vector3Stamped, 4),
+        'sercos/mdt': cdr.mdt_codec(),
+        **{f'sercos/at/{axis}': cdr.at_codec(axis) for axis in AXES},
+        'plant/motor_shafts': cdr.shafts_codec(),
+        'following_error': cdr.following_error_codec(),
+        'tcp/command': cdr.StampedTripleCodec(PointStamped, 4),
+        'tcp/actual': cdr.StampedTripleCodec(PointStamped, 4),
+        'tcp/error': cdr.StampedTripleCodec(Vector3Stamped, 4),
     }
     for topic, data in messages([3]):
         frame = FRAMES.get(topic, 'base').encode()
@@ -341,13 +341,13 @@ def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
 
 @pytest.mark.parametrize('namespace', ['/', '', '/cell2/', '/hall/cell2/', '/tcp/', '/sercos/'])
 def test_one_robot_is_found_in_any_namespace(namespace, tmp_path):
-    assert_holds(recording.load(record(tmp_path / 'bag', messages(), namespace=namespace)))
+    assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), namespace=namespace)))
 
 
 def test_other_topics_beside_the_robot_do_not_matter(tmp_path):
     others = dict.fromkeys(('camera/command', 'axis1/motor_current', 'the_following_error'), JOINT_STATE)
     arrivals = [*((topic, b'noise') for topic in others), *messages()]
-    assert_holds(recording.load(record(tmp_path / 'bag', arrivals, types=TYPES | others)))
+    assert_holds(bag_trace.load(record(tmp_path / 'bag', arrivals, types=TYPES | others)))
 
 
 def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):
@@ -359,7 +359,7 @@ def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):
 
 def test_a_robot_that_was_never_heard_is_none(tmp_path):
     types = TYPES | {f'cell2/{topic}': kind for topic, kind in TYPES.items()}
-    assert_holds(recording.load(record(tmp_path / 'bag', messages(), types=types)))
+    assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), types=types)))
 
 
 def test_a_topic_of_another_type_is_named(tmp_path):
@@ -379,9 +379,9 @@ def test_a_bag_of_something_else_is_told_what_was_expected(tmp_path):
 
 def test_metadata_of_the_recorder_comes_back_without_cycles_that_it_did_not_know(tmp_path):
     known = META | {'start_cycle': 2, 'end_cycle': 6, 'lost': {}}
-    assert recording.load(record(tmp_path / 'known', messages(), known)).meta == known
+    assert bag_trace.load(record(tmp_path / 'known', messages(), known)).meta == known
     unknown = META | {'start_cycle': -1, 'end_cycle': None}
-    assert recording.load(record(tmp_path / 'unknown', messages(), unknown)).meta == META
+    assert bag_trace.load(record(tmp_path / 'unknown', messages(), unknown)).meta == META
 
 
 @pytest.mark.parametrize(
@@ -425,7 +425,7 @@ def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
 )
 def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
     bag = record(tmp_path / 'bag', messages())
-    assert_holds(recording.load(bag))
+    assert_holds(bag_trace.load(bag))
     damage(bag)
     assert expected in refusal(bag)
 
@@ -444,7 +444,7 @@ def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
 def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
     bag = record(tmp_path / 'bag', messages())
     damage(bag / 'metadata.yaml')
-    trace = recording.load(bag)
+    trace = bag_trace.load(bag)
     assert_holds(trace)
     assert trace.meta == META  # the file keeps it too, and nothing is missing
 
@@ -460,22 +460,22 @@ def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
     left = sum(end <= size for end in whole)
     if left < len(TYPES):
         try:  # not one cycle is whole: it is refused, or holds the topics that are left
-            trace = recording.load(bag)
+            trace = bag_trace.load(bag)
         except TraceError:
             refusal(bag)
         else:
             assert trace.time_s.tolist() == [0.0]
             assert set(trace.signals) < set(SIGNALS)
         return
-    trace = recording.load(bag)
+    trace = bag_trace.load(bag)
     assert_holds(trace, range(left // len(TYPES)))
     if left < len(whole):
         assert f'{len(whole) - left} of {len(whole)} messages are missing' in trace.meta['cut']
         assert trace.meta['cut'].endswith(f'it ends at bus time {trace.time_s[-1]:.3f} s')
-        assert recording.cut(bag) in trace.meta['cut']
+        assert bag_trace.cut(bag) in trace.meta['cut']
     else:
         assert 'cut' not in trace.meta  # the index only
-        assert recording.cut(bag) == ''
+        assert bag_trace.cut(bag) == ''
 
 
 def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_path, caplog, robot):
@@ -483,7 +483,7 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
     (bag / 'metadata.yaml').unlink()
     content = (bag / 'bag.mcap').read_bytes()
     (bag / 'bag.mcap').write_bytes(content[: content.find(messages()[-1][1])])
-    trace = recording.load(bag)
+    trace = bag_trace.load(bag)
     assert trace.meta['cycle_time_s'] == 1e-3  # from the stamps
     assert trace.meta['gear_ratio'] == robot.dynamics.gear_ratio
     for words in ('cut off', 'those of the packaged parameters', 'it ends at bus time'):
@@ -497,8 +497,8 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
 def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
     bag = record(tmp_path / 'bag', messages(), meta=None)
     (bag / 'metadata.yaml').unlink()
-    assert len(recording.load(bag).time_s) == CYCLES
-    assert recording.cut(bag) == (
+    assert len(bag_trace.load(bag).time_s) == CYCLES
+    assert bag_trace.cut(bag) == (
         'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
     )
 
@@ -512,7 +512,7 @@ def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
     writer.flush()
     for i, (topic, data) in enumerate(messages(range(5, 8))):
         writer.write(topics[topic], 1000 + i, data)  # these wait in memory
-    trace = recording.load(tmp_path / 'bag')
+    trace = bag_trace.load(tmp_path / 'bag')
     assert_holds(trace, range(5))
     assert 'what was not yet on the disk is missing' in trace.meta['cut']
     assert f'{5 * len(TYPES)} messages are left' in caplog.text
@@ -528,7 +528,7 @@ def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_p
     file = tmp_path / 'bag' / 'bag.mcap'
     content = file.read_bytes()
     file.write_bytes(content + content[8:38])  # the beginning of a record that the power was cut off in
-    assert 'and 30 bytes at its end are no whole message' in recording.cut(tmp_path / 'bag')
+    assert 'and 30 bytes at its end are no whole message' in bag_trace.cut(tmp_path / 'bag')
 
 
 def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
@@ -538,8 +538,8 @@ def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
     document = yaml.safe_load(text)
     document['rosbag2_bagfile_information']['custom_data'] = custom
     (bag / 'metadata.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
-    assert recording.cut(bag) == 'the recorder stopped writing: no space left on device'
-    assert_holds(recording.load(bag))
+    assert bag_trace.cut(bag) == 'the recorder stopped writing: no space left on device'
+    assert_holds(bag_trace.load(bag))
 
 
 # programs
@@ -567,7 +567,7 @@ WITH_COURSES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
 def test_a_program_starts_where_its_course_says(courses, starts, start, tmp_path):
     meta = META | {'start_cycle': 120}  # as the parameters have it, of another time
     arrivals = courses + messages(range(2, CYCLES))
-    trace = recording.load(record(tmp_path / 'bag', arrivals, meta, types=WITH_COURSES, namespace='/cell2/'))
+    trace = bag_trace.load(record(tmp_path / 'bag', arrivals, meta, types=WITH_COURSES, namespace='/cell2/'))
     assert trace.meta['starts'] == starts
     assert trace.meta['start_cycle'] == start
 
@@ -582,7 +582,7 @@ def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, f
         content[place] = data.draw(st.integers(0, 255))
     (bag / file).write_bytes(content)
     try:
-        trace = recording.load(bag)
+        trace = bag_trace.load(bag)
     except TraceError:
         refusal(bag)
     else:
@@ -615,7 +615,7 @@ def test_a_bag_must_be_a_folder(name, tmp_path):
     with pytest.raises(
         TraceError, match=r'cannot read recording .*(no such folder|File name too long)'
     ) as caught:
-        recording.read_bag(tmp_path / name)
+        bag_trace.read_bag(tmp_path / name)
     assert str(tmp_path / name) in str(caught.value)
 
 
@@ -628,9 +628,9 @@ def saved(path):
 
 
 def test_a_bag_saved_as_a_trace_is_the_same_recording(tmp_path):
-    trace = recording.load(record(tmp_path / 'bag', messages()))
+    trace = bag_trace.load(record(tmp_path / 'bag', messages()))
     trace.save(tmp_path / 'bag.npz')
-    back = recording.load(tmp_path / 'bag.npz')
+    back = bag_trace.load(tmp_path / 'bag.npz')
     assert_holds(back)
     assert back.meta == trace.meta
 
@@ -645,7 +645,7 @@ def test_changed_bytes_of_a_trace_file_change_no_number(tmp_path_factory, data):
     content[place] ^= data.draw(st.integers(1, 255))
     path.write_bytes(content)
     try:
-        trace = recording.load(path)
+        trace = bag_trace.load(path)
     except TraceError:
         refusal(path)
     else:
@@ -677,7 +677,7 @@ def bare_array():
 def test_an_archive_of_the_right_form_is_a_trace(tmp_path):
     path = tmp_path / 'run.npz'
     path.write_bytes(archive(tcp_error=np.ones((3, 3))))
-    assert recording.load(path)['tcp_error'].tolist() == [[1.0] * 3] * 3
+    assert bag_trace.load(path)['tcp_error'].tolist() == [[1.0] * 3] * 3
 
 
 OTHER_FORMS = [

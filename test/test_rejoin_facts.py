@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.master import sample_master
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.plan import MoveKind, Plan, PlanBuilder
-from delta3_pacdrive.motion.rejoin import left_of_plan
-from delta3_pacdrive.motion.timeline import Timeline
+from delta3_pacdrive.motion.resume import left_of_plan
+from delta3_pacdrive.motion.virtual_master import sample_master
 
 CYCLE_S = 1e-3
 START = (0.0, 0.0, -0.75)
@@ -28,7 +28,9 @@ MOVES = [
 
 @pytest.fixture(scope='module')
 def plan(robot):
-    return planning.plan(programs.parse({'moves': MOVES, 'limits': LIMITS}, robot.motion), START, robot).plan
+    return program_planner.plan(
+        programs.parse({'moves': MOVES, 'limits': LIMITS}, robot.motion), START, robot
+    ).plan
 
 
 def stopped(plan, number, share):

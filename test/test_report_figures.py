@@ -7,21 +7,21 @@ import pytest
 from scipy.optimize import brentq
 
 from delta3_pacdrive import dynamics, kinematics, simulation
-from delta3_pacdrive.estimation.problem import Block, Problem
-from delta3_pacdrive.estimation.quantities import TABLE
-from delta3_pacdrive.estimation.solver import fit
-from delta3_pacdrive.experiments.attribution import EFFECTS, Attribution, _outcome
-from delta3_pacdrive.experiments.comparison import QUANTITIES, Comparison, Run
-from delta3_pacdrive.experiments.findings import Finding, findings, verdict
-from delta3_pacdrive.jacobian_study import report as jacobian_report
-from delta3_pacdrive.jacobian_study.deviation import THRESHOLD, Deviation, figures, peaks
-from delta3_pacdrive.jacobian_study.mapping import Pose
-from delta3_pacdrive.jacobian_study.motion import Signals, load
-from delta3_pacdrive.jacobian_study.sensitivity import sensitivities, slope
+from delta3_pacdrive.analysis.estimation.problem import Block, Problem
+from delta3_pacdrive.analysis.estimation.quantities import TABLE
+from delta3_pacdrive.analysis.estimation.solver import fit
+from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, _outcome
+from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
+from delta3_pacdrive.analysis.experiments.findings import Finding, findings, verdict
+from delta3_pacdrive.analysis.jacobian import report as jacobian_report
+from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, figures, peaks
+from delta3_pacdrive.analysis.jacobian.mapping import Pose
+from delta3_pacdrive.analysis.jacobian.motion import Signals, load
+from delta3_pacdrive.analysis.jacobian.sensitivity import sensitivities, slope
+from delta3_pacdrive.analysis.tuning import effect, settings
+from delta3_pacdrive.analysis.tuning.load import friction_slope, load_at
+from delta3_pacdrive.analysis.tuning.response import bandwidth, margins, step_figures
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.tuning import effect, settings
-from delta3_pacdrive.tuning.load import friction_slope, load_at
-from delta3_pacdrive.tuning.response import bandwidth, margins, step_figures
 
 EXACT = 1e-12
 GRID = 2e-3  # of margins that are interpolated between 4000 frequencies

@@ -10,8 +10,8 @@ from delta3_pacdrive.drive import sensors
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motor import motor
-from delta3_pacdrive.plant.mechanism import Plant
-from delta3_pacdrive.plant.rich import bristle_after, bristle_friction, motor_torque, rich_constants
+from delta3_pacdrive.plant.built_robot import bristle_after, bristle_friction, motor_torque, rich_constants
+from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.simulation import run
 
 GEAR, K_M, BRAKE_N_M = 32.0, 0.78, 3.0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters, simulation
-from delta3_pacdrive.motion import planning
+from delta3_pacdrive.controller.transformation import SETTLE_CYCLES, Transformation
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.transformation import SETTLE_CYCLES, Transformation
+from delta3_pacdrive.motion import program_planner
 
 GEAR = 32.0
 CYCLE_S = 1e-3
@@ -65,7 +65,7 @@ def test_the_largest_following_error_may_be_of_either_sign(trace, robot):
         program = programs.parse({'moves': [{'dwell': {'time_s': 0.01}}]}, robot.motion)
         home = kinematics.inverse(robot.motion.home_m, robot.kinematics) * GEAR
         task.locate(home)
-        task.load(planning.plan(program, robot.motion.home_m, robot).plan)
+        task.load(program_planner.plan(program, robot.motion.home_m, robot).plan)
         first = task.next_cycle
         task.start(first)
         for cycle in range(first, first + 20):
@@ -90,7 +90,7 @@ def test_a_robot_that_does_not_follow_is_not_told_to_be_where_it_should(robot):
     home = kinematics.inverse(robot.motion.home_m, robot.kinematics) * GEAR
     task.locate(home)
     program = programs.parse({'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.8]}}]}, robot.motion)
-    task.load(planning.plan(program, robot.motion.home_m, robot).plan)
+    task.load(program_planner.plan(program, robot.motion.home_m, robot).plan)
     task.start(0)
     for cycle in range(task.last_cycle + 1):
         task.command(cycle)

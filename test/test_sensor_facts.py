@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from delta3_pacdrive.drive.arrays import drive_constants
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.record import drive_constants
 from delta3_pacdrive.drive.sensors import measured_current
-from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.motor import friction_torque, motor
+from delta3_pacdrive.numerics.kernel import kernel
 
 INCREMENT_RAD = math.tau / 2**19
 SENSORS = {

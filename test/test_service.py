@@ -9,7 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from delta3_pacdrive.bus.service import (
+from delta3_pacdrive.drive.arrays import CONSTANTS, STATE, drive_constants
+from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
+from delta3_pacdrive.drive.operation_data import (
+    ALWAYS,
+    BEFORE_CP4,
+    PHASE,
+    RESET_CLASS_1_DIAGNOSTIC,
+    TABLE,
+    Group,
+    Register,
+    refusal,
+    value_text,
+)
+from delta3_pacdrive.errors import ParameterError, TelegramError
+from delta3_pacdrive.sercos.service_channel import (
     ANSWER_CYCLES_MAX,
     ERROR_TEXTS,
     IDLE,
@@ -23,21 +37,7 @@ from delta3_pacdrive.bus.service import (
     format_idn,
     parse_idn,
 )
-from delta3_pacdrive.bus.words import Phase
-from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
-from delta3_pacdrive.drive.idn import (
-    ALWAYS,
-    BEFORE_CP4,
-    PHASE,
-    RESET_CLASS_1_DIAGNOSTIC,
-    TABLE,
-    Group,
-    Register,
-    refusal,
-    value_text,
-)
-from delta3_pacdrive.drive.record import CONSTANTS, STATE, drive_constants
-from delta3_pacdrive.errors import ParameterError, TelegramError
+from delta3_pacdrive.sercos.words import Phase
 
 KV, K_I, MASS_OBSERVER, SPEED, UNKNOWN = (
     parse_idn(text) for text in ('S-0-0104', 'P-0-0011', 'P-0-0022', 'S-0-0040', 'S-0-4000')
@@ -601,7 +601,7 @@ def test_numbers_names_and_units_of_the_table():
     assert all(row.unit and row.name for row in rows)
     assert {row.group for row in rows} == set(Group)
     # two rows with one number would be one in the table
-    from delta3_pacdrive.drive import idn as module
+    from delta3_pacdrive.drive import operation_data as module
 
     assert len(module._ROWS) == len(TABLE)
 

@@ -8,12 +8,13 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.controller.transformation import SETTLE_CYCLES
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
-from delta3_pacdrive.simulation import AXES, Robot, run
-from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.transformation import SETTLE_CYCLES
+from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.simulation import run
+from delta3_pacdrive.simulation.robot import AXES, Robot
 
 GEAR = 32.0
 INCREMENT_RAD = math.tau / 2**19

@@ -2,8 +2,8 @@
 
 import pytest
 
-from delta3_pacdrive.bus.statistics import BusStatistics
-from delta3_pacdrive.bus.words import payload_on_grid
+from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.words import payload_on_grid
 
 MS = 1_000_000  # [ns]
 BIN_MS = 0.01  # of a histogram, whose upper edges are told
@@ -45,7 +45,7 @@ def test_refused_telegrams_are_told():
 
 
 def test_a_schedule_that_slips_twice_tells_both_slips():
-    from delta3_pacdrive.bus.pacing import Pacing
+    from delta3_pacdrive.sercos.scheduler import Pacing
 
     pacing = Pacing(1e-3, 2)
     assert pacing.may_start(0, 0, 0.0)

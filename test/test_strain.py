@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from delta3_pacdrive.nodes import strain
-from delta3_pacdrive.nodes.strain import LOOK_S, SHARE, Strain
+from delta3_pacdrive.bringup import cpu_load
+from delta3_pacdrive.bringup.cpu_load import LOOK_S, SHARE, Strain
 
 TICKS = os.sysconf('SC_CLK_TCK')
 CORES = len(os.sched_getaffinity(0))
@@ -17,7 +17,7 @@ class Machine:
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.folder, self.now_s = folder, 100.0
-        patch.setattr(strain.time, 'monotonic', lambda: self.now_s)
+        patch.setattr(cpu_load.time, 'monotonic', lambda: self.now_s)
 
     def thread(
         self, number: int, seconds: float, policy: int = 1, flags: int = 0, in_the_kernel: bool = False

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis.estimation import session
+from delta3_pacdrive.analysis.experiments import report as experiment_report
+from delta3_pacdrive.analysis.jacobian import run as jacobian_run
+from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json, write_table
+from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.cli import estimate, experiment, jacobian, output, simulate, tune
 from delta3_pacdrive.errors import ReportError
-from delta3_pacdrive.estimation import session
-from delta3_pacdrive.experiments import report as experiment_report
-from delta3_pacdrive.jacobian_study import run as jacobian_run
-from delta3_pacdrive.provenance import Provenance, digest, write_json, write_table
-from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.tuning import run as tuning_run
+from delta3_pacdrive.recording.trace import Trace
 
 # every number is another one, so that none can stand for another
 FIGURES = {

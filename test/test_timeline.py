@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from delta3_pacdrive.bus.time import NEVER
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.master import master_at_distances, sample_master, slowest
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import Course, Timeline, velocity_stop
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import MoveKind
-from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.motion.timeline import Course, Timeline, velocity_stop
+from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest
+from delta3_pacdrive.sercos.bus_time import NEVER
 
 CYCLE_S = 1e-3
 START = (0.0, 0.0, -0.75)
@@ -34,7 +34,7 @@ CONNECTION = 1.0 + 1e-3  # what a way back to the plan may exceed the plan by
 
 def planned(robot, jerk=500.0):
     document = {'moves': MOVES, 'limits': {**LIMITS, 'jerk_m_s3': jerk}}
-    return planning.plan(programs.parse(document, robot.motion), START, robot).plan
+    return program_planner.plan(programs.parse(document, robot.motion), START, robot).plan
 
 
 @pytest.fixture(scope='module')
@@ -190,7 +190,7 @@ def test_a_change_of_override_counts_soon_unless_the_move_ends_before(plan):
 
 def test_an_override_is_reached_within_the_time_that_the_limits_need(robot):
     document = {'moves': [{'move_l': {'to_m': [0.4, 0.0, -0.75], 'speed_m_s': 0.4}}]}
-    line = planning.plan(programs.parse(document, robot.motion), START, robot).plan
+    line = program_planner.plan(programs.parse(document, robot.motion), START, robot).plan
     timeline = started(line)
     timeline.change(rejoin(timeline, 300, 0.5))
     rows = states(timeline, 300, timeline.end_cycle)
@@ -385,7 +385,7 @@ HARD = {
 def hard(robot):
     """Plans of the programs that are hard to hold."""
     return {
-        name: planning.plan(programs.parse({'moves': moves}, robot.motion), START, robot).plan
+        name: program_planner.plan(programs.parse({'moves': moves}, robot.motion), START, robot).plan
         for name, moves in HARD.items()
     }
 

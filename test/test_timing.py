@@ -9,10 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.motion import curves, timing
-from delta3_pacdrive.motion.demand import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_demand
-from delta3_pacdrive.motion.master import master_at_distances, plan_master, sample_master
+from delta3_pacdrive.motion import curves, time_parametrization
 from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_demand
+from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
 
 ROUNDING = (
     1e-6  # relative; halvings of an interval of speeds, and differences of squares that are nearly equal
@@ -33,7 +33,7 @@ def limits_of(distance, speed=FREE, acceleration=FREE, curvature=0.0, motors=Non
     tables = [
         np.ascontiguousarray(np.broadcast_to(np.asarray(value, dtype=float), (count, 3))) for value in motors
     ]
-    return timing.PlaceLimits(distance, *columns, *tables)
+    return time_parametrization.PlaceLimits(distance, *columns, *tables)
 
 
 def waves(rng, distance, low, high, axes=0):
@@ -77,7 +77,7 @@ def tangential(limits, speed):
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 2.0))
 def test_the_fastest_master_keeps_every_limit_at_every_place(seed, length):
     limits = random_limits(seed, length)
-    v = timing.fastest(limits)
+    v = time_parametrization.fastest(limits)
     assert v[0] == v[-1] == 0.0
     assert (v[1:-1] > 0.0).all()
     assert (v <= limits.speed_m_s * (1.0 + ROUNDING)).all()
@@ -94,7 +94,7 @@ def test_the_fastest_master_keeps_every_limit_at_every_place(seed, length):
 def test_at_every_place_the_fastest_master_meets_a_limit(seed, length):
     """Bang-bang: speed, acceleration or a motor is at its limit everywhere, else it could be driven faster."""
     limits = random_limits(seed, length)
-    v = timing.fastest(limits)
+    v = time_parametrization.fastest(limits)
     a, x = tangential(limits, v), v[:-1] ** 2
     torque = limits.inertial[:-1] * a[:, None] + limits.centrifugal[:-1] * x[:, None] + limits.weight[:-1]
     used = np.maximum.reduce(
@@ -115,14 +115,18 @@ def test_at_every_place_the_fastest_master_meets_a_limit(seed, length):
 @given(st.floats(0.01, 2.0), st.floats(0.05, 10.0), st.floats(0.5, 200.0))
 def test_on_a_free_line_it_is_the_trapezoid_of_the_closed_formula(length, speed, acceleration):
     limits = limits_of(np.linspace(0.0, length, PLACES), speed, acceleration)
-    v = timing.fastest(limits)
+    v = time_parametrization.fastest(limits)
     if length >= speed**2 / acceleration:
         expected = length / speed + speed / acceleration
     else:
         expected = 2.0 * math.sqrt(length / acceleration)
     # a corner of the speed falls between two grid points: at half speed, say, over one of them, at each end
     corners = 2.0 * limits.distance_m[1] / v.max()
-    assert expected * (1.0 - ROUNDING) <= timing.duration(limits.distance_m, v) <= expected + corners
+    assert (
+        expected * (1.0 - ROUNDING)
+        <= time_parametrization.duration(limits.distance_m, v)
+        <= expected + corners
+    )
     along = np.minimum(limits.distance_m, length - limits.distance_m)
     assert np.abs(v - np.minimum(speed, np.sqrt(2.0 * acceleration * along))).max() < 1e-6 * speed + ROUNDING
 
@@ -136,7 +140,7 @@ def test_on_a_circle_it_is_the_closed_solution(radius, acceleration):
     limits = limits_of(limits.distance_m, cap, acceleration, 1.0 / radius)
     along = np.minimum(limits.distance_m, length - limits.distance_m) / radius
     expected = acceleration * radius * np.sin(2.0 * np.minimum(along, np.pi / 4.0))
-    found = timing.fastest(limits) ** 2
+    found = time_parametrization.fastest(limits) ** 2
     # one step of the grid is 2.5 r / 400 long, and the square of the speed rises by 2 a on it
     assert np.abs(found - expected).max() < 2.0 * acceleration * 2.5 * radius / 400
 
@@ -144,8 +148,10 @@ def test_on_a_circle_it_is_the_closed_solution(radius, acceleration):
 def test_motors_that_cannot_hold_their_weight_have_no_master():
     s = np.linspace(0.0, 1.0, 50)
     weight = np.where((s > 0.4) & (s < 0.6), 2.0, 0.5)[:, None] * np.ones(3)
-    assert len(timing.fastest(limits_of(s, 1.0, 10.0, 0.0, (0.0, 0.0, weight, 1.0)))) == 0
-    assert len(timing.fastest(limits_of(s, 1.0, 10.0, 0.0, (0.0, 0.0, 0.49 * weight, 1.0)))) == 50
+    assert len(time_parametrization.fastest(limits_of(s, 1.0, 10.0, 0.0, (0.0, 0.0, weight, 1.0)))) == 0
+    assert (
+        len(time_parametrization.fastest(limits_of(s, 1.0, 10.0, 0.0, (0.0, 0.0, 0.49 * weight, 1.0)))) == 50
+    )
 
 
 @pytest.mark.parametrize(
@@ -173,7 +179,7 @@ def test_with_motor_limits_it_is_as_fast_as_toppra_finds(curve, robot):
     coefficients = path_demand(sample_path(s, curve.segments), np.zeros(PLACES, np.int64), (payload,), robot)
     cap = (arm_speed / np.abs(coefficients[:, RATE])).min(axis=1)
     motors = (coefficients[:, INERTIAL], coefficients[:, CENTRIFUGAL], coefficients[:, WEIGHT], torque)
-    ours = timing.duration(s, timing.fastest(limits_of(s, cap, motors=motors)))
+    ours = time_parametrization.duration(s, time_parametrization.fastest(limits_of(s, cap, motors=motors)))
 
     fine = np.linspace(0.0, curve.length_m, 2001)
     theta = kinematics.inverse(sample_path(fine, curve.segments)[:, 0], robot.kinematics)
@@ -211,8 +217,8 @@ def test_a_smoothed_master_keeps_speed_acceleration_and_jerk_from_rest_to_rest(
 ):
     window = acceleration / jerk
     s, speed = steps_of_speed(np.random.default_rng(seed), length)
-    profile = timing.fastest(limits_of(s, speed, acceleration), window)
-    phases, found = timing.smoothed(s, profile, jerk, window)
+    profile = time_parametrization.fastest(limits_of(s, speed, acceleration), window)
+    phases, found = time_parametrization.smoothed(s, profile, jerk, window)
     assert phases[0, :3].tolist() == [0.0, 0.0, 0.0]
     assert phases[-1].tolist()[1:] == [length, 0.0, 0.0, 0.0]
     times = np.linspace(0.0, phases[-1, 0], 2000)
@@ -233,7 +239,9 @@ def test_a_smoothed_master_keeps_speed_acceleration_and_jerk_from_rest_to_rest(
 def test_a_smoothed_master_has_no_jump(seed, length, acceleration, jerk):
     window = acceleration / jerk
     s, speed = steps_of_speed(np.random.default_rng(seed), length)
-    phases, _ = timing.smoothed(s, timing.fastest(limits_of(s, speed, acceleration), window), jerk, window)
+    phases, _ = time_parametrization.smoothed(
+        s, time_parametrization.fastest(limits_of(s, speed, acceleration), window), jerk, window
+    )
     t = np.diff(phases[:, 0])
     _, d, v, a, j = phases[:-1].T
     assert (t > 0.0).all()
@@ -249,11 +257,11 @@ def test_on_a_free_line_smoothing_takes_the_time_of_the_closed_formula(length, s
     window = acceleration / jerk
     assume(length > 1.001 * speed * (speed / acceleration + window))
     s = np.linspace(0.0, length, PLACES)
-    profile = timing.fastest(limits_of(s, speed, acceleration), window)
-    phases, _ = timing.smoothed(s, profile, jerk, window)
+    profile = time_parametrization.fastest(limits_of(s, speed, acceleration), window)
+    phases, _ = time_parametrization.smoothed(s, profile, jerk, window)
     expected = plan_master(length, speed, acceleration, jerk)
     # one grid interval at each end may be driven at half speed; the even samples of the average end up to one later
-    corners = 2.0 * s[1] / speed + timing.SAMPLE_S
+    corners = 2.0 * s[1] / speed + time_parametrization.SAMPLE_S
     assert expected[-1, 0] * (1.0 - ROUNDING) <= phases[-1, 0] <= expected[-1, 0] + corners
     # and it is that master, but for the corners: as far behind it at half of the way as they take time
     middle = [master_at_distances([0.5 * length], rows)[0] for rows in (phases, expected)]
@@ -266,8 +274,8 @@ def test_smoothing_is_the_moving_average_over_time(seed):
     rng = np.random.default_rng(seed)
     s, speed = steps_of_speed(rng, 1.0)
     window = rng.uniform(0.02, 0.1)
-    profile = timing.fastest(limits_of(s, speed, 10.0), window)
-    phases, _ = timing.smoothed(s, profile, 10.0 / window, window)
+    profile = time_parametrization.fastest(limits_of(s, speed, 10.0), window)
+    phases, _ = time_parametrization.smoothed(s, profile, 10.0 / window, window)
     # the same by brute force, on a grid of 1/4000 of the time
     at = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (profile[1:] + profile[:-1]))])
     times = np.linspace(0.0, phases[-1, 0], 4001)
@@ -287,11 +295,11 @@ def test_smoothing_is_the_moving_average_over_time(seed):
 @given(st.integers(0, 2**32 - 1))
 def test_without_a_window_the_accelerations_keep_their_steps(seed):
     s, speed = steps_of_speed(np.random.default_rng(seed), 1.0)
-    profile = timing.fastest(limits_of(s, speed, 10.0))
-    phases, jerk = timing.smoothed(s, profile, math.inf, 0.0)
+    profile = time_parametrization.fastest(limits_of(s, speed, 10.0))
+    phases, jerk = time_parametrization.smoothed(s, profile, math.inf, 0.0)
     assert jerk == 0.0
     assert not phases[:, 4].any()
-    assert phases[-1, 0] == pytest.approx(timing.duration(s, profile), rel=1e-12)
+    assert phases[-1, 0] == pytest.approx(time_parametrization.duration(s, profile), rel=1e-12)
     assert np.abs(phases[:, 3]).max() <= 10.0 * (1.0 + ROUNDING)
     assert phases[-1, 1] == 1.0
 
@@ -305,7 +313,7 @@ def test_without_a_window_the_accelerations_keep_their_steps(seed):
 )
 def test_a_slowed_master_passes_the_same_places_later_by_a_factor(factor, length, speed, acceleration, jerk):
     phases = plan_master(length, speed, acceleration, jerk)
-    slow = timing.slowed(phases, factor)
+    slow = time_parametrization.slowed(phases, factor)
     times = np.linspace(0.0, phases[-1, 0], 100)
     s, v, a, j = sample_master(times, phases).T
     slow_s, slow_v, slow_a, slow_j = sample_master(times * factor, slow).T

@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.bus.words import CONTROL_ENABLE, CONTROL_ON
-from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion import planning
-from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.curves import line
-from delta3_pacdrive.motion.master import plan_master
-from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
-from delta3_pacdrive.motion.rejoin import rejoin
-from delta3_pacdrive.transformation import (
+from delta3_pacdrive.controller.transformation import (
     FOLLOWING_ERROR,
     HISTORY,
     SETTLE_CYCLES,
@@ -25,6 +17,14 @@ from delta3_pacdrive.transformation import (
     THETA,
     Transformation,
 )
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.curves import line
+from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
+from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.motion.virtual_master import plan_master
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON
 
 GEAR, K_M, CYCLE_S = 32.0, 0.78, 1e-3
 INCREMENT_RAD = math.tau / 2**19
@@ -42,7 +42,7 @@ def ready_task(robot, end=END, **limits):
     motors = np.round(theta * GEAR / INCREMENT_RAD) * INCREMENT_RAD
     tcp = task.locate(motors)
     document = {'moves': [{'move_l': {'to_m': list(end), **limits}}]}
-    plan = planning.plan(programs.parse(document, robot.motion), tcp, robot).plan
+    plan = program_planner.plan(programs.parse(document, robot.motion), tcp, robot).plan
     task.load(plan)
     return task, plan, motors
 
@@ -279,7 +279,7 @@ def loaded(robot, moves, **fields):
     """Return a task that stands at ``START`` with a program loaded, and its plan."""
     task = Transformation(robot)
     tcp = task.locate(kinematics.inverse(START, robot.kinematics) * GEAR)
-    plan = planning.plan(programs.parse({'moves': moves, **fields}, robot.motion), tcp, robot).plan
+    plan = program_planner.plan(programs.parse({'moves': moves, **fields}, robot.motion), tcp, robot).plan
     task.load(plan)
     return task, plan
 

@@ -8,16 +8,9 @@ import pytest
 from scipy import optimize, signal
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.bus.service import format_idn
-from delta3_pacdrive.cli import tune
-from delta3_pacdrive.drive.idn import TABLE
-from delta3_pacdrive.errors import ParameterError, TuningError
-from delta3_pacdrive.estimation import measurement
-from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.parameters import load as load_parameters
-from delta3_pacdrive.trace import Trace
-from delta3_pacdrive.tuning import effect, identification, recorded, recording, run, settings, study
-from delta3_pacdrive.tuning.analysis import (
+from delta3_pacdrive.analysis.estimation import measurement
+from delta3_pacdrive.analysis.tuning import effect, identification, recorded, recording, run, settings, study
+from delta3_pacdrive.analysis.tuning.analysis import (
     LOOPS,
     Operation,
     analyse,
@@ -26,11 +19,18 @@ from delta3_pacdrive.tuning.analysis import (
     linear_loop,
     step_on_bench,
 )
-from delta3_pacdrive.tuning.bench import Place
-from delta3_pacdrive.tuning.load import extremes, friction_slope, load_at, modes_at
-from delta3_pacdrive.tuning.loops import Entry, Shaft, linear_cascade
-from delta3_pacdrive.tuning.report import interpolated
-from delta3_pacdrive.tuning.response import bandwidth, margins, step_figures
+from delta3_pacdrive.analysis.tuning.bench import Place
+from delta3_pacdrive.analysis.tuning.load import extremes, friction_slope, load_at, modes_at
+from delta3_pacdrive.analysis.tuning.loops import Entry, Shaft, linear_cascade
+from delta3_pacdrive.analysis.tuning.report import interpolated
+from delta3_pacdrive.analysis.tuning.response import bandwidth, margins, step_figures
+from delta3_pacdrive.cli import tune
+from delta3_pacdrive.drive.operation_data import TABLE
+from delta3_pacdrive.errors import ParameterError, TuningError
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.parameters import load as load_parameters
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.service_channel import format_idn
 
 POSE = (0.0, 0.0, -0.80)
 SPEED_RAD_S = 10.0

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delta3_pacdrive import two_link_arm, two_link_figures
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.two_link_arm import figures, kinematics
+from delta3_pacdrive.analysis.two_link_arm.kinematics import Branch, TwoLinkArm
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import FigureError, ParameterError, SingularityError, UnreachableError
-from delta3_pacdrive.provenance import Provenance
-from delta3_pacdrive.two_link_arm import Branch, TwoLinkArm
 
 ARM = TwoLinkArm(0.4, 0.3)
 ARMS = [ARM, TwoLinkArm(0.3, 0.4), TwoLinkArm(0.5, 0.5), TwoLinkArm(0.1, 0.9), TwoLinkArm(200.0, 150.0)]
@@ -62,7 +62,7 @@ def points(arm):
     ],
 )
 def test_the_tool_is_where_a_drawing_has_it(degrees, position):
-    assert two_link_arm.forward(np.radians(degrees), ARM) == pytest.approx(position, abs=ROUNDING)
+    assert kinematics.forward(np.radians(degrees), ARM) == pytest.approx(position, abs=ROUNDING)
 
 
 @pytest.mark.parametrize('arm', ARMS, ids=str)
@@ -70,14 +70,14 @@ def test_elbow_and_tool_are_the_sums_of_the_links(arm):
     theta = poses(np.linspace(-np.pi, np.pi, 49))
     lower, upper = links(theta, arm)
     limit = ROUNDING * arm.outer_reach_m
-    assert np.abs(two_link_arm.elbow(theta, arm) - vectors(lower)).max() < limit
-    assert np.abs(two_link_arm.forward(theta, arm) - vectors(lower + upper)).max() < limit
+    assert np.abs(kinematics.elbow(theta, arm) - vectors(lower)).max() < limit
+    assert np.abs(kinematics.forward(theta, arm) - vectors(lower + upper)).max() < limit
 
 
 def test_the_tool_frame_is_a_rotation_with_its_first_axis_along_the_upper_arm():
     theta = poses(np.linspace(-np.pi, np.pi, 49))
-    frame = two_link_arm.orientation(theta)
-    upper = two_link_arm.forward(theta, ARM) - two_link_arm.elbow(theta, ARM)
+    frame = kinematics.orientation(theta)
+    upper = kinematics.forward(theta, ARM) - kinematics.elbow(theta, ARM)
     assert np.abs(frame[..., 0] - upper / 0.3).max() < ROUNDING
     assert np.abs(np.swapaxes(frame, -1, -2) @ frame - np.eye(2)).max() < ROUNDING
     assert np.linalg.det(frame) == pytest.approx(1.0, abs=ROUNDING)
@@ -87,8 +87,8 @@ def test_the_tool_frame_is_a_rotation_with_its_first_axis_along_the_upper_arm():
 @pytest.mark.parametrize('arm', ARMS, ids=str)
 def test_forward_undoes_inverse_up_to_the_singular_circles(arm, branch):
     p = points(arm)
-    theta = two_link_arm.inverse(p, arm, branch)
-    assert np.abs(two_link_arm.forward(theta, arm) - p).max() < ROUNDING * arm.outer_reach_m
+    theta = kinematics.inverse(p, arm, branch)
+    assert np.abs(kinematics.forward(theta, arm) - p).max() < ROUNDING * arm.outer_reach_m
     assert np.abs(theta).max() <= np.pi
 
 
@@ -96,7 +96,7 @@ def test_forward_undoes_inverse_up_to_the_singular_circles(arm, branch):
 def test_inverse_undoes_forward_on_the_branch_of_the_pose(a, b, theta_1, theta_2, side):
     arm, theta = TwoLinkArm(a, b), np.array([theta_1, side * theta_2])
     branch = Branch.ELBOW_DOWN if side > 0.0 else Branch.ELBOW_UP
-    found = two_link_arm.inverse(two_link_arm.forward(theta, arm), arm, branch)
+    found = kinematics.inverse(kinematics.forward(theta, arm), arm, branch)
     turned = (found - theta + np.pi) % (2.0 * np.pi) - np.pi  # theta_1 = pi comes back as -pi, too
     assert np.abs(turned).max() < INVERSE
 
@@ -104,40 +104,40 @@ def test_inverse_undoes_forward_on_the_branch_of_the_pose(a, b, theta_1, theta_2
 @pytest.mark.parametrize('arm', ARMS, ids=str)
 def test_the_branches_mirror_each_other_and_their_names_say_where_the_elbow_is(arm):
     p = points(arm)[1:-1]
-    up, down = (two_link_arm.inverse(p, arm, branch) for branch in (Branch.ELBOW_UP, Branch.ELBOW_DOWN))
+    up, down = (kinematics.inverse(p, arm, branch) for branch in (Branch.ELBOW_UP, Branch.ELBOW_DOWN))
     assert np.array_equal(up[..., 1], -down[..., 1])
     for theta, sign in ((up, 1.0), (down, -1.0)):
-        elbow = two_link_arm.elbow(theta, arm)
+        elbow = kinematics.elbow(theta, arm)
         left = p[..., 0] * elbow[..., 1] - p[..., 1] * elbow[..., 0]
         assert (sign * left > 0.0).all()
     ahead = points(arm)[1:-1, 0]  # on the x axis
-    assert (two_link_arm.elbow(two_link_arm.inverse(ahead, arm, Branch.ELBOW_UP), arm)[:, 1] > 0.0).all()
+    assert (kinematics.elbow(kinematics.inverse(ahead, arm, Branch.ELBOW_UP), arm)[:, 1] > 0.0).all()
 
 
 def test_a_branch_goes_by_its_name_and_no_other():
     assert np.array_equal(
-        two_link_arm.inverse((0.5, 0.2), ARM, 'elbow up'),
-        two_link_arm.inverse((0.5, 0.2), ARM, Branch.ELBOW_UP),
+        kinematics.inverse((0.5, 0.2), ARM, 'elbow up'),
+        kinematics.inverse((0.5, 0.2), ARM, Branch.ELBOW_UP),
     )
     with pytest.raises(ValueError, match="'left' is not a valid Branch"):
-        two_link_arm.inverse((0.5, 0.2), ARM, 'left')
+        kinematics.inverse((0.5, 0.2), ARM, 'left')
 
 
 @pytest.mark.parametrize('arm', ARMS, ids=str)
 def test_the_branches_meet_on_the_singular_circles(arm):
     for circle, theta_2 in ((points(arm)[-1], 0.0), (points(arm)[0], np.pi)):
         for branch in Branch:
-            theta = two_link_arm.inverse(circle, arm, branch)
-            assert np.abs(theta[:, 1]) == pytest.approx(theta_2, abs=two_link_arm.SINGULAR_SINE)
-            assert two_link_arm.is_singular(theta).all()
+            theta = kinematics.inverse(circle, arm, branch)
+            assert np.abs(theta[:, 1]) == pytest.approx(theta_2, abs=kinematics.SINGULAR_SINE)
+            assert kinematics.is_singular(theta).all()
 
 
 @pytest.mark.parametrize('x', [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
 def test_equal_links_reach_their_own_base_and_what_is_near_it(x):
     arm = TwoLinkArm(0.5, 0.5)
     for branch in Branch:
-        theta = two_link_arm.inverse((x, 0.0), arm, branch)
-        assert two_link_arm.forward(theta, arm) == pytest.approx((x, 0.0), abs=ROUNDING)
+        theta = kinematics.inverse((x, 0.0), arm, branch)
+        assert kinematics.forward(theta, arm) == pytest.approx((x, 0.0), abs=ROUNDING)
 
 
 @pytest.mark.parametrize('arm', ARMS, ids=str)
@@ -146,11 +146,11 @@ def test_the_jacobian_is_the_derivative_of_forward(arm):
     for joint in range(2):
         step = STEP * np.eye(2)[joint]
         near, far = (
-            two_link_arm.forward(theta + n * step, arm) - two_link_arm.forward(theta - n * step, arm)
+            kinematics.forward(theta + n * step, arm) - kinematics.forward(theta - n * step, arm)
             for n in (1, 2)
         )
         column = (8.0 * near - far) / (12.0 * STEP)
-        difference = two_link_arm.jacobian(theta, arm)[..., joint] - column
+        difference = kinematics.jacobian(theta, arm)[..., joint] - column
         assert np.abs(difference).max() < DIFFERENCE * arm.outer_reach_m
 
 
@@ -159,23 +159,23 @@ def test_the_determinant_is_a_b_sine_theta_2(a, b, theta_1, theta_2):
     arm, theta = TwoLinkArm(a, b), (theta_1, theta_2)
     expected = a * b * np.sin(theta_2)
     limit = ROUNDING * (a + b) ** 2
-    assert np.linalg.det(two_link_arm.jacobian(theta, arm)) == pytest.approx(expected, abs=limit)
-    assert two_link_arm.determinant(theta, arm) == pytest.approx(expected, abs=limit)
-    assert two_link_arm.manipulability(theta, arm) == pytest.approx(abs(expected), abs=limit)
+    assert np.linalg.det(kinematics.jacobian(theta, arm)) == pytest.approx(expected, abs=limit)
+    assert kinematics.determinant(theta, arm) == pytest.approx(expected, abs=limit)
+    assert kinematics.manipulability(theta, arm) == pytest.approx(abs(expected), abs=limit)
 
 
 @given(lengths, lengths, angles, bent, sides)
 def test_the_inverse_jacobian_times_the_jacobian_is_one(a, b, theta_1, theta_2, side):
     arm, theta = TwoLinkArm(a, b), (theta_1, side * theta_2)
-    product = two_link_arm.jacobian_inverse(theta, arm) @ two_link_arm.jacobian(theta, arm)
+    product = kinematics.jacobian_inverse(theta, arm) @ kinematics.jacobian(theta, arm)
     assert np.abs(product - np.eye(2)).max() < INVERSE
 
 
 def test_joint_speeds_move_the_tool_at_its_velocity():
     theta = poses(np.concatenate([np.linspace(-3.0, -0.1, 20), np.linspace(0.1, 3.0, 20)]))
-    speeds = two_link_arm.joint_speeds(theta, (0.3, -0.8), ARM)
+    speeds = kinematics.joint_speeds(theta, (0.3, -0.8), ARM)
     step = STEP * speeds / np.abs(speeds).max(axis=-1, keepdims=True)
-    moved = (two_link_arm.forward(theta + step, ARM) - two_link_arm.forward(theta - step, ARM)) / 2.0
+    moved = (kinematics.forward(theta + step, ARM) - kinematics.forward(theta - step, ARM)) / 2.0
     velocity = moved * np.abs(speeds).max(axis=-1, keepdims=True) / STEP
     assert np.abs(velocity - (0.3, -0.8)).max() < 1e-6  # STEP^2 times joint speeds of up to 40 rad/s
 
@@ -184,19 +184,19 @@ def test_joint_speeds_move_the_tool_at_its_velocity():
     ('theta_2', 'shape'), [(0.0, 'stretched'), (-0.0, 'stretched'), (np.pi, 'folded'), (-np.pi, 'folded')]
 )
 def test_the_stretched_and_the_folded_arm_are_singular(theta_2, shape):
-    assert two_link_arm.is_singular((0.3, theta_2))
-    assert two_link_arm.manipulability((0.3, theta_2), ARM) < ROUNDING
-    assert np.linalg.matrix_rank(two_link_arm.jacobian((0.3, theta_2), ARM), tol=ROUNDING) == 1
+    assert kinematics.is_singular((0.3, theta_2))
+    assert kinematics.manipulability((0.3, theta_2), ARM) < ROUNDING
+    assert np.linalg.matrix_rank(kinematics.jacobian((0.3, theta_2), ARM), tol=ROUNDING) == 1
     sentence = rf'theta_2 = {np.degrees(theta_2) + 0.0:g} deg is singular \(the arm is {shape}\)'
     with pytest.raises(SingularityError, match=f'^{sentence}'):
-        two_link_arm.jacobian_inverse((0.3, theta_2), ARM)
+        kinematics.jacobian_inverse((0.3, theta_2), ARM)
     with pytest.raises(SingularityError, match=f'^pose 1: {sentence}'):
-        two_link_arm.joint_speeds([(0.3, 1.0), (0.3, theta_2)], (1.0, 0.0), ARM)
+        kinematics.joint_speeds([(0.3, 1.0), (0.3, theta_2)], (1.0, 0.0), ARM)
 
 
 def test_nothing_between_is_singular():
     theta_2 = np.linspace(1e-5, np.pi - 1e-5, 1001)
-    assert not two_link_arm.is_singular(poses(np.concatenate([-theta_2, theta_2]))).any()
+    assert not kinematics.is_singular(poses(np.concatenate([-theta_2, theta_2]))).any()
 
 
 @pytest.mark.parametrize('branch', Branch)
@@ -219,7 +219,7 @@ def test_nothing_between_is_singular():
 )
 def test_a_point_out_of_reach_is_refused_with_distance_and_limit(point, sentence, branch):
     with pytest.raises(UnreachableError, match=f'^{sentence}$'):
-        two_link_arm.inverse(point, ARM, branch)
+        kinematics.inverse(point, ARM, branch)
 
 
 @pytest.mark.parametrize('length', [0.0, -1.0, 1e-4, 2e3, np.nan, np.inf, '0.4', None])
@@ -233,13 +233,13 @@ def test_a_length_out_of_range_is_refused_by_name(length):
 @pytest.mark.parametrize('values', [0.0, [0.0, 0.0, 0.0], []])
 def test_what_is_no_pair_is_refused(values):
     with pytest.raises(ValueError, match=r'theta must have shape \(\.\.\., 2\), not'):
-        two_link_arm.forward(values, ARM)
+        kinematics.forward(values, ARM)
     with pytest.raises(ValueError, match=r'p must have shape \(\.\.\., 2\), not'):
-        two_link_arm.inverse(values, ARM, Branch.ELBOW_UP)
+        kinematics.inverse(values, ARM, Branch.ELBOW_UP)
 
 
 def test_the_module_needs_neither_ros_nor_matplotlib_nor_compilation():
-    program = 'import sys, delta3_pacdrive.two_link_arm; print(*sys.modules)'
+    program = 'import sys, delta3_pacdrive.analysis.two_link_arm.kinematics; print(*sys.modules)'
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=True)
     assert not set(done.stdout.split()) & {'rclpy', 'matplotlib', 'numba'}
 
@@ -249,7 +249,7 @@ def test_the_module_needs_neither_ros_nor_matplotlib_nor_compilation():
     [(ARM, (-0.2, 0.4)), (TwoLinkArm(0.5, 0.5), (0.0, 0.0)), (TwoLinkArm(0.1, 0.9), (0.0, 1.0))],
 )
 def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path):
-    *paths, table = two_link_figures.draw(arm, point, tmp_path, Provenance.of('test'))
+    *paths, table = figures.draw(arm, point, tmp_path, Provenance.of('test'))
     assert [path.name for path in paths] == FIGURES
     for path in paths:
         data = path.read_bytes()
@@ -266,21 +266,21 @@ def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path):
 def test_the_lines_of_the_figure_keep_their_clearance_from_both_singular_circles():
     for arm in ARMS:
         speeds = []
-        for share in two_link_figures.CLEARANCES:
+        for share in figures.CLEARANCES:
             clearance = share * (arm.outer_reach_m - arm.inner_reach_m)
-            p = two_link_figures.line(arm, clearance)
+            p = figures.line(arm, clearance)
             r = np.linalg.norm(p, axis=-1)
             assert r.min() == pytest.approx(arm.inner_reach_m + clearance)
             assert r.max() == pytest.approx(arm.outer_reach_m - clearance)
-            theta = two_link_arm.inverse(p, arm, Branch.ELBOW_DOWN)
-            speeds.append(np.abs(two_link_arm.joint_speeds(theta, (1.0, 0.0), arm)).max())
+            theta = kinematics.inverse(p, arm, Branch.ELBOW_DOWN)
+            speeds.append(np.abs(kinematics.joint_speeds(theta, (1.0, 0.0), arm)).max())
         assert speeds == sorted(speeds)  # the nearer, the faster
 
 
 def test_figures_that_cannot_be_written_get_one_sentence(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(FigureError, match=r'^cannot write figures to .*file: File exists$'):
-        two_link_figures.draw(ARM, (0.5, 0.2), tmp_path / 'file', Provenance.of('test'))
+        figures.draw(ARM, (0.5, 0.2), tmp_path / 'file', Provenance.of('test'))
 
 
 def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys):
@@ -310,14 +310,14 @@ def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
     assert result['files'] == [str(tmp_path / 'new' / name) for name in [*FIGURES, 'arm_manipulability.csv']]
     for branch in Branch:
         solution = result['solutions'][branch.name.lower()]
-        theta = two_link_arm.inverse((-0.2, 0.4), ARM, branch)
+        theta = kinematics.inverse((-0.2, 0.4), ARM, branch)
         assert solution['theta_rad'] == theta.tolist()
-        assert solution['elbow_m'] == two_link_arm.elbow(theta, ARM).tolist()
-        assert solution['jacobian_m_rad'] == two_link_arm.jacobian(theta, ARM).tolist()
-        assert solution['determinant_m2'] == two_link_arm.determinant(theta, ARM)
+        assert solution['elbow_m'] == kinematics.elbow(theta, ARM).tolist()
+        assert solution['jacobian_m_rad'] == kinematics.jacobian(theta, ARM).tolist()
+        assert solution['determinant_m2'] == kinematics.determinant(theta, ARM)
         assert solution['singular'] is False
-        assert solution['jacobian_inverse_rad_m'] == two_link_arm.jacobian_inverse(theta, ARM).tolist()
-        speeds = two_link_arm.joint_speeds(theta, (0.1, 0.0), ARM)
+        assert solution['jacobian_inverse_rad_m'] == kinematics.jacobian_inverse(theta, ARM).tolist()
+        speeds = kinematics.joint_speeds(theta, (0.1, 0.0), ARM)
         assert solution['joint_speeds_rad_s'] == speeds.tolist()
 
 

@@ -7,10 +7,10 @@ import pytest
 pytest.importorskip('sensor_msgs', reason='faults and soak drive robots of ROS nodes')
 
 from delta3_pacdrive.cli import faults, soak
-from delta3_pacdrive.nodes import catalogue
-from delta3_pacdrive.nodes import soak as soak_runner
-from delta3_pacdrive.nodes.cases import Case, Outcome, State
-from delta3_pacdrive.nodes.soak import Violation
+from delta3_pacdrive.verification import catalogue
+from delta3_pacdrive.verification import soak as soak_runner
+from delta3_pacdrive.verification.cases import Case, Outcome, State
+from delta3_pacdrive.verification.soak import Violation
 
 
 def lines(capsys):

@@ -56,7 +56,7 @@ def _number(text: str) -> float:
 
 
 def _arm(options: argparse.Namespace) -> int:
-    from delta3_pacdrive.two_link_arm import Branch, TwoLinkArm
+    from delta3_pacdrive.analysis.two_link_arm.kinematics import Branch, TwoLinkArm
 
     arm = TwoLinkArm(*options.lengths)
     result: dict[str, Any] = {
@@ -69,12 +69,10 @@ def _arm(options: argparse.Namespace) -> int:
         'files': [],
     }
     if options.figures is not None:
-        from delta3_pacdrive import two_link_figures
-        from delta3_pacdrive.provenance import Provenance
+        from delta3_pacdrive.analysis.provenance import Provenance
+        from delta3_pacdrive.analysis.two_link_arm import figures
 
-        files = two_link_figures.draw(
-            arm, options.point, options.figures, Provenance.of(options.command_line)
-        )
+        files = figures.draw(arm, options.point, options.figures, Provenance.of(options.command_line))
         result['files'] = [str(path) for path in files]
     if options.json:
         print_json(result, options)
@@ -84,7 +82,7 @@ def _arm(options: argparse.Namespace) -> int:
 
 
 def _solution(options: argparse.Namespace, arm: Any, branch: Any) -> dict[str, Any]:
-    from delta3_pacdrive import two_link_arm as core
+    from delta3_pacdrive.analysis.two_link_arm import kinematics as core
 
     theta = core.inverse(options.point, arm, branch)
     singular = bool(core.is_singular(theta))

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from delta3_pacdrive.cli import bench_graph
+from delta3_pacdrive.benchmarks import graph
 from delta3_pacdrive.cli.output import guarded, parser_for, print_json
 
 
@@ -19,11 +19,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         '--seconds', type=float, metavar='S', help='bus time of motion per case [s]; 60 unless told'
     )
     parser.add_argument(
-        '--case', choices=bench_graph.CASES, action='append', help='only this case of graph (may be repeated)'
+        '--case', choices=graph.CASES, action='append', help='only this case of graph (may be repeated)'
     )
     parser.add_argument(
         '--scheduling',
-        choices=bench_graph.SCHEDULINGS,
+        choices=graph.SCHEDULINGS,
         action='append',
         help='only this column of graph (may be repeated)',
     )
@@ -45,13 +45,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.cli import bench_motion, bench_simulation
+    from delta3_pacdrive.benchmarks import motion, simulation
 
     measure, show = {
-        'graph': (bench_graph.measure, bench_graph.show),
-        'motion': (bench_motion.measure, bench_motion.show),
-        'simulate': (bench_simulation.measure_simulation, bench_simulation.show_simulation),
-        'kinematics': (bench_simulation.measure_kinematics, bench_simulation.show_kinematics),
+        'graph': (graph.measure, graph.show),
+        'motion': (motion.measure, motion.show),
+        'simulate': (simulation.measure_simulation, simulation.show_simulation),
+        'kinematics': (simulation.measure_kinematics, simulation.show_kinematics),
     }[options.what]
     result = measure(options)
     if options.json:

@@ -58,7 +58,7 @@ def _result(name: str, robot: Any) -> dict[str, Any]:
 def _content(name: str, robot: Any) -> dict[str, Any]:
     """Return what a file holds; what is in it says what it is."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import yaml_file
+    from delta3_pacdrive.configuration import yaml_file
     from delta3_pacdrive.motion import program as programs
 
     path = programs.find(name)
@@ -76,7 +76,7 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
 def _faults(document: Any) -> list[str]:
     from delta3_pacdrive.configuration.checked import Errors
     from delta3_pacdrive.configuration.located import numbered
-    from delta3_pacdrive.injection import read_fault
+    from delta3_pacdrive.faults.injection import read_fault
 
     source = document.source
     if isinstance(document, dict):
@@ -98,10 +98,10 @@ def _fault_text(fault: Any) -> str:
 
 
 def _planned(program: Any, robot: Any) -> dict[str, Any]:
-    from delta3_pacdrive.motion import planning
+    from delta3_pacdrive.motion import program_planner
 
     start = robot.motion.home_m if program.start_m is None else program.start_m
-    planned = planning.plan(program, start, robot)
+    planned = program_planner.plan(program, start, robot)
     # every round is the same but for the way into the first one: the moves are told once
     count = len(planned.plan) // planned.repeat
     moves = [planned.plan.move(n) for n in range(count)]

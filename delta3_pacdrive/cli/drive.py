@@ -41,8 +41,8 @@ def _is_negative(text: str) -> bool:
 
 
 def _list(as_json: bool) -> int:
-    from delta3_pacdrive.bus.service import format_idn
-    from delta3_pacdrive.drive.idn import BITS, EXECUTABLE_IN, TABLE
+    from delta3_pacdrive.drive.operation_data import BITS, EXECUTABLE_IN, TABLE
+    from delta3_pacdrive.sercos.service_channel import format_idn
 
     rows: list[dict[str, Any]] = [
         {
@@ -69,7 +69,7 @@ def _list(as_json: bool) -> int:
 
 
 def _ask(options: argparse.Namespace) -> int:
-    from delta3_pacdrive.nodes.operator import operating
+    from delta3_pacdrive.ros.robot_client import operating
 
     axis, idn, value = options.axis, options.idn, options.value
     action = 'read' if value is None else 'command' if value == 'command' else 'write'

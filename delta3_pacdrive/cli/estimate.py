@@ -10,12 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
-from delta3_pacdrive.cli.output import (
-    INTERRUPTED,
-    announce_compilation,
-    guarded,
-    parser_for,
-)
+from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -99,8 +94,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _refuse_ignored(options: argparse.Namespace) -> None:
     """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
+    from delta3_pacdrive.analysis.estimation.session import is_trace
     from delta3_pacdrive.errors import EstimationError
-    from delta3_pacdrive.estimation.session import is_trace
 
     given = {
         '--sampling': options.sampling != 'drive',
@@ -157,8 +152,8 @@ def _refuse_ignored(options: argparse.Namespace) -> None:
 def _estimate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis.estimation.session import Session, Settings
     from delta3_pacdrive.errors import Delta3Error, EstimationError
-    from delta3_pacdrive.estimation.session import Session, Settings
 
     _refuse_ignored(options)
     announce_compilation()
@@ -213,9 +208,9 @@ def _design(options: argparse.Namespace) -> int:
     import yaml
 
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.estimation import excitation
+    from delta3_pacdrive.analysis.provenance import versions
     from delta3_pacdrive.errors import EstimationError
-    from delta3_pacdrive.estimation import excitation
-    from delta3_pacdrive.provenance import versions
 
     robot = core.load(options.parameters)
     try:

@@ -9,12 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.option_types import SEED, number_within
-from delta3_pacdrive.cli.output import (
-    INTERRUPTED,
-    announce_compilation,
-    guarded,
-    parser_for,
-)
+from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -80,13 +75,13 @@ def _experiment(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis.experiments import report
+    from delta3_pacdrive.analysis.experiments.attribution import attribute
+    from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
+    from delta3_pacdrive.analysis.provenance import digest
     from delta3_pacdrive.cli import experiment_graph
-    from delta3_pacdrive.experiments import report
-    from delta3_pacdrive.experiments.attribution import attribute
-    from delta3_pacdrive.experiments.comparison import Comparison, Run
     from delta3_pacdrive.motion import program as programs
-    from delta3_pacdrive.provenance import digest
-    from delta3_pacdrive.trace import Trace
+    from delta3_pacdrive.recording.trace import Trace
 
     robots = {'model': core.load(options.parameters), 'robot': core.load(options.robot)}
     notes = []

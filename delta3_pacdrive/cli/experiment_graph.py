@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive import recording
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.recording import bag_trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
-    from delta3_pacdrive.trace import Trace
+    from delta3_pacdrive.recording.trace import Trace
 
 STOP_TIMEOUT_S = 15.0  # for a bring-up that was interrupted: its processes end within seconds
 
@@ -81,7 +81,7 @@ def record(
                 notes.append(
                     f'the bag of the {who} lacks {missing} messages: the machine was too busy to record them'
                 )
-            traces[who] = recording.load(bag)
+            traces[who] = bag_trace.load(bag)
     except BaseException:
         for who in robots:
             shutil.rmtree(bag_of(who, folder), ignore_errors=True)

@@ -8,13 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.option_types import csv_file
-from delta3_pacdrive.cli.output import (
-    INTERRUPTED,
-    announce_compilation,
-    guarded,
-    parser_for,
-    print_json,
-)
+from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for, print_json
 from delta3_pacdrive.errors import RunError
 
 ACTIONS = {
@@ -53,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
-    from delta3_pacdrive.injection import KINDS
+    from delta3_pacdrive.faults.injection import KINDS
 
     if options.json:
         print(json.dumps({name: vars(kind) for name, kind in KINDS.items()}))
@@ -66,7 +60,7 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _inject(options: argparse.Namespace) -> int:
-    from delta3_pacdrive.nodes.operator import operating
+    from delta3_pacdrive.ros.robot_client import operating
 
     with operating(options.namespace) as operator:
         sentence = operator.inject(options.fault)
@@ -102,8 +96,8 @@ def line_of(row: dict[str, Any]) -> str:
 
 def _run(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.nodes.cases import Outcome, cases
-    from delta3_pacdrive.nodes.catalogue import run_catalogue
+    from delta3_pacdrive.verification.cases import Outcome, cases
+    from delta3_pacdrive.verification.catalogue import run_catalogue
 
     todo = cases(options.short, options.only or '')
     announce_compilation()
@@ -143,7 +137,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _write(path: Path, rows: list[dict[str, Any]], command: str) -> None:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.provenance import Provenance, write_table
+    from delta3_pacdrive.analysis.provenance import Provenance, write_table
 
     origin = Provenance.of(command, core.load())
     write_table(path, list(rows[0]), (list(row.values()) for row in rows), origin)

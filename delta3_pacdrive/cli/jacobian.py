@@ -9,12 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import (
-    INTERRUPTED,
-    announce_compilation,
-    guarded,
-    parser_for,
-)
+from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for
 from delta3_pacdrive.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -92,10 +87,10 @@ def _error(text: str) -> tuple[str, float]:
 def _jacobian(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.jacobian_study import study
-    from delta3_pacdrive.jacobian_study.mapping import Pose
-    from delta3_pacdrive.jacobian_study.motion import Signals
-    from delta3_pacdrive.jacobian_study.run import run
+    from delta3_pacdrive.analysis.jacobian import study
+    from delta3_pacdrive.analysis.jacobian.mapping import Pose
+    from delta3_pacdrive.analysis.jacobian.motion import Signals
+    from delta3_pacdrive.analysis.jacobian.run import run
 
     announce_compilation()
     simulation.load_kernels(core.load(options.parameters))
@@ -120,7 +115,7 @@ def _jacobian(options: argparse.Namespace) -> int:
 
 
 def _print(document: dict[str, Any]) -> None:
-    from delta3_pacdrive.jacobian_study.report import error_text, number
+    from delta3_pacdrive.analysis.jacobian.report import error_text, number
 
     columns = ('exact lengths', error_text(document['errors_m']), 'all 1 mm off, at worst')
     widths = [max(len(column), 17) for column in columns]

@@ -152,7 +152,7 @@ def _check_surroundings(command: str, rest: list[str]) -> None:
     for_a_robot = _is_for_a_robot(command, rest)
     memory.require(for_a_robot)
     if for_a_robot:
-        from delta3_pacdrive.nodes import domain
+        from delta3_pacdrive.ros import domain
 
         domain.check()
 

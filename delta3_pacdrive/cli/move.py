@@ -165,7 +165,7 @@ def _run(options: argparse.Namespace) -> int:
     _check(options)
     document = _document(options) if options.action in MOVES else ''
     percent = _numbers(options.values, 'move override')[0] if options.action == 'override' else 0.0
-    from delta3_pacdrive.nodes.operator import operating
+    from delta3_pacdrive.ros.robot_client import operating
 
     facts: dict[str, Any] = {}
     with operating(options.namespace) as operator:

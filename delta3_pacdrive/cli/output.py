@@ -179,7 +179,7 @@ def print_json(
     seed: int | None = None,
 ) -> None:
     """Print a result with where it comes from."""
-    from delta3_pacdrive.provenance import Provenance
+    from delta3_pacdrive.analysis.provenance import Provenance
 
     source = getattr(options, 'parameters', None)
     origin = Provenance.of(options.command_line, robot, source, inputs, seed)
@@ -199,7 +199,7 @@ def finite_number(text: str) -> float:
 
 def announce_compilation() -> None:
     """Compile the kernels if these sources have not been compiled on this machine yet, and tell how far it is."""
-    from delta3_pacdrive.kernel import all_compiled
+    from delta3_pacdrive.numerics.kernel import all_compiled
 
     if all_compiled():
         return

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.option_types import number_within
 from delta3_pacdrive.cli.output import guarded, parser_for
-from delta3_pacdrive.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.trace import Trace
+    from delta3_pacdrive.recording.trace import Trace
 
 TIME = number_within(-1e9, 1e9, 's')
 
@@ -60,25 +60,26 @@ def _signals(text: str) -> list[str]:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from delta3_pacdrive import figures, recording
-    from delta3_pacdrive.provenance import Provenance, digest
+    from delta3_pacdrive.analysis import run_figures
+    from delta3_pacdrive.analysis.provenance import Provenance, digest
+    from delta3_pacdrive.recording import bag_trace
 
-    trace, folder = recording.load(options.recording), Path(options.output)
+    trace, folder = bag_trace.load(options.recording), Path(options.output)
     period, starts = trace.meta.get('cycle_time_s'), trace.meta.get('starts', [])
     if len(starts) > 1 and period:
         told = ', '.join(f'{(start - trace.meta["start_cycle"]) * period:g}' for start in starts)
         print(f'note: programs started at {told} s; --from and --to choose what is shown', file=sys.stderr)
     windowed = options.from_s is not None or options.to_s is not None
     if windowed:
-        trace = figures.windowed(trace, options.from_s, options.to_s)
+        trace = run_figures.windowed(trace, options.from_s, options.to_s)
     # what was recorded knows its parameters itself
     inputs = [f'{options.recording} {digest(Path(options.recording))}']
     origin = Provenance.of(options.command_line, inputs=inputs).lines()
     origin['parameters'] = str(trace.meta.get('checksum', 'unknown'))
-    paths = figures.draw(trace, folder, origin, options.signals)
+    paths = run_figures.draw(trace, folder, origin, options.signals)
     trace.meta['plotted'] = origin
     paths.append(folder / 'signals.csv')
-    recording.save(_written(trace, windowed, options.signals), paths[-1])
+    bag_trace.save(_written(trace, windowed, options.signals), paths[-1])
     files = [str(path) for path in paths]
     if options.json:
         print(json.dumps({'ok': True, 'files': files, 'provenance': origin}))
@@ -89,11 +90,11 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> 'Trace':
     """Return what goes beside the pictures, in bus time: everything, or what was asked for."""
-    from delta3_pacdrive import figures
+    from delta3_pacdrive.analysis import run_figures
 
     rows = slice(None)
     if windowed:
-        first, last = (edge * trace.meta['cycle_time_s'] for edge in figures.shown_cycles(trace))
+        first, last = (edge * trace.meta['cycle_time_s'] for edge in run_figures.shown_cycles(trace))
         half = trace.meta['cycle_time_s'] / 2.0
         rows = slice(*trace.time_s.searchsorted([first - half, last + half]).tolist())
     chosen = {name: trace[name][rows] for name in signals or trace.signals}

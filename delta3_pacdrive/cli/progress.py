@@ -52,7 +52,7 @@ def compilation() -> Iterator[Callable[[int, int], None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
 
-    from delta3_pacdrive.kernel import COMPILING, Lines
+    from delta3_pacdrive.numerics.kernel import COMPILING, Lines
 
     console = Console(stderr=True)
     if not console.is_terminal:

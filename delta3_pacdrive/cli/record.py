@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _record(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.errors import RunError
-    from delta3_pacdrive.nodes.recorder import record
+    from delta3_pacdrive.ros.nodes.recorder import record
 
     folder = Path(options.bag).absolute()
     if folder.exists():

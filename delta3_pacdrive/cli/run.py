@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def refuse_second(options: argparse.Namespace) -> None:
     """Raise RunError if the namespace has a robot, before anything that takes long is loaded."""
-    from delta3_pacdrive.nodes.lock import only_one
+    from delta3_pacdrive.bringup.lock import only_one
 
     with only_one(namespace_of(options)):
         pass
@@ -114,9 +114,9 @@ def namespace_of(options: argparse.Namespace) -> str:
 def _run(options: argparse.Namespace) -> int:
     refuse_second(options)
     # ROS and numba are imported after the options are known to be good
+    from delta3_pacdrive.analysis.provenance import digest
+    from delta3_pacdrive.bringup.bringup import Bringup
     from delta3_pacdrive.motion import program as programs
-    from delta3_pacdrive.nodes.bringup import Bringup
-    from delta3_pacdrive.provenance import digest
 
     announce_compilation()
     program = programs.find(options.program).absolute()
@@ -144,7 +144,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def options_of(options: argparse.Namespace, program: Path | None) -> Any:
     """Return the options of a bring-up from those of the command line."""
-    from delta3_pacdrive.nodes.bringup import Options
+    from delta3_pacdrive.bringup.bringup import Options
 
     return Options(
         program=program,

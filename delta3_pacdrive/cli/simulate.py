@@ -30,11 +30,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from delta3_pacdrive import arrival, recording, simulation
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis.provenance import Provenance, digest
     from delta3_pacdrive.errors import RunError
+    from delta3_pacdrive.motion import arrival
     from delta3_pacdrive.motion import program as programs
-    from delta3_pacdrive.provenance import Provenance, digest
+    from delta3_pacdrive.recording import bag_trace
 
     announce_compilation()
     robot = core.load(options.parameters)
@@ -49,7 +51,7 @@ def _simulate(options: argparse.Namespace) -> int:
     if options.trace:
         origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
         trace.meta['provenance'] = origin.lines()
-        recording.save(trace, options.trace)
+        bag_trace.save(trace, options.trace)
     stopped, figures = trace.meta['stopped'], trace.meta['figures']
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')

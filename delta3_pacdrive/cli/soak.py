@@ -9,13 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from delta3_pacdrive.cli.output import (
-    INTERRUPTED,
-    announce_compilation,
-    guarded,
-    parser_for,
-    print_json,
-)
+from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for, print_json
 from delta3_pacdrive.errors import RunError
 
 PACES = {'fast': 0.0, 'real-time': 1.0}  # of the bus, over real time
@@ -119,7 +113,7 @@ def _soak(options: argparse.Namespace, pace: str) -> dict[str, Any]:
     from rich.console import Console
     from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-    from delta3_pacdrive.nodes.soak import Figures, run_soak
+    from delta3_pacdrive.verification.soak import Figures, run_soak
 
     announce_compilation()
     console = Console(stderr=True)

@@ -98,8 +98,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _tune(options: argparse.Namespace) -> int:
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.tuning.run import Study, robot_of
-    from delta3_pacdrive.tuning.study import Settings
+    from delta3_pacdrive.analysis.tuning.run import Study, robot_of
+    from delta3_pacdrive.analysis.tuning.study import Settings
 
     settings = Settings(
         options.parameters,
@@ -135,12 +135,12 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> dict[str, Any]:
-    from delta3_pacdrive import recording
+    from delta3_pacdrive.analysis.estimation import measurement
+    from delta3_pacdrive.analysis.tuning.bench import Place
+    from delta3_pacdrive.analysis.tuning.recording import SPEED_SHARE, Excitation, record
+    from delta3_pacdrive.analysis.tuning.run import robot_of
     from delta3_pacdrive.errors import TraceError
-    from delta3_pacdrive.estimation import measurement
-    from delta3_pacdrive.tuning.bench import Place
-    from delta3_pacdrive.tuning.recording import SPEED_SHARE, Excitation, record
-    from delta3_pacdrive.tuning.run import robot_of
+    from delta3_pacdrive.recording import bag_trace
 
     folder = Path(options.excite).parent
     if not folder.is_dir():
@@ -156,7 +156,7 @@ def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> d
     trace = record(robot, excitation, lambda done, total: progress.show('excitation', done, total))
     trace = measurement.with_noise(trace, robot, options.noise, options.seed)
     progress.show('writing', 0, 0)
-    recording.save(trace, options.excite)
+    bag_trace.save(trace, options.excite)
     return {
         'ok': True,
         'file': options.excite,

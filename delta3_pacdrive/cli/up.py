@@ -58,7 +58,7 @@ class _Announcement:
 
 def _run(options: argparse.Namespace) -> int:
     refuse_second(options)
-    from delta3_pacdrive.nodes.bringup import Bringup
+    from delta3_pacdrive.bringup.bringup import Bringup
 
     announce_compilation()
     bringup = Bringup(options_of(options, None))

@@ -24,8 +24,8 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import ProgramError, TelegramError, shown
-from delta3_pacdrive.injection import Fault
-from delta3_pacdrive.motion.timeline import Course
+from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.motion.execution import Course
 from delta3_pacdrive.parameters import Parameters
 
 ROWS_WAITING_MAX = 50_000  # rows of a plan that nobody has checked yet

@@ -12,11 +12,11 @@ import numpy as np
 from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Numbering, Origin
 from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.injection import Fault
-from delta3_pacdrive.motion.checks import check_reach, check_speed
+from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN
+from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.program import FAULTS_MAX
-from delta3_pacdrive.motion.timeline import RATE_MAX, RATE_MIN
 from delta3_pacdrive.parameters import Parameters
 
 ORDER_HEADER = 2  # start cycle (-1: as soon as possible), rate; behind it the numbers of the moves

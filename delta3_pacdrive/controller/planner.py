@@ -19,14 +19,14 @@ from delta3_pacdrive.controller.planning_job import Job, Result
 from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.controller.robot_state import STANDING_M
 from delta3_pacdrive.errors import Delta3Error, ProgramError
-from delta3_pacdrive.injection import Fault
-from delta3_pacdrive.motion import planning
+from delta3_pacdrive.faults.injection import Fault
 from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Course, Timeline
 from delta3_pacdrive.motion.plan import Move, Plan
-from delta3_pacdrive.motion.planning import Planned
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.rejoin import left_of_plan, rejoin
-from delta3_pacdrive.motion.timeline import RATE_MAX, RATE_MIN, Course, Timeline
+from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.motion.resume import left_of_plan, rejoin
 from delta3_pacdrive.parameters import Parameters
 
 # how far ahead a change of course is planned; four times as far each time that it came too late
@@ -662,7 +662,7 @@ class Planner:
             x, y, z = on_path.tolist()
             document = {'moves': [{'move_l': {'to_m': [x, y, z]}}]}
             program = programs.parse(document, self._robot.motion)
-            way_back = planning.plan(program, here, self._robot, returning=True)
+            way_back = program_planner.plan(program, here, self._robot, returning=True)
             moves = [*way_back.plan.moves, *moves]
         before = (self._queue, self._planned, self._cut_off, self._restartable)
 

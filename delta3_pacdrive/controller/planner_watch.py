@@ -1,9 +1,9 @@
 """Which planner the transformation task listens to, and whether it is still there while its program runs."""
 
-from delta3_pacdrive.bus.phases import Identity, disagreements
-from delta3_pacdrive.bus.silence import PLANNER_SILENT_S, Watch
 from delta3_pacdrive.controller.messages import Numbering
-from delta3_pacdrive.injection import UNIT_ROBOT
+from delta3_pacdrive.faults.injection import UNIT_ROBOT
+from delta3_pacdrive.sercos.configuration_check import Identity, disagreements
+from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S, Watch
 
 RESTARTED_S = 1.0  # without a heartbeat of the planner, after which another one takes its place
 PLANNERS_MAX = 16  # whose parameters are remembered

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from delta3_pacdrive import yaml_file
+from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.errors import Delta3Error, ProgramError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion.planning import Planned
+from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters
 
 Caps = tuple[float, float, float]
@@ -64,7 +64,9 @@ def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> R
             program = _appended(job.queue, _read(job, robot))
         if program is None:
             raise ProgramError('no moves are in the queue')
-        planned = planning.plan(program, job.here_m, robot, returning=True, open_end=True, progress=progress)
+        planned = program_planner.plan(
+            program, job.here_m, robot, returning=True, open_end=True, progress=progress
+        )
         return Result(job.number, program, planned)
     except CancelledError as error:
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
@@ -78,7 +80,7 @@ def _read(job: Job, robot: Parameters) -> Program:
     else:
         document = yaml_file.parse(job.text, 'the program', ProgramError)
     program = programs.parse(document, robot.motion)
-    return planning.capped(program, job.caps) if any(job.caps) else program
+    return program_planner.capped(program, job.caps) if any(job.caps) else program
 
 
 def _appended(queue: Program | None, more: Program) -> Program:

@@ -7,20 +7,20 @@ This is the only owner of enabling, stops and faults; ``Transformation`` carries
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from delta3_pacdrive.bus.master import Master
-from delta3_pacdrive.bus.phases import DRIVES
-from delta3_pacdrive.bus.service import Access, Answer, Operation, parse_idn
-from delta3_pacdrive.bus.time import NEVER
-from delta3_pacdrive.bus.words import in_torque
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
 from delta3_pacdrive.controller.reason import Code, Reason
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import ProgramError, UnreachableError
-from delta3_pacdrive.injection import Fault
+from delta3_pacdrive.faults.injection import Fault
 from delta3_pacdrive.kinematics import Floats
-from delta3_pacdrive.motion.timeline import Course
-from delta3_pacdrive.transformation import Transformation
+from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
+from delta3_pacdrive.sercos.words import in_torque
 
 RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)
 DIAGNOSTIC_NUMBER = Access(parse_idn('S-0-0390'), Operation.READ)

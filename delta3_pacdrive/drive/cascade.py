@@ -1,6 +1,6 @@
 """The cascade: position P, velocity PI, current PI with feed-forwards, filters, limits and anti-windup (8.1)."""
 
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.numerics.kernel import kernel
 
 
 @kernel

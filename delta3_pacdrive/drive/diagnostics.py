@@ -10,7 +10,7 @@ import operator
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from delta3_pacdrive.bus.words import Class1, Class2
+from delta3_pacdrive.sercos.words import Class1, Class2
 
 
 class Reaction(IntEnum):

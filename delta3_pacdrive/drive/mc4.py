@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from delta3_pacdrive.bus.increments import to_increments
-from delta3_pacdrive.bus.words import payload_on_grid
+from delta3_pacdrive.drive.arrays import STATE, DriveState, drive_constants
 from delta3_pacdrive.drive.cascade import (
     clamp,
     current_feedforward,
@@ -13,8 +12,6 @@ from delta3_pacdrive.drive.cascade import (
     velocity_loop,
 )
 from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
-from delta3_pacdrive.drive.observer import advance_observer, reset_observer
-from delta3_pacdrive.drive.record import STATE, DriveState, drive_constants
 from delta3_pacdrive.drive.sensors import (
     calibrate,
     interpolation_error,
@@ -22,7 +19,8 @@ from delta3_pacdrive.drive.sensors import (
     next_random,
     signed_share,
 )
-from delta3_pacdrive.drive.supervision import (
+from delta3_pacdrive.drive.shaft_observer import advance_observer, reset_observer
+from delta3_pacdrive.drive.state_machine import (
     advance_state,
     bridge_telegram,
     clear_fault,
@@ -32,7 +30,6 @@ from delta3_pacdrive.drive.supervision import (
     stopping_speed,
     take_telegram,
 )
-from delta3_pacdrive.kernel import kernel
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motor import (
     motor,
@@ -41,7 +38,10 @@ from delta3_pacdrive.motor import (
     short_circuit_current,
     winding_current,
 )
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.increments import to_increments
+from delta3_pacdrive.sercos.words import payload_on_grid
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import Parameters
 
 _SHARES = 2.0**53

@@ -1,7 +1,7 @@
 """Holding brakes of the motors: delays, sticking and slipping."""
 
 from delta3_pacdrive.dynamics import multiply, solve
-from delta3_pacdrive.kernel import kernel
+from delta3_pacdrive.numerics.kernel import kernel
 
 
 @kernel

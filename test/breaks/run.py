@@ -64,7 +64,7 @@ KEYS = {'id', 'file', 'old', 'new', 'also', 'why', 'tests', 'equivalent'}
 REQUIRED = {'id', 'file', 'old', 'new', 'why', 'tests'}
 TIME_LIMIT_S = 600.0
 # kernels take no value of these modules when they are compiled: parameters reach them as arrays
-NOT_COMPILED_IN = frozenset({'parameters', 'errors', 'yaml_file'})
+NOT_COMPILED_IN = frozenset({'parameters', 'errors', 'configuration.yaml_file'})
 GOOD = ('killed', 'equivalent')
 PASSED, FAILED, BROKEN = 0, 1, 3  # pytest's exit status; whatever is neither of the first two tells nothing
 BOOT = f"""\

@@ -8,11 +8,6 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.bus.master import Master
-from delta3_pacdrive.bus.phases import Identity
-from delta3_pacdrive.bus.service import Answer
-from delta3_pacdrive.bus.time import NEVER
-from delta3_pacdrive.bus.words import Status as Word
 from delta3_pacdrive.controller import planner as planning_actions
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.controller.messages import COURSE, FAULT, ORDER, REVOKE, Origin, Request
@@ -22,8 +17,13 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.planning_job import Job, Result, work
 from delta3_pacdrive.controller.reason import Reason
 from delta3_pacdrive.controller.robot_state import Answered, Asked, Followed, RobotState
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.transformation import Transformation
+from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import Identity
+from delta3_pacdrive.sercos.service_channel import Answer
+from delta3_pacdrive.sercos.words import Status as Word
 
 PLANNER = 'a1b2c3d4'
 PERIOD_S = 0.2

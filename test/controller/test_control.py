@@ -2,9 +2,9 @@
 
 import pytest
 
-from delta3_pacdrive.bus.silence import OPERATOR_SILENT_S
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S
 
 PERIOD_S = 0.1
 ANNA, BERT = Operator('a1', 'Anna'), Operator('b2', 'Bert')

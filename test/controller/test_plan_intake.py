@@ -8,8 +8,8 @@ import pytest
 from delta3_pacdrive.controller.messages import FAULT, ORDER, Origin
 from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
 from delta3_pacdrive.controller.reason import Code, Reason
-from delta3_pacdrive.injection import Fault
-from delta3_pacdrive.motion import planning, program
+from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.motion import program, program_planner
 
 MOVES = [[0.1, 0.0, -0.8], [0.0, 0.1, -0.8], [0.0, 0.0, -0.75]]
 
@@ -17,7 +17,7 @@ MOVES = [[0.1, 0.0, -0.8], [0.0, 0.1, -0.8], [0.0, 0.0, -0.75]]
 @pytest.fixture(scope='module')
 def rows(robot) -> list[Any]:
     document = {'moves': [{'move_l': {'to_m': point}} for point in MOVES]}
-    plan = planning.plan(program.parse(document, robot.motion), robot.motion.home_m, robot).plan
+    plan = program_planner.plan(program.parse(document, robot.motion), robot.motion.home_m, robot).plan
     return [move.to_array(n, len(plan)) for n, move in enumerate(plan.moves)]
 
 
@@ -134,7 +134,7 @@ def test_parts_of_an_order_that_was_never_finished_do_not_get_into_the_next(
 
 
 def test_a_rate_at_which_a_motor_would_turn_too_fast_is_refused(robot, rows: list[Any]) -> None:
-    from delta3_pacdrive.motion.checks import check_speed
+    from delta3_pacdrive.motion.limits import check_speed
     from delta3_pacdrive.motion.plan import Move
 
     move, _, _ = Move.from_array(rows[0])

@@ -2,9 +2,9 @@
 
 import pytest
 
-from delta3_pacdrive.bus.phases import Identity
-from delta3_pacdrive.bus.silence import PLANNER_SILENT_S
 from delta3_pacdrive.controller.planner_watch import PLANNERS_MAX, RESTARTED_S, PlannerWatch
+from delta3_pacdrive.sercos.configuration_check import Identity
+from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S
 
 PERIOD_S = 0.1
 

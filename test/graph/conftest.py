@@ -22,10 +22,10 @@ from std_msgs.msg import String
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.controller.messages import Origin, Status
-from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.plant import PlantNode
-from delta3_pacdrive.nodes.qos import LATCHED
-from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.plant import PlantNode
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.ros.qos import LATCHED
 
 DEADLINE_S = 8.0
 
@@ -67,7 +67,7 @@ def own_domain() -> Iterator[None]:
             'FASTDDS_DEFAULT_PROFILES_FILE',
         ):
             patch.delenv(name, raising=False)
-        from delta3_pacdrive.nodes import discovery
+        from delta3_pacdrive.ros import discovery
 
         discovery.keep_to_this_machine()
         yield

@@ -9,12 +9,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive import dynamics, parameters
-from delta3_pacdrive.bus.time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.bus.words import Phase, Status
-from delta3_pacdrive.nodes import telegram
-from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.plant import REST_S, PlantNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.plant import REST_S, PlantNode
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.sercos.words import Phase, Status
 
 ROBOT = parameters.load()
 CLOCK = Clock(ROBOT.bus.cycle_time_s)
@@ -40,13 +40,13 @@ class Bus:
         publishers = {
             topic: graph.listener.create_publisher(JointState, topic, CYCLIC_PUBLISHER) for topic in topics
         }
-        self.publish = {topic: telegram.raw_publish(item) for topic, item in publishers.items()}
+        self.publish = {topic: cdr.raw_publish(item) for topic, item in publishers.items()}
         everybody = [self.phase, *publishers.values()]
         graph.spin_until(lambda: all(item.get_subscription_count() for item in everybody), 'the node')
         self.tell(Phase.CP1)
 
     def tell(self, phase: Phase) -> None:
-        self.phase.publish(telegram.phase_message(phase, SESSION, (0, 0)))
+        self.phase.publish(cdr.phase_message(phase, SESSION, (0, 0)))
 
 
 class Drive(Bus):
@@ -58,7 +58,7 @@ class Drive(Bus):
         self.node = graph.add(MC4DriveNode, axis=2)
         super().__init__(graph, ('sercos/mdt', 'plant/motor_shafts'))
         self.cycle = 0
-        self._mdt, self._shafts = telegram.mdt_codec(), telegram.shafts_codec()
+        self._mdt, self._shafts = cdr.mdt_codec(), cdr.shafts_codec()
         graph.spin_until(self._greeted, 'the answer to a greeting')
         self.tell(Phase.CP4)
 
@@ -74,7 +74,7 @@ class Drive(Bus):
         self, stamp: tuple[int, int], control: int, payload_kg: float = 0.0, position: float = 0.0
     ) -> None:
         phase = Phase.CP1 if stamp[0] < 0 else Phase.CP4
-        frame = telegram.mdt_frame(phase, control, payload_kg, SESSION)
+        frame = cdr.mdt_frame(phase, control, payload_kg, SESSION)
         self.publish['sercos/mdt'](self._mdt.encode(stamp, frame, [position] * 3))
 
     def answer(self) -> Any:
@@ -162,7 +162,7 @@ class Machine(Bus):
     def __init__(self, graph: Any) -> None:
         self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
         graph.add(PlantNode)
-        super().__init__(graph, tuple(f'{axis}/motor_current' for axis in telegram.AXES))
+        super().__init__(graph, tuple(f'{axis}/motor_current' for axis in cdr.AXES))
         graph.spin_until(lambda: self.shafts, 'a greeting')
         self.exchange = 0
         self.tell(Phase.CP4)
@@ -183,8 +183,8 @@ class Machine(Bus):
         self, axis: str, exchange: int, amperes: float = 0.0, free: bool = False, session: bytes = SESSION
     ) -> None:
         """Publish the current of an axis."""
-        codec = telegram.current_codec(axis, 16)
-        frame = telegram.current_frame(free, self.payload_kg, session)
+        codec = cdr.current_codec(axis, 16)
+        frame = cdr.current_frame(free, self.payload_kg, session)
         self.publish[f'{axis}/motor_current'](codec.encode(CLOCK.stamp(exchange), frame, [amperes] * 16))
 
     payload_kg = 0.0
@@ -193,7 +193,7 @@ class Machine(Bus):
         """Let exchanges pass; return the last shafts."""
         self.payload_kg = payload_kg
         for _ in range(exchanges):
-            for axis in telegram.AXES:
+            for axis in cdr.AXES:
                 self.current(axis, self.exchange, free=free)
             self.exchange += 1
             self.wait()

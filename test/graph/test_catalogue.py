@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
-from delta3_pacdrive.injection import KINDS, OF_PROCESSES
-from delta3_pacdrive.nodes import cases
+from delta3_pacdrive.faults.injection import KINDS, OF_PROCESSES
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.verification import cases
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 

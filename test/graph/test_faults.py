@@ -10,11 +10,11 @@ from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.drive.record import DriveState
-from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, REPORT
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.drive.arrays import DriveState
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REPORT
+from delta3_pacdrive.ros.robot_client import OperatorNode
 
 LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'
 

@@ -14,11 +14,11 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.controller.messages import ORDER
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.nodes.numbers import numbers
-from delta3_pacdrive.nodes.qos import LATCHED, PLAN, REQUEST
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.ros.qos import LATCHED, PLAN, REQUEST
 
 HOME = (0.0, 0.0, -0.75)
 FUZZ = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -139,7 +139,9 @@ def test_no_request_kills_the_planner_or_moves_the_robot(topic: str, robot: Any,
 def good_row() -> list[float]:
     parameters_ = parameters.load()
     document = {'moves': [{'move_c': {'via_m': [0.1, 0.1, -0.8], 'to_m': [0.2, 0.0, -0.8]}}]}
-    plan = planning.plan(programs.parse(document, parameters_.motion), (0.0, 0.01, -0.76), parameters_).plan
+    plan = program_planner.plan(
+        programs.parse(document, parameters_.motion), (0.0, 0.01, -0.76), parameters_
+    ).plan
     return list(plan.moves[0].to_array(0, 1).tolist())
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.bus.time import Clock
-from delta3_pacdrive.injection import KINDS, LOSES_AT, LOSES_MDT, parse
+from delta3_pacdrive.faults.injection import KINDS, LOSES_AT, LOSES_MDT, parse
 from delta3_pacdrive.motion import program
-from delta3_pacdrive.nodes import invariants, soak_programs
-from delta3_pacdrive.nodes.tap import AT, CODECS, MDT, SHAFTS, Tap, Telegrams
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.verification import invariants, soak_programs
+from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Tap, Telegrams
 
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio

@@ -16,12 +16,12 @@ from std_srvs.srv import Trigger
 from delta3_pacdrive import parameters
 from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.nodes.numbers import numbers
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, REQUEST
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
 
 CYCLE_S = 1e-3
 ALONG = 0.2  # m
@@ -291,7 +291,9 @@ def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> No
     )
     robot = parameters.load()
     document = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.8]}}]}
-    moved = planning.plan(programs.parse(document, robot.motion), (0.0, 0.0, -0.74), robot).plan.moves[0]
+    moved = program_planner.plan(programs.parse(document, robot.motion), (0.0, 0.0, -0.74), robot).plan.moves[
+        0
+    ]
     course = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     order = [-1, 1.0, 0.0]
     messages = [

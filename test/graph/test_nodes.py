@@ -13,12 +13,12 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.nodes.drive_parameters import WRITABLE
-from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.plant import PlantNode
-from delta3_pacdrive.nodes.qos import LATCHED
-from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.drive_parameters import WRITABLE
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.plant import PlantNode
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.qos import LATCHED
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.controller.messages import DISABLE, HOLD, Reply, Request
 from delta3_pacdrive.controller.reason import Code
-from delta3_pacdrive.nodes.operator import OperatorNode, RefusedError
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode, RefusedError
 
 ON_REQUEST = {'motion__start_cycle': -1}
 POSSIBLE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75]}}]'

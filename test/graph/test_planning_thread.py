@@ -7,8 +7,8 @@ import pytest
 
 from delta3_pacdrive.controller.planning_job import Job, Result
 from delta3_pacdrive.controller.reason import Code
-from delta3_pacdrive.nodes.planning_thread import PlanningThread
 from delta3_pacdrive.parameters import load
+from delta3_pacdrive.ros.planning_thread import PlanningThread
 
 HOME = (0.0, 0.0, -0.75)
 DEADLINE_S = 60.0
@@ -95,7 +95,7 @@ def test_whatever_goes_wrong_in_a_job_is_its_result(
     def fail(*_: object) -> None:
         raise MemoryError('no room')
 
-    monkeypatch.setattr('delta3_pacdrive.nodes.planning_thread.work', fail)
+    monkeypatch.setattr('delta3_pacdrive.ros.planning_thread.work', fail)
     thread.begin(job(1, LINE))
     (result,) = results_of(thread, 1)
     assert result.reason is not None

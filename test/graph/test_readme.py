@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from std_msgs.msg import String
 
-from delta3_pacdrive.nodes.qos import LATCHED, REPORT
+from delta3_pacdrive.ros.qos import LATCHED, REPORT
 
 SOURCE = Path(__file__).parents[2]
 END_S = 30.0

@@ -17,11 +17,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.bag_recovery import recover
-from delta3_pacdrive.bus.phases import DRIVES
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
-from delta3_pacdrive.nodes.recorder import CYCLIC, RecorderNode
+from delta3_pacdrive.recording.bag_recovery import recover
+from delta3_pacdrive.ros.nodes.recorder import CYCLIC, RecorderNode
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 TMPFS_BYTES = 600_000
 SOON_S = 1.0  # for a recorder that has nothing else to do

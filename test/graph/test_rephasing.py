@@ -12,19 +12,19 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.bus.participants import Participants
-from delta3_pacdrive.bus.phases import Identity
-from delta3_pacdrive.bus.silence import BOUND_S
-from delta3_pacdrive.bus.words import Phase
-from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.phase_up import PATIENCE, PhaseUp, doubled
-from delta3_pacdrive.nodes.plant import PlantNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED
-from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.plant import PlantNode
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.phase_up import PATIENCE, PhaseUp, doubled
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.sercos.configuration_check import Identity
+from delta3_pacdrive.sercos.participants import Participants
+from delta3_pacdrive.sercos.watchdog import BOUND_S
+from delta3_pacdrive.sercos.words import Phase
 
 LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'
 ON_REQUEST = {'motion__start_cycle': -1}

@@ -8,10 +8,10 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
-from delta3_pacdrive.nodes.recorder import CYCLIC, OTHER
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.nodes.recorder import CYCLIC, OTHER
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
 
 ON_REQUEST = {'motion__start_cycle': -1}
 LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.4}}]'

@@ -14,19 +14,19 @@ from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.bus.participants import Occasion
-from delta3_pacdrive.bus.phases import DRIVES, Identity
 from delta3_pacdrive.controller.messages import ORDER
-from delta3_pacdrive.drive.record import DriveState
+from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import planning
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.nodes.numbers import numbers
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.progress_report import read_progress
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.ros.progress_report import read_progress
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.sercos.configuration_check import DRIVES, Identity
+from delta3_pacdrive.sercos.participants import Occasion
 
 HOME = (0.0, 0.0, -0.75)
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -117,12 +117,12 @@ def test_telegrams_whose_session_is_no_text_are_refused(cell: Cell) -> None:
 
 def test_a_raw_session_of_bytes_that_are_no_text_is_refused() -> None:
     from delta3_pacdrive.errors import TelegramError
-    from delta3_pacdrive.nodes import telegram
+    from delta3_pacdrive.ros import cdr
 
     with pytest.raises(TelegramError, match='belongs to session'):
-        telegram.parse_at_frame(b'c008 0000 \xff\xff\xff\xff', b'3fa9')
+        cdr.parse_at_frame(b'c008 0000 \xff\xff\xff\xff', b'3fa9')
     with pytest.raises(TelegramError, match='belongs to session'):
-        telegram.require_session(b'\xff\xff\xff\xff', b'3fa9')
+        cdr.require_session(b'\xff\xff\xff\xff', b'3fa9')
 
 
 @pytest.mark.parametrize('seconds', [2**31 - 1, 100_000])
@@ -267,7 +267,7 @@ def test_an_announcement_with_a_number_of_thousands_of_digits_is_ignored(cell: C
 def good_plan() -> list[float]:
     robot = parameters.load()
     document = {'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.75], 'speed_m_s': 1.5}}]}
-    plan = planning.plan(programs.parse(document, robot.motion), HOME, robot).plan
+    plan = program_planner.plan(programs.parse(document, robot.motion), HOME, robot).plan
     return list(plan.moves[0].to_array(0, 1).tolist())
 
 
@@ -347,7 +347,7 @@ def test_enabling_takes_over_where_the_arm_was_pushed_to(cell: Cell) -> None:
 def test_an_emergency_stop_before_cyclic_operation_leaves_the_drives_without_torque(graph: Any) -> None:
     graph.robot(('plant', '1', '2', '3'))
     mdt = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
-    from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
+    from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
     graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')

@@ -14,25 +14,25 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.bus.participants import Announcement, Occasion, Participants
-from delta3_pacdrive.bus.phases import PARTICIPANTS, Identity
-from delta3_pacdrive.bus.statistics import BusStatistics
-from delta3_pacdrive.bus.time import NEVER, Clock
-from delta3_pacdrive.bus.words import Phase
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.injection import Scheduled, parse
-from delta3_pacdrive.nodes import telegram
-from delta3_pacdrive.nodes.at_receiver import AtReceiver
-from delta3_pacdrive.nodes.deferred_service import create_deferred_service
-from delta3_pacdrive.nodes.fault_desk import LEAD_CYCLES, SCHEDULE, Faults
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.output import Output
-from delta3_pacdrive.nodes.phase_up import PhaseUp
-from delta3_pacdrive.nodes.polling import PollingNode
-from delta3_pacdrive.nodes.qos import CYCLIC_PUBLISHER, FAULTS, REPORT, REQUEST
-from delta3_pacdrive.nodes.robot_node import RobotNode
-from delta3_pacdrive.nodes.transformation_task import TransformationTaskNode
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.faults.injection import Scheduled, parse
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.at_receiver import AtReceiver
+from delta3_pacdrive.ros.deferred_service import create_deferred_service
+from delta3_pacdrive.ros.fault_injection import LEAD_CYCLES, SCHEDULE, Faults
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.phase_up import PhaseUp
+from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.publishers import Output
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, REPORT, REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
+from delta3_pacdrive.sercos.participants import Announcement, Occasion, Participants
+from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.words import Phase
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -115,7 +115,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     receiver = AtReceiver(node, Clock(1e-3), True, statistics, lambda *what: taken.append(what))
     beside = node.create_polled_subscription(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     publisher = graph.listener.create_publisher(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
-    publish, codec = telegram.raw_publish(publisher), telegram.at_codec('axis2')
+    publish, codec = cdr.raw_publish(publisher), cdr.at_codec('axis2')
     graph.spin_until(lambda: publisher.get_subscription_count() == 2, 'the master')
 
     def look() -> None:
@@ -124,7 +124,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     def send(cycles: range, session: bytes = SESSION) -> None:
         """Publish AT, and wait until somebody beside the master has all of them."""
         for cycle in cycles:
-            frame = telegram.at_frame(0xC008, 7, session)
+            frame = cdr.at_frame(0xC008, 7, session)
             publish(codec.encode((0, cycle * 1_000_000), frame, [1.0, 2.0, 3.0]))
         came = 0
 
@@ -137,7 +137,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
         graph.spin_until(all_came, 'all of them', SOON_S)
 
     send(range(1))
-    graph.spin_until(lambda: look() or receiver.session == telegram.NO_SESSION, 'a look without a session')
+    graph.spin_until(lambda: look() or receiver.session == cdr.NO_SESSION, 'a look without a session')
     assert (taken, statistics.refused) == ([], 0)  # between two sessions nobody expects anything
     receiver.session = SESSION
     published_ns = time.time_ns()

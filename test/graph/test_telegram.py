@@ -9,32 +9,32 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from delta3_pacdrive.bus.words import PAYLOAD_MAX_KG, Phase
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.nodes import telegram
-from delta3_pacdrive.nodes.numbers import numbers, row_of
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.numbers import numbers, row_of
+from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, Phase
 
 CODECS = {
     'mdt': (
-        telegram.mdt_codec(),
-        telegram.mdt_frame(4, 0xE000, 0.5, b'3fa9'),
+        cdr.mdt_codec(),
+        cdr.mdt_frame(4, 0xE000, 0.5, b'3fa9'),
         (3, 0, 0),
-        list(telegram.AXES),
+        list(cdr.AXES),
     ),
-    'at': (telegram.at_codec('axis2'), telegram.at_frame(0xC008, 0x1234, b'3fa9'), (1, 1, 1), ['axis2']),
+    'at': (cdr.at_codec('axis2'), cdr.at_frame(0xC008, 0x1234, b'3fa9'), (1, 1, 1), ['axis2']),
     'current of 1 ms': (
-        telegram.current_codec('axis3', 16),
-        telegram.current_frame(True, 0.5, b'3fa9'),
+        cdr.current_codec('axis3', 16),
+        cdr.current_frame(True, 0.5, b'3fa9'),
         (0, 0, 16),
         ['axis3'],
     ),
     'current of 125 us': (
-        telegram.current_codec('axis1', 2),
-        telegram.current_frame(False, 12.0, b'3fa9'),
+        cdr.current_codec('axis1', 2),
+        cdr.current_frame(False, 12.0, b'3fa9'),
         (0, 0, 2),
         ['axis1'],
     ),
-    'shafts': (telegram.shafts_codec(), b'3fa9', (3, 3, 3), list(telegram.AXES)),
+    'shafts': (cdr.shafts_codec(), b'3fa9', (3, 3, 3), list(cdr.AXES)),
 }
 
 
@@ -119,7 +119,7 @@ def test_cut_off_telegrams_are_refused(length: int) -> None:
 
 @pytest.mark.parametrize('message_type', [PointStamped, Vector3Stamped])
 def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
-    codec = telegram.StampedTripleCodec(message_type, 4)
+    codec = cdr.StampedTripleCodec(message_type, 4)
     data = codec.encode((1, 2), b'base', [0.1, -0.2, 0.3])
     message = deserialize_message(data, message_type)
     vector = message.point if message_type is PointStamped else message.vector
@@ -145,7 +145,7 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
 )
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
     with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp hhhh"'):
-        telegram.parse_mdt_frame(frame, 1, b'3fa9')
+        cdr.parse_mdt_frame(frame, 1, b'3fa9')
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
 )
 def test_at_frames_of_another_form_are_refused(frame: bytes) -> None:
     with pytest.raises(TelegramError, match='of an AT is not "wwww ssss hhhh"'):
-        telegram.parse_at_frame(frame, b'3fa9')
+        cdr.parse_at_frame(frame, b'3fa9')
 
 
 OURS, OTHERS = b'3fa9', b'3faa'
@@ -163,10 +163,10 @@ OURS, OTHERS = b'3fa9', b'3faa'
 @pytest.mark.parametrize(
     'parse',
     [
-        lambda: telegram.parse_mdt_frame(telegram.mdt_frame(4, 0xE000, 0.5, OTHERS), 1, OURS),
-        lambda: telegram.parse_at_frame(telegram.at_frame(0xC008, 0, OTHERS), OURS),
-        lambda: telegram.parse_current_frame(telegram.current_frame(True, 0.5, OTHERS), OURS),
-        lambda: telegram.require_session(OTHERS, OURS),
+        lambda: cdr.parse_mdt_frame(cdr.mdt_frame(4, 0xE000, 0.5, OTHERS), 1, OURS),
+        lambda: cdr.parse_at_frame(cdr.at_frame(0xC008, 0, OTHERS), OURS),
+        lambda: cdr.parse_current_frame(cdr.current_frame(True, 0.5, OTHERS), OURS),
+        lambda: cdr.require_session(OTHERS, OURS),
     ],
 )
 def test_what_belongs_to_another_session_is_refused_by_both_names(parse: Callable[[], object]) -> None:
@@ -175,56 +175,56 @@ def test_what_belongs_to_another_session_is_refused_by_both_names(parse: Callabl
 
 
 def test_sessions_are_drawn_anew_and_never_the_one_of_nobody() -> None:
-    drawn = {telegram.new_session() for _ in range(200)}
+    drawn = {cdr.new_session() for _ in range(200)}
     assert len(drawn) > 150
-    assert telegram.NO_SESSION not in drawn
-    assert {len(session) for session in drawn} == {telegram.SHAFTS_FRAME_LENGTH}
+    assert cdr.NO_SESSION not in drawn
+    assert {len(session) for session in drawn} == {cdr.SHAFTS_FRAME_LENGTH}
 
 
 def test_a_phase_says_from_when_on_it_holds() -> None:
-    message = telegram.phase_message(Phase.CP4, OURS, (12, 345_000_000))
+    message = cdr.phase_message(Phase.CP4, OURS, (12, 345_000_000))
     assert message.frame_id == 'CP4 3fa9'
-    assert telegram.parse_phase(message) == (Phase.CP4, OURS, (12, 345_000_000))
+    assert cdr.parse_phase(message) == (Phase.CP4, OURS, (12, 345_000_000))
 
 
 @pytest.mark.parametrize('text', ['', 'CP4', 'CP5 3fa9', 'CP4 3fa9 x', 'CP4 \xe9'])
 def test_phases_of_another_form_are_refused(text: str) -> None:
     with pytest.raises(TelegramError, match='is not "CPn hhhh"'):
-        telegram.parse_phase(Header(frame_id=text))
+        cdr.parse_phase(Header(frame_id=text))
 
 
 def test_frames_hold_what_they_were_made_of() -> None:
-    mdt = telegram.mdt_frame(4, 0xE000, 0.5, OURS, (1, 2, 0x9FFF))
-    assert len(mdt) == telegram.MDT_FRAME_LENGTH
-    assert [telegram.parse_mdt_frame(mdt, axis, OURS) for axis in range(3)] == [
+    mdt = cdr.mdt_frame(4, 0xE000, 0.5, OURS, (1, 2, 0x9FFF))
+    assert len(mdt) == cdr.MDT_FRAME_LENGTH
+    assert [cdr.parse_mdt_frame(mdt, axis, OURS) for axis in range(3)] == [
         (4, 0xE000, 1, 0.5),
         (4, 0xE000, 2, 0.5),
         (4, 0xE000, 0x9FFF, 0.5),
     ]
-    at = telegram.at_frame(0xC008, 0x1234, OURS)
-    assert (len(at), telegram.parse_at_frame(at, OURS)) == (telegram.AT_FRAME_LENGTH, (0xC008, 0x1234))
-    current = telegram.current_frame(False, 9.5, OURS)
-    assert len(current) == telegram.CURRENT_FRAME_LENGTH
-    assert telegram.parse_current_frame(current, OURS) == (False, 9.5)
+    at = cdr.at_frame(0xC008, 0x1234, OURS)
+    assert (len(at), cdr.parse_at_frame(at, OURS)) == (cdr.AT_FRAME_LENGTH, (0xC008, 0x1234))
+    current = cdr.current_frame(False, 9.5, OURS)
+    assert len(current) == cdr.CURRENT_FRAME_LENGTH
+    assert cdr.parse_current_frame(current, OURS) == (False, 9.5)
 
 
 def test_frames_read_as_the_documentation_writes_them() -> None:
-    mdt = telegram.mdt_frame(4, 0xE000, 0.0125, OURS, (1, 2, 0x9FFF))
+    mdt = cdr.mdt_frame(4, 0xE000, 0.0125, OURS, (1, 2, 0x9FFF))
     assert mdt == b'CP4 e000 e000 e000 0001 0002 9fff 000.0125 3fa9'
-    assert telegram.at_frame(0xC008, 0x1234, OURS) == b'c008 1234 3fa9'
-    assert telegram.current_frame(True, 0.0125, OURS) == b'free 000.0125 3fa9'
-    assert telegram.current_frame(False, 12.0, OURS) == b'held 012.0000 3fa9'
+    assert cdr.at_frame(0xC008, 0x1234, OURS) == b'c008 1234 3fa9'
+    assert cdr.current_frame(True, 0.0125, OURS) == b'free 000.0125 3fa9'
+    assert cdr.current_frame(False, 12.0, OURS) == b'held 012.0000 3fa9'
 
 
 @pytest.mark.parametrize('payload', ['-0.1', f'{1.01 * PAYLOAD_MAX_KG:.4f}', 'nan', 'inf'])
 def test_a_payload_that_nothing_can_grip_is_refused(payload: str) -> None:
     with pytest.raises(TelegramError, match='of a motor current is not'):
-        telegram.parse_current_frame(f'free {payload} 3fa9'.encode(), OURS)
+        cdr.parse_current_frame(f'free {payload} 3fa9'.encode(), OURS)
     with pytest.raises(TelegramError, match='of an MDT is not'):
-        telegram.parse_mdt_frame(f'CP4 e000 e000 e000 0000 0000 0000 {payload} 3fa9'.encode(), 0, OURS)
+        cdr.parse_mdt_frame(f'CP4 e000 e000 e000 0000 0000 0000 {payload} 3fa9'.encode(), 0, OURS)
 
 
-@pytest.mark.parametrize('number', [1.01 * telegram.IMPOSSIBLE, -1.01 * telegram.IMPOSSIBLE])
+@pytest.mark.parametrize('number', [1.01 * cdr.IMPOSSIBLE, -1.01 * cdr.IMPOSSIBLE])
 def test_a_number_that_no_machine_has_is_refused_in_every_place(number: float, case: tuple) -> None:
     codec, frame, counts, _ = case
     for position in range(sum(counts)):

@@ -8,13 +8,14 @@ import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.nodes import mc4_drive, plant, soak
-from delta3_pacdrive.nodes.cases import Case, Outcome, State
-from delta3_pacdrive.nodes.catalogue import Catalogue
-from delta3_pacdrive.nodes.operator import OperatorNode
-from delta3_pacdrive.nodes.soak import Figures, Soak
-from delta3_pacdrive.nodes.soak_programs import Drawn
-from delta3_pacdrive.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.nodes import mc4_drive, plant
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.verification import soak
+from delta3_pacdrive.verification.cases import Case, Outcome, State
+from delta3_pacdrive.verification.catalogue import Catalogue
+from delta3_pacdrive.verification.soak import Figures, Soak
+from delta3_pacdrive.verification.soak_programs import Drawn
 
 ROBOT = parameters.load()
 

@@ -1,0 +1,1 @@
+"""What is made of runs: figures, experiments of the thesis, estimation, tuning."""

@@ -1,0 +1,192 @@
+"""Exciting trajectories: closed curves through the workspace that show the parameters of a group best.
+
+A curve is a sum of three harmonics in x, y and z, stretched to fill the workspace, run through twice as MoveSB (6.3):
+fast, for inertias, and slowly, which tells friction from them. Its coefficients minimise the condition number of the
+jacobian of the signals over the parameters, both scaled (as Swevers et al. do for robots): a random search, then
+Nelder and Mead from the best curve.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
+from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, analyse
+from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, slope
+from delta3_pacdrive.analysis.estimation.problem import Problem
+from delta3_pacdrive.analysis.estimation.quantities import GROUPS
+from delta3_pacdrive.errors import EstimationError, ProgramError, UnreachableError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.recording.trace import Trace
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from delta3_pacdrive.analysis.estimation.quantities import Quantity
+    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.parameters import Parameters
+
+HARMONICS = 3
+POINTS = 32
+DECIMALS = 4
+FILL = 0.9  # of the radius of the workspace, and of its height
+FAST = {'speed_m_s': 3.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 2000.0}
+SLOW = {'speed_m_s': 0.8, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 500.0}
+SAMPLE_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Design:
+    """An exciting program and what it is worth.
+
+    Attributes
+    ----------
+    document
+        Of the program, as a program file holds it.
+    condition
+        Of the scaled jacobian.
+    first_condition
+        Of the best curve of the random search.
+    evaluations
+        Curves that were tried.
+
+    """
+
+    document: dict[str, Any]
+    condition: float
+    first_condition: float
+    evaluations: int
+
+
+def curve(coefficients: Floats, parameters: Parameters) -> Floats:
+    """Points [m] of the closed curve of 6 ``HARMONICS`` coefficients, shape (POINTS, 3); it fills the workspace."""
+    shape = np.asarray(coefficients).reshape(HARMONICS, 2, 3)
+    phase = np.arange(POINTS) * math.tau / POINTS
+    order = np.arange(1, HARMONICS + 1)[:, None]
+    points = np.einsum('hp,ha->pa', np.cos(order * phase), shape[:, 0])
+    points = points + np.einsum('hp,ha->pa', np.sin(order * phase), shape[:, 1])
+    p = parameters.kinematics
+    radius = np.hypot(points[:, 0], points[:, 1]).max()
+    low, high = points[:, 2].min(), points[:, 2].max()
+    middle, height = (
+        (p.workspace_top_m + p.workspace_bottom_m) / 2.0,
+        p.workspace_top_m - p.workspace_bottom_m,
+    )
+    points[:, :2] *= FILL * p.workspace_diameter_m / 2.0 / max(radius, 1e-12)
+    points[:, 2] = middle + FILL * height * ((points[:, 2] - low) / max(high - low, 1e-12) - 0.5)
+    return np.asarray(np.round(points, DECIMALS))
+
+
+def document_of(points: Floats, name: str) -> dict[str, Any]:
+    """Return the program, as a file holds it, that follows a closed curve fast and then slowly."""
+
+    def through() -> list[list[float]]:
+        # a list of its own for each move: a file may hold no references
+        return [*points[1:].tolist(), points[0].tolist()]
+
+    return {
+        'name': name,
+        'start_m': points[0].tolist(),
+        'moves': [
+            {'move_sb': {'through_m': through(), **FAST}},
+            {'dwell': {'time_s': 0.05}},
+            {'move_sb': {'through_m': through(), **SLOW}},
+        ],
+    }
+
+
+def planned_trace(program: Program, parameters: Parameters) -> Trace:
+    """Signals of a program that is followed exactly: shafts, TCP and the currents that the motion asks for.
+
+    Raises
+    ------
+    ProgramError
+        The program is refused.
+
+    """
+    start = program.start_m or parameters.motion.home_m
+    plan = program_planner.plan(program, start, parameters).plan
+    times = np.arange(0.0, plan.duration_s, SAMPLE_S)
+    points = sample_plan(plan, times)[0]
+    ratio, motor = parameters.dynamics.gear_ratio, parameters.motor
+    arms = kinematics.inverse(points, parameters.kinematics)
+    rates = slope(arms, SAMPLE_S)
+    torque = dynamics.inverse(arms, rates, slope(rates, SAMPLE_S), parameters) / ratio
+    speed = rates * ratio
+    friction = motor.viscous_friction_n_m_s_rad * speed + motor.static_friction_n_m * np.tanh(
+        speed / motor.friction_smoothing_rad_s
+    )
+    signals = {
+        'motor_position': arms * ratio,
+        'motor_speed': speed,
+        'current': (torque + friction) / motor.torque_constant_n_m_a,
+        'tcp_measured': points,
+    }
+    meta = {'cycle_time_s': SAMPLE_S, 'start_cycle': 0, 'end_cycle': len(times) - 1}
+    return Trace(times, signals, meta)
+
+
+def quality(program: Program, group: str, parameters: Parameters) -> Identifiability:
+    """Return what a program tells of a group, mechanical part, by its plan alone; raises ProgramError."""
+    trace = planned_trace(program, parameters)
+    quantities: tuple[Quantity, ...]
+    if group == 'geometry':
+        quantities = GROUPS['geometry'].chosen()
+        problem = Problem(quantities, [GeometryModel(trace, parameters)], parameters)
+    else:
+        quantities = GROUPS['masses'].chosen()
+        problem = Problem(quantities, [TorqueModel(trace, parameters)], parameters)
+    return analyse(problem, np.array([q.read(parameters) for q in quantities]))
+
+
+def design(
+    group: str,
+    parameters: Parameters,
+    seed: int = 0,
+    tries: int = 60,
+    refinements: int = 240,
+    on_progress: Callable[[int, int, float], None] | None = None,
+) -> Design:
+    """Find an exciting program for a group; raises EstimationError if no curve can be planned.
+
+    The same seed gives the same program. ``on_progress`` is called with the curves tried, all, and the best condition.
+    """
+    generator = np.random.default_rng(seed)
+    state = {'best': math.inf, 'count': 0}
+
+    def condition(coefficients: Floats) -> float:
+        name = f'excitation of {group}'
+        document = document_of(curve(coefficients, parameters), name)
+        try:
+            found = quality(programs.parse(document, parameters.motion), group, parameters).condition
+        except (ProgramError, UnreachableError, EstimationError):
+            found = math.inf
+        state['best'] = min(state['best'], found)
+        state['count'] += 1
+        if on_progress is not None:
+            on_progress(int(state['count']), tries + refinements, state['best'])
+        return found
+
+    order = np.repeat(np.arange(1, HARMONICS + 1), 6)
+    candidates = generator.standard_normal((tries, 6 * HARMONICS)) / order
+    conditions = [condition(candidate) for candidate in candidates]
+    first = candidates[int(np.argmin(conditions))]
+    if not math.isfinite(min(conditions)):
+        raise EstimationError('no exciting curve can be planned in the workspace of this robot')
+    result = minimize(
+        lambda c: min(condition(c), 1e12),
+        first,
+        method='Nelder-Mead',
+        options={'maxfev': refinements, 'xatol': 1e-6, 'fatol': 1e-6, 'adaptive': True},
+    )
+    document = document_of(curve(result.x, parameters), f'excitation of {group}')
+    return Design(document, float(result.fun), float(min(conditions)), int(state['count']))

@@ -1,0 +1,79 @@
+"""Closure of the arms on TCP positions that were measured from outside (4.4): the geometry P1."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.analysis.estimation.measurement import NOISE, moving_rows, sample_time_s
+from delta3_pacdrive.analysis.estimation.problem import Block
+from delta3_pacdrive.analysis.estimation.quantities import FRAME, GROUPS, OFFSETS
+from delta3_pacdrive.errors import EstimationError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.parameters import Parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from delta3_pacdrive.recording.trace import Trace
+
+POSES_MAX = 1000
+
+
+class GeometryModel:
+    """Positions of the TCP that do not fit the arm angles.
+
+    Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). The three gaps e_i = |s_i| - l_B become the
+    error of the position by S^-1, the rows of S being the directions s_i/|s_i|: to first order the error of the
+    forward kinematics, but defined for a geometry that does not close at all.
+
+    Raises
+    ------
+    EstimationError
+        No measured TCP is in the trace.
+
+    """
+
+    step, accuracy = 1e-5, 1e-6
+    depends = frozenset(GROUPS['geometry'].possible)
+
+    def __init__(self, trace: Trace, parameters: Parameters) -> None:
+        rows = moving_rows(trace)
+        every = max(1, -(-(rows.stop - rows.start) // POSES_MAX))
+        rows = slice(rows.start, rows.stop, every)
+        self._angles = trace['motor_position'][rows] / parameters.dynamics.gear_ratio
+        self._points = trace['tcp_measured'][rows]
+        self.shapes = (self._points.shape,)
+        period = sample_time_s(trace) * every
+        self.blocks = (Block('TCP', 'm', NOISE.tcp_measured_m, period, float(trace.time_s[rows.start])),)
+
+    def residuals(self, values: Mapping[str, float]) -> list[Floats]:
+        """Measured TCP less that of the arm angles [m], shape (n, 3)."""
+        points = (self._points - _vector(values, FRAME[:3])) @ _turn(_vector(values, FRAME[3:]))
+        theta = self._angles + _vector(values, OFFSETS)
+        alpha = _vector(values, ('alpha_1', 'alpha_2', 'alpha_3'))
+        reach = values['R_A'] - values['R_B'] + values['l_A'] * np.cos(theta)
+        elbows = np.stack(
+            [reach * np.cos(alpha), reach * np.sin(alpha), -values['l_A'] * np.sin(theta)], axis=-1
+        )
+        forearms = points[:, None, :] - elbows
+        lengths = np.linalg.norm(forearms, axis=-1)
+        try:
+            error = np.linalg.solve(forearms / lengths[..., None], (lengths - values['l_B'])[..., None])
+        except np.linalg.LinAlgError:
+            raise EstimationError('the geometry has become singular: the start is too far off') from None
+        return [np.asarray(error[..., 0])]
+
+
+def _vector(values: Mapping[str, float], symbols: tuple[str, ...]) -> Floats:
+    return np.array([values[symbol] for symbol in symbols])
+
+
+def _turn(angles: Floats) -> Floats:
+    """Rotation by three angles about x, y and z."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
+    about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+    about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_z @ about_y @ about_x)

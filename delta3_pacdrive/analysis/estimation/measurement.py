@@ -1,0 +1,244 @@
+"""Measurements to estimate from: files, or a simulated robot with an oscilloscope in its drives; sensor noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.drive.mc4 import mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.errors import EstimationError, RunError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.program import Output
+from delta3_pacdrive.plant.plant import advance
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.increments import on_grid
+from delta3_pacdrive.simulation.robot import Robot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.parameters import Parameters
+
+MOVING_RAD_S = 1.0  # a shaft that turns faster moves
+MARGIN_S = 0.02  # kept before and after the motion
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of white, normally distributed sensor noise per sample: our choice, typical of the kind.
+
+    The current sensor resolves about a thousandth of the peak current; a good SinCos encoder a few increments of
+    2^19 per revolution; the speed is the encoder's difference over some loop periods; a laser tracker. The voltage is
+    the drive's own command, a number without noise: what an end stage makes of it is left out.
+    """
+
+    current_a: float = 0.02
+    motor_speed_rad_s: float = 0.05
+    motor_position_rad: float = 2.0e-5
+    tcp_measured_m: float = 3.0e-5
+
+    def sigmas(self) -> dict[str, float]:
+        """Return the deviations by the name of the signal [SI]."""
+        return {
+            'current': self.current_a,
+            'motor_speed': self.motor_speed_rad_s,
+            'motor_position': self.motor_position_rad,
+            'tcp_measured': self.tcp_measured_m,
+        }
+
+
+NOISE = Noise()
+
+
+def sample_time_s(trace: Trace) -> float:
+    """Distance [s] of the samples; raises EstimationError unless they are evenly spaced."""
+    if len(trace.time_s) < 2:
+        raise EstimationError('the trace is too short')
+    steps = np.diff(trace.time_s)
+    period = float(np.median(steps))
+    if np.abs(steps - period).max() > 1e-3 * period:
+        raise EstimationError(
+            f'the trace is not evenly sampled: steps from {steps.min():g} to {steps.max():g} s'
+        )
+    return period
+
+
+def moving_rows(trace: Trace) -> slice:
+    """Rows from the start of the program to its end, else from the first motion to the last.
+
+    Before that the brakes hold the arms, and the current says nothing.
+    """
+    period, first = sample_time_s(trace), trace.time_s[0]
+    cycle = float(trace.meta.get('cycle_time_s', 0.0))
+    start, end = trace.meta.get('start_cycle'), trace.meta.get('end_cycle')
+    if cycle and start is not None and end is not None:
+        begin = round((start * cycle - first) / period)
+        stop = round((end * cycle - first) / period) + 1
+    else:
+        speed = trace['motor_speed']
+        moving = np.flatnonzero((np.abs(speed) > MOVING_RAD_S).any(axis=1))
+        if not len(moving):
+            raise EstimationError('nothing moves in the trace')
+        margin = round(MARGIN_S / period)
+        begin, stop = moving[0] - margin, moving[-1] + margin
+    begin, stop = max(0, begin), min(len(trace.time_s), stop)
+    if stop - begin < 2:
+        raise EstimationError('the trace holds no motion of the program')
+    return slice(begin, stop)
+
+
+def simulate(
+    program: Program,
+    parameters: Parameters,
+    sampling: str = 'drive',
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Trace:
+    """Run a program and return exact signals, with ``tcp_measured`` besides those of a run.
+
+    Parameters
+    ----------
+    program
+        Must not change the payload: its mass is estimated.
+    parameters
+        The robot that is measured.
+    sampling
+        'bus': once per bus cycle, as a recording. 'drive': every period of the current loop, with the voltage of the
+        phases, by exchanges of two such periods; ``shaft_position`` and ``shaft_speed`` are exact there.
+    on_progress
+        Called with bus cycles that are done and all.
+
+    Raises
+    ------
+    EstimationError
+        The program changes the payload or injects faults.
+    ProgramError, RunError
+        As ``simulation.run``.
+
+    """
+    if program.faults:
+        raise EstimationError('a program with injected faults shows the faults, not the parameters')
+    carries = [s for s in program.statements if isinstance(s, Output) and s.payload_kg is not None]
+    if carries or program.payload_kg not in (None, parameters.dynamics.payload_mass_kg):
+        raise EstimationError('the program changes the payload, which must stay what the parameters say')
+    if sampling == 'bus':
+        trace = simulation.run(program, parameters)
+    else:
+        trace = _run_with_oscilloscope(program, parameters, on_progress)
+    arms = trace['shaft_position'] / parameters.dynamics.gear_ratio
+    trace.signals['tcp_measured'] = kinematics.forward(arms, parameters.kinematics)
+    return trace
+
+
+def _run_with_oscilloscope(
+    program: Program, parameters: Parameters, on_progress: Callable[[int, int], None] | None
+) -> Trace:
+    """Run drives and plant period by period: the same bits as the simulation with two periods per exchange."""
+    period = parameters.drive.current_period_s
+    finest = parameters.replace(bus__exchange_period_s=max(125e-6, parameters.drive.velocity_period_s))
+    placed = simulation.placed(finest, program)
+    robot, task = Robot(placed), Transformation(placed)
+    planned = program_planner.plan(program, task.locate(robot.encoder_positions()), placed)
+    task.load(planned.plan)
+    task.enable_cycle = placed.motion.enable_cycle
+    task.start(placed.motion.start_cycle)
+    cycles, steps = task.last_cycle + 1, round(placed.bus.cycle_time_s / period)
+    scope = _Oscilloscope(robot, cycles * steps)
+    answers = np.empty((3, 3))
+    for cycle in range(cycles):
+        status = scope.run_cycle(task.command(cycle), task.control(cycle), answers, steps)
+        if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
+            raise RunError(f'a drive is without torque in bus cycle {cycle}, status {status}')
+        task.receive(cycle, answers[0], answers[2])
+        if on_progress is not None and cycle % 50 == 0:
+            on_progress(cycle, cycles)
+    meta = {
+        'program': planned.name,
+        'checksum': parameters.checksum,
+        'gear_ratio': parameters.dynamics.gear_ratio,
+        'cycle_time_s': placed.bus.cycle_time_s,
+        'sample_time_s': period,
+        'start_cycle': placed.motion.start_cycle,
+        'end_cycle': task.end_cycle,
+    }
+    return Trace(np.arange(cycles * steps, dtype=np.float64) * period, scope.signals, meta)
+
+
+class _Oscilloscope:
+    """Runs the drives one period of the current loop after the other, and writes down what it sees."""
+
+    def __init__(self, robot: Robot, samples: int) -> None:
+        names = ('motor_position', 'motor_speed', 'current', 'phase_voltage', 'shaft_position', 'shaft_speed')
+        self.signals: dict[str, Floats] = {name: np.empty((samples, 3)) for name in names}
+        self._robot = robot
+        self._row = 0
+        self._per_exchange = len(robot.drives[0].currents)
+        self._currents = np.empty((self._per_exchange, 3))
+        self._brakes = np.zeros(3, dtype=np.int64)
+        self._increments_per_rad = float(robot.drive_constants['increments_per_rad'][0])
+
+    def run_cycle(self, motors: Floats, control: int, answers: Floats, steps: int) -> list[int]:
+        """Run one bus cycle of ``steps`` periods; fill ``answers`` and return the status words."""
+        motor, state, constants, geometry, inertia, rich, shafts = self._robot.plant.arrays()
+        status = []
+        for i, drive in enumerate(self._robot.drives):
+            shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+            word = mc4_begin_cycle(
+                True, motors[i], control, *shaft, drive.answer, drive.state, drive.constants
+            )
+            status.append(int(word))
+            answers[:, i] = drive.answer
+        for _ in range(steps // self._per_exchange):
+            for i in range(3):
+                self._run_exchange(i, shafts, motor)
+            payload = self._robot.payload[0]
+            advance(
+                self._currents,
+                self._brakes,
+                payload,
+                shafts,
+                state,
+                constants,
+                geometry,
+                inertia,
+                motor,
+                rich,
+            )
+            self._row += self._per_exchange
+        return status
+
+    def _run_exchange(self, i: int, shafts: Floats, motor: Floats) -> None:
+        drive, s = self._robot.drives[i], self._robot.drives[i].state[0]
+        position, speed, coupling = shafts[i], shafts[3 + i], shafts[6 + i]
+        for n in range(self._per_exchange):
+            row = self._row + n
+            self.signals['shaft_position'][row, i] = position
+            self.signals['shaft_speed'][row, i] = speed
+            self.signals['motor_position'][row, i] = on_grid(position, self._increments_per_rad)
+            self.signals['motor_speed'][row, i] = speed
+            self.signals['current'][row, i] = s['motor_current']
+            self.signals['phase_voltage'][row, i] = s['voltage']
+            # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
+            self._brakes[i] = mc4_run_period(
+                position, speed, coupling, drive.currents[n : n + 1], drive.state, drive.constants, motor
+            )
+            position, speed, coupling = s['position'], s['speed'], s['coupling']
+        self._currents[:, i] = drive.currents
+
+
+def with_noise(trace: Trace, parameters: Parameters, scale: float, seed: int, noise: Noise = NOISE) -> Trace:
+    """Return a copy with sensor noise, ``scale`` times as strong as ``noise``; encoders stay on their grid."""
+    generator = np.random.default_rng(seed)
+    signals = dict(trace.signals)
+    for name, sigma in noise.sigmas().items():
+        if name in signals and scale > 0.0:
+            signals[name] = signals[name] + scale * sigma * generator.standard_normal(signals[name].shape)
+    if 'motor_position' in signals and scale > 0.0:
+        per_rad = parameters.bus.increments_per_rev / (2.0 * np.pi)
+        signals['motor_position'] = np.floor(signals['motor_position'] * per_rad + 0.5) / per_rad
+    return Trace(trace.time_s, signals, trace.meta | {'noise': scale, 'seed': seed})

@@ -1,0 +1,379 @@
+"""Least squares with bounds and scales, covariance that holds for coloured residuals, confidence intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, Verdict, analyse
+from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, Combination
+from delta3_pacdrive.errors import EstimationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from delta3_pacdrive.analysis.estimation.problem import Problem
+    from delta3_pacdrive.kinematics import Floats
+
+    OnIterate = Callable[['Iterate'], None]
+
+TOLERANCE = 1e-10
+EVALUATIONS_MAX = 100
+ROUNDS_MAX = 3  # of weighting and choosing again
+COLOURED = 0.1  # autocorrelation below which residuals count as independent
+BLOCK_PER_LAG = (
+    6  # length of a block of residuals that is independent of its neighbours, in correlation lengths
+)
+BLOCKS_MIN = 12
+FAR = 0.5  # relative way from the start of a quantity that starts a second time
+QUIET = 0.7  # of the sensors' noise: residuals below it show something else
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """An accepted step: its number, the values [SI] and half the weighted sum of squares."""
+
+    number: int
+    x: Floats
+    cost: float
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """How independent the residuals of one signal are.
+
+    Attributes
+    ----------
+    rms
+        Of the residuals.
+    autocorrelation
+        From lag 0 on, mean of the three columns.
+    lag
+        First lag [samples] at which it is small: 1 for white residuals.
+
+    """
+
+    rms: float
+    autocorrelation: Floats
+    lag: int
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A quantity, or a combination, with its 95 % interval [SI]; ``verdict`` says whether the number means anything."""
+
+    symbol: str
+    unit: str
+    start: float
+    value: float
+    half_width: float
+    verdict: Verdict
+    formula: str = ''
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of an estimation.
+
+    Attributes
+    ----------
+    x
+        Values of all free quantities [SI]; those that no signal shows stay where they started.
+    estimates
+        One per free quantity, then the combinations that signals show although they hide one of their parts.
+    identifiability
+        At the solution.
+    covariance
+        Of the quantities in ``identifiability.estimated`` [scales of x squared].
+    residuals
+        Per block, shape (n, 3).
+    whiteness
+        Per block.
+    cost
+        Half the weighted sum of squares.
+    iterations
+        Accepted steps.
+    converged, message
+        Of the solver.
+
+    """
+
+    x: Floats
+    estimates: tuple[Estimate, ...]
+    identifiability: Identifiability
+    covariance: Floats
+    residuals: list[Floats]
+    whiteness: tuple[Whiteness, ...]
+    cost: float
+    iterations: int
+    converged: bool
+    message: str
+
+
+def fit(
+    problem: Problem,
+    start: Floats,
+    on_iterate: OnIterate | None = None,
+    resume: Iterate | None = None,
+) -> Fit:
+    """Estimate the free quantities of a problem from ``start`` [SI], or going on from an iterate of a former run.
+
+    Which quantities are varied follows from what the signals show: one that is confounded with others stays at its
+    start, so that the others reach every sum that can be seen. After each round signals are weighted by their own
+    residuals. ``on_iterate`` is called with every accepted iterate.
+
+    Quantities that went far may have gone into a side valley: they start a second time, beside what the others have
+    found, and the better solution counts.
+
+    Raises
+    ------
+    EstimationError
+        Signals show none of the quantities, or residuals are not finite.
+
+    """
+    start = np.asarray(start, dtype=np.float64)
+    found = _fit_once(problem, start, on_iterate, resume)
+    far = np.abs(found.x - start) > FAR * np.maximum(np.abs(start), problem.scales)
+    if not far.any() or far.all():
+        return found
+    again = Iterate(found.iterations, np.where(far, start, found.x), found.cost)
+    other = _fit_once(problem, start, on_iterate, again)
+    return other if _misfit(other) < _misfit(found) else found
+
+
+def _misfit(found: Fit) -> float:
+    """Negative logarithm of the likelihood of signals whose noise is what their residuals are."""
+    return float(sum(array.size * np.log(max(w.rms, 1e-300))
+                     for array, w in zip(found.residuals, found.whiteness, strict=True)))  # fmt: skip
+
+
+def _fit_once(
+    problem: Problem,
+    start: Floats,
+    on_iterate: OnIterate | None,
+    resume: Iterate | None,
+) -> Fit:
+    """Estimate from one start, or from an iterate."""
+    x = np.array(start if resume is None else resume.x, dtype=np.float64)
+    sigmas = [block.sigma for block in problem.blocks]
+    report = analyse(problem, x)
+    count = 0 if resume is None else resume.number
+    for number in range(ROUNDS_MAX):
+        if not report.estimated:
+            raise EstimationError('the signals show none of the quantities')
+        x, solution, count = _solve(problem, np.asarray(start), x, report, sigmas, on_iterate, count)
+        residuals = problem.residuals(x)
+        own = [max(float(np.sqrt(np.mean(array**2))), 1e-3 * s.sigma)
+               for array, s in zip(residuals, problem.blocks, strict=True)]  # fmt: skip
+        again = analyse(problem, x, own if len(own) > 1 else None)
+        settled = again.estimated == report.estimated and (len(own) == 1 or number > 0)
+        report, sigmas = again, own if len(own) > 1 else sigmas
+        if settled:
+            break
+    noise = [max(value, block.sigma) for value, block in zip(own, problem.blocks, strict=True)]
+    report_at_noise = analyse(problem, x, noise)
+    whiteness = tuple(whiteness_of(array) for array in residuals)
+    covariance, freedom = _covariance(problem, x, report.estimated, residuals, sigmas, whiteness)
+    estimates = _estimates(
+        problem, np.asarray(start), x, report_at_noise, report.estimated, covariance, freedom
+    )
+    return Fit(
+        x,
+        estimates,
+        report_at_noise,
+        covariance,
+        residuals,
+        whiteness,
+        float(solution.cost),
+        count,
+        bool(solution.status > 0),
+        str(solution.message).rstrip('.'),
+    )
+
+
+def _solve(
+    problem: Problem,
+    start: Floats,
+    x: Floats,
+    report: Identifiability,
+    sigmas: Sequence[float],
+    on_iterate: OnIterate | None,
+    count: int,
+) -> tuple[Floats, Any, int]:
+    """Run the trust region over the estimated quantities, in scales of the start; return values, solution, count."""
+    columns = list(report.estimated)
+    scales = problem.scales[columns]
+    low, high = np.full(len(columns), -np.inf), np.full(len(columns), np.inf)
+    for k, j in enumerate(columns):
+        # a quantity that stands for a sum with hidden ones has no bounds of its own
+        if report.findings[j].verdict is not Verdict.CONFOUNDED:
+            bounds = problem.quantities[j].bounds(float(start[j]))
+            low[k], high[k] = bounds[0] / scales[k], bounds[1] / scales[k]
+    seen: list[bytes] = []
+    costs: dict[bytes, float] = {}
+
+    def whole(y: Floats) -> Floats:
+        values = x.copy()
+        values[columns] = y * scales
+        return values
+
+    def residuals(y: Floats) -> Floats:
+        arrays = problem.residuals(whole(y))
+        out = np.concatenate([array.ravel() / s for array, s in zip(arrays, sigmas, strict=True)])
+        # a robot that cannot be is as bad as can be, so that the step is refused
+        out = np.nan_to_num(out, nan=1e9, posinf=1e9, neginf=-1e9)
+        costs[y.tobytes()] = 0.5 * float(out @ out)
+        return np.asarray(out)
+
+    def jacobian(y: Floats) -> Floats:
+        # called once at every accepted iterate
+        values = whole(y)
+        if on_iterate is not None:
+            on_iterate(Iterate(count + len(seen), values, costs[y.tobytes()]))
+        seen.append(y.tobytes())
+        parts = problem.jacobian(values, columns)
+        return np.concatenate(
+            [part.reshape(-1, len(columns)) / s for part, s in zip(parts, sigmas, strict=True)]
+        )
+
+    margin = 1e-9 * np.where(np.isfinite(high - low), high - low, 0.0)
+    begin = np.clip(x[columns] / scales, low + margin, high - margin)
+    if not np.isfinite(np.concatenate([a.ravel() for a in problem.residuals(whole(begin))])).all():
+        raise EstimationError('the residuals at the start are not finite')
+    solution = least_squares(
+        residuals,
+        begin,
+        jacobian,
+        bounds=(low, high),
+        method='trf',
+        x_scale='jac',
+        ftol=TOLERANCE,
+        xtol=TOLERANCE,
+        gtol=TOLERANCE,
+        max_nfev=EVALUATIONS_MAX,
+    )
+    return whole(solution.x), solution, count + len(seen)
+
+
+def whiteness_of(residuals: Floats) -> Whiteness:
+    """Autocorrelation of residuals (n, 3), by the fast Fourier transform, and the lag from which on it is small."""
+    centred = residuals - residuals.mean(axis=0)
+    count = len(centred)
+    size = 1 << (2 * count - 1).bit_length()
+    power = np.abs(np.fft.rfft(centred, size, axis=0)) ** 2
+    products = np.fft.irfft(power, size, axis=0)[: count // 2].sum(axis=1)
+    correlation = products / max(float(products[0]), 1e-300)
+    small = np.flatnonzero(np.abs(correlation) < max(COLOURED, 2.0 / np.sqrt(3.0 * count)))
+    return Whiteness(
+        float(np.sqrt(np.mean(residuals**2))), correlation, int(small[0]) if len(small) else count // 2
+    )
+
+
+def quieter_than_sensors(rms: float, sensor_noise: float) -> bool:
+    """Whether residuals are too small to be noise of the sensors."""
+    return rms < QUIET * sensor_noise
+
+
+def _covariance(
+    problem: Problem,
+    x: Floats,
+    columns: Sequence[int],
+    residuals: Sequence[Floats],
+    sigmas: Sequence[float],
+    whiteness: Sequence[Whiteness],
+) -> tuple[Floats, int]:
+    """Covariance of the estimated quantities [scales], and its degrees of freedom.
+
+    (J'J)^-1 (sum over blocks of time s s') (J'J)^-1, s being the sum of jacobian times residual within a block that
+    is longer than the residuals' memory: right for coloured and uneven noise as well (White; Liang and Zeger).
+    Residuals that are smaller than any sensor's noise are no sample of what may be off: they are the errors of the
+    model and of the encoders' increments, alike in every part of a trace. In their place the sensors' noise counts.
+    """
+    jacobian = problem.jacobian(x, columns)
+    count = len(columns)
+    normal, middle = np.zeros((count, count)), np.zeros((count, count))
+    blocks = 0
+    for slopes, errors, sigma, white, block in zip(
+        jacobian, residuals, sigmas, whiteness, problem.blocks, strict=True
+    ):
+        product = np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
+        normal += product
+        if quieter_than_sensors(white.rms, block.sigma):
+            middle += product * (block.sigma / sigma) ** 2
+            blocks += len(errors)
+            continue
+        scores = slopes * errors[..., None] / sigma**2
+        memory = max(white.lag if white.lag > 1 else 0, round(block.memory_s / block.period_s))
+        length = BLOCK_PER_LAG * memory
+        length = max(1, min(length, len(errors) // BLOCKS_MIN))
+        edges = np.arange(0, len(errors), length)
+        sums = np.add.reduceat(scores, edges, axis=0).reshape(-1, count)
+        middle += sums.T @ sums
+        blocks += len(sums)
+    inverse = np.linalg.inv(normal)
+    freedom = max(blocks - count, 1)
+    return np.asarray(inverse @ middle @ inverse * blocks / freedom), freedom
+
+
+def _estimates(
+    problem: Problem,
+    start: Floats,
+    x: Floats,
+    report: Identifiability,
+    columns: Sequence[int],
+    covariance: Floats,
+    freedom: int,
+) -> tuple[Estimate, ...]:
+    quantile = float(student.ppf(0.975, freedom))
+    scales = problem.scales
+    estimates = []
+    for j, (quantity, finding) in enumerate(zip(problem.quantities, report.findings, strict=True)):
+        variance = covariance[columns.index(j), columns.index(j)] if j in columns else np.inf
+        half = quantile * float(np.sqrt(variance)) * float(scales[j])
+        verdict = finding.verdict
+        if verdict is Verdict.IDENTIFIABLE and not half <= scales[j]:
+            verdict = Verdict.WEAK
+        estimates.append(
+            Estimate(quantity.symbol, quantity.unit, float(start[j]), float(x[j]), half, verdict)
+        )
+    hidden = {f.symbol for f in report.findings if f.verdict is Verdict.CONFOUNDED}
+    free = {q.symbol for q in problem.quantities}
+    for combination in COMBINATIONS:
+        if combination.only_beside and combination.only_beside not in hidden:
+            continue
+        if len(free.intersection(combination.depends)) > 1 and hidden.intersection(combination.depends):
+            gradient = _gradient(combination, problem, x)
+            if report.shows(gradient):
+                own = gradient[list(columns)]
+                half = quantile * float(np.sqrt(own @ covariance @ own))
+                value, before = (combination.value(problem.values(v), problem.parameters) for v in (x, start))
+                estimates.append(
+                    Estimate(
+                        combination.symbol,
+                        combination.unit,
+                        before,
+                        value,
+                        half,
+                        Verdict.IDENTIFIABLE,
+                        combination.formula,
+                    )
+                )
+    return tuple(estimates)
+
+
+def _gradient(combination: Combination, problem: Problem, x: Floats) -> Floats:
+    """Derivatives of a combination per scale."""
+    scales, step = problem.scales, 1e-5
+    gradient = np.zeros(len(x))
+    for j in range(len(x)):
+        change = np.zeros(len(x))
+        change[j] = step * scales[j]
+        higher, lower = (
+            combination.value(problem.values(v), problem.parameters) for v in (x + change, x - change)
+        )
+        gradient[j] = (higher - lower) / (2.0 * step)
+    return gradient

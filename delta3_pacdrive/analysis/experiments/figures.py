@@ -1,0 +1,278 @@
+"""Figures 11.1 to 11.24: model against robot against reference, and what explains the difference.
+
+Where the curves cannot be told apart, a second panel shows how far each is from the reference. Figures count from the
+first of their experiment: 11.1, 11.9, 11.17.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
+from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES
+from delta3_pacdrive.analysis.experiments.findings import OTHER
+from delta3_pacdrive.analysis.figure_style import COLOURS, MUTED, dress, report_figure
+from delta3_pacdrive.analysis.run_figures import COMMAND, SLOPE_S, ZOOM_S, busiest, frame_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+    from delta3_pacdrive.analysis.experiments.attribution import Attribution
+    from delta3_pacdrive.analysis.experiments.comparison import Comparison
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.kinematics import Floats
+
+PER_EXPERIMENT = 8
+ATTRIBUTION = 'attribution.png'
+SHARED_OUT = (
+    'tcp_error_norm',
+    'current',
+    'arm_angle',
+    'tcp_error_norm_true',
+)  # panels of the figure of effects
+MAGNIFIED = 0.06  # of the longest side of the path: how far magnified deviations reach
+
+# the robot's curve is the restless one: it lies below
+MODEL: dict[str, Any] = {'color': COLOURS[0], 'linewidth': 1.4, 'solid_capstyle': 'round', 'zorder': 3.0}
+ROBOT: dict[str, Any] = {'color': COLOURS[1], 'linewidth': 1.0, 'zorder': 2.5}
+REFERENCE: dict[str, Any] = COMMAND | {'zorder': 3.5}
+TRUE: dict[str, Any] = {'color': COLOURS[4], 'linewidth': 1.0}
+
+
+def makers(
+    number: int, comparison: Comparison, attribution: Attribution | None, provenance: Provenance
+) -> dict[str, Callable[[], Figure]]:
+    """Return what draws each figure of experiment ``number``, by file name."""
+    zoom = _zoom(comparison)
+    drawn: dict[str, Any] = {
+        'tcp_path': tcp_path,
+        'arm_angles': partial(panels, name='arm_angle', symbol=r'$\theta_{}$'),
+        'arm_velocities': partial(panels, name='arm_speed', symbol=r'$\dot\theta_{}$', marked=zoom),
+        'arm_velocities_zoom': partial(panels, name='arm_speed', symbol=r'$\dot\theta_{}$', shown=zoom),
+        'arm_accelerations': partial(panels, name='arm_acceleration', symbol=r'$\ddot\theta_{}$'),
+        'currents': partial(panels, name='current', symbol=r'$I_{{\mathrm{{eff}},{}}}$'),
+        'tcp_components': partial(panels, name='tcp', symbol='{}'),
+        'tcp_error_norm': tcp_error_norm,
+    }
+    first = 1 + PER_EXPERIMENT * (number - 1)
+    made: dict[str, Callable[[], Figure]] = {}
+    for figure, (name, draw) in enumerate(drawn.items(), start=first):
+        heading = f'Fig. 11.{figure}, experiment {number}'
+        made[f'figure_11_{figure:02d}_{name}.png'] = partial(draw, comparison, heading, provenance)
+    if attribution is not None:
+        made[ATTRIBUTION] = partial(effects, attribution, f'Experiment {number}', provenance)
+    return made
+
+
+def file_names(number: int) -> list[str]:
+    """Names that figures of an experiment may have."""
+    first = 1 + PER_EXPERIMENT * (number - 1)
+    return [f'figure_11_{figure:02d}_*.png' for figure in range(first, first + PER_EXPERIMENT)] + [
+        ATTRIBUTION
+    ]
+
+
+def panels(
+    comparison: Comparison,
+    title: str,
+    provenance: Provenance,
+    name: str,
+    symbol: str,
+    shown: tuple[float, float] | None = None,
+    marked: tuple[float, float] | None = None,
+) -> Figure:
+    """Draw a signal of three columns: left the curves, right how far they are from the reference or each other.
+
+    ``shown`` is a part of the time [s], ``marked`` one that is shaded.
+    """
+    quantity = QUANTITIES[name]
+    heading = f'{title}: {_typeset(quantity.text)}' + (' (zoom)' if shown else '')
+    if name == 'arm_acceleration':
+        heading += f' (slope of the velocity within ±{1e3 * SLOPE_S:g} ms)'
+    figure = report_figure(heading, 6.6, provenance)
+    grid = figure.subplots(3, 2, sharex=True, width_ratios=(1.35, 1))
+    keep = slice(None) if shown is None else _within(comparison.time_s, *shown)
+    time_s = comparison.time_s[keep]
+    model, robot = (quantity.factor * run.actual[name][keep] for run in (comparison.model, comparison.robot))
+    referred = name in comparison.model.reference
+    for i, (left, right) in enumerate(grid):
+        left.plot(time_s, model[:, i], label='model', **MODEL)
+        left.plot(time_s, robot[:, i], label='robot', **ROBOT)
+        if referred:
+            own = [
+                quantity.factor * run.reference[name][keep, i] for run in (comparison.model, comparison.robot)
+            ]
+            left.plot(time_s, own[0], label='reference', **REFERENCE)
+            right.plot(time_s, robot[:, i] - own[1], **ROBOT)
+            right.plot(time_s, model[:, i] - own[0], **MODEL)
+        else:
+            right.plot(time_s, robot[:, i] - model[:, i], color=MUTED, linewidth=1.0)
+        left.set_ylabel(f'{symbol.format(quantity.columns[i])} ({quantity.shown_unit})'.replace('^2', '²'))
+        for axes in (left, right):
+            _finish(axes, marked)
+    _alike([row[1] for row in grid])
+    if name in ('arm_acceleration', 'current'):
+        _alike([row[0] for row in grid])
+    text = 'deviation from the reference' if referred else 'robot - model'
+    grid[0, 1].set_title(f'{text} ({quantity.shown_unit})'.replace('^2', '²'), fontsize=9, loc='left')
+    for axes in grid[-1]:
+        axes.set_xlabel('time from program start (s)')
+    figure.align_ylabels()
+    _legend(grid[0, 0])
+    return figure
+
+
+def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
+    """Draw the TCP path in space [mm], with the deviations of the robot magnified."""
+    figure = report_figure(f'{title}: TCP path', 6.0, provenance)
+    figure.set_layout_engine('none')  # it reckons with a cube
+    axes: Axes3D = figure.add_axes((-0.02, 0.14, 1.0, 0.79), projection='3d', computed_zorder=False)
+    whole: dict[str, Any] = {'clip_on': False}  # a wide box is larger than the square of its axes
+    runs = comparison.model, comparison.robot
+    reference = 1e3 * comparison.measured(comparison.model.reference['tcp'])
+    model, robot = (1e3 * comparison.measured(run.actual['tcp']) for run in runs)
+    axes.plot(*model.T, label='model', **MODEL | whole | {'linewidth': 3.0})
+    axes.plot(*robot.T, label='robot', **ROBOT | whole | {'linewidth': 1.6, 'zorder': 3.2})
+    axes.plot(*reference.T, label='reference', **REFERENCE, **whole)
+    drawn = [model, robot]
+    longest = max(float(np.ptp(reference, axis=0).max()), 1.0)
+    for name, look, label in (
+        ('tcp', ROBOT, 'robot, deviation'),
+        ('tcp_true', TRUE, 'its true TCP, deviation'),
+    ):
+        if name not in comparison.robot.actual:
+            continue
+        run = comparison.robot
+        base, deviation = 1e3 * run.reference[name], 1e3 * (run.actual[name] - run.reference[name])
+        both = comparison.measured(np.hstack([base, deviation]))
+        factor = _round_factor(
+            MAGNIFIED * longest / max(float(np.linalg.norm(both[:, 3:], axis=1).max()), 1e-9)
+        )
+        drawn.append(both[:, :3] + factor * both[:, 3:])
+        axes.plot(*drawn[-1].T, label=rf'{label} $\times$ {factor:g}', **look | whole | {'linewidth': 0.7})
+    frame_path(axes, np.concatenate(drawn))
+    figure.legend(loc='lower center', ncols=5, frameon=False, fontsize=8, bbox_to_anchor=(0.5, 0.06))
+    return figure
+
+
+def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
+    """Draw the norm of the TCP error [mm]: as the controller sees it, in truth if that is known, and undelayed."""
+    texts = {
+        'tcp_error_norm': 'by forward kinematics of the encoders, set-point delay removed',
+        'tcp_error_norm_true': 'in truth: TCP of the arms as they are built',
+        'tcp_error_norm_raw': 'by the encoders, command and actual position of the same cycle',
+    }
+    names = [name for name in texts if name in comparison.names]
+    figure = report_figure(f'{title}: norm of the TCP error', 1.8 + 1.7 * len(names), provenance)
+    column = figure.subplots(len(names), 1, sharex=True)
+    for axes, name in zip(column, names, strict=True):
+        top = 0.0
+        hidden = {'linestyle': (0, (3, 3)), 'zorder': 3.5} if name == 'tcp_error_norm_raw' else {}
+        looks = (comparison.model, 'model', MODEL), (comparison.robot, 'robot', ROBOT | hidden)
+        for run, label, look in looks:
+            values = QUANTITIES[name].factor * run.actual[name]
+            axes.plot(comparison.time_s, values, label=label, **look)
+            top = max(top, float(np.nanmax(values)))
+        axes.set_ylim(0.0, max(1.08 * top, 1e-3))
+        axes.set_ylabel('error (mm)')
+        axes.set_title(texts[name], fontsize=9, loc='left' if axes is not column[0] else 'right')
+        _finish(axes, None)
+    column[-1].set_xlabel('time from program start (s)')
+    figure.align_ylabels()
+    _legend(column[0])
+    return figure
+
+
+def effects(attribution: Attribution, title: str, provenance: Provenance) -> Figure:
+    """Draw what each effect explains of the mean-square deviations: Shapley values, alone, left out."""
+    names = [name for name in SHARED_OUT if (name, 'deviation') in attribution.outcomes]
+    labels = [*(_typeset(EFFECTS[name].text) for name in attribution.effects), OTHER]
+    heading = f'{title}: what makes the mean-square deviation of robot from model'
+    figure = report_figure(heading, 2.6 + 0.34 * len(labels), provenance)
+    row = figure.subplots(1, len(names), sharey=True, sharex=True)
+    places = np.arange(len(labels))
+    for axes, name in zip(row, names, strict=True):
+        outcome = attribution.outcomes[name, 'deviation']
+        total = outcome.total if outcome.total > 0.0 else math.nan
+        share, alone, left_out = (
+            100.0 / total * np.array([by[effect] for effect in attribution.effects])
+            for by in (outcome.share, outcome.alone, outcome.left_out)
+        )
+        bars = [*share, 100.0 / total * outcome.other]
+        axes.barh(places, bars, 0.62, color=COLOURS[0], alpha=0.85, label='share (Shapley)')
+        axes.plot(alone, places[:-1], 'o', color=COLOURS[1], markersize=4.5, label='effect alone')
+        axes.plot(left_out, places[:-1], 'x', color='#111111', markersize=5, label='lost without it')
+        quantity = QUANTITIES[name]
+        rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
+        text = textwrap.fill(quantity.text, 16)
+        axes.set_title(f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', fontsize=9, loc='left')
+        axes.axvline(0.0, color=MUTED, linewidth=0.8)
+        axes.set_xlabel('share (%)')
+        axes.set_xlim(right=max(105.0, axes.get_xlim()[1]))
+        dress(axes)
+        axes.grid(visible=False, axis='y')
+    row[0].set_yticks(places, labels)
+    row[0].invert_yaxis()
+    handles, texts = row[0].get_legend_handles_labels()
+    row[0].legend(
+        handles,
+        texts,
+        loc='lower right',
+        bbox_to_anchor=(-0.04, 1.0),
+        frameon=False,
+        fontsize=8,
+        borderaxespad=0.0,
+    )
+    return figure
+
+
+def _zoom(comparison: Comparison) -> tuple[float, float]:
+    """Return the 0.15 s [s] around the fastest change of the speeds."""
+    begin = busiest(comparison.time_s, comparison.model.reference['arm_speed'])
+    return begin, begin + ZOOM_S
+
+
+def _within(time_s: Floats, begin: float, end: float) -> Any:
+    return (time_s >= begin) & (time_s <= end)
+
+
+def _round_factor(factor: float) -> float:
+    """Return the next smaller of 1, 2, 5, 10, 20 ..."""
+    decade = 10.0 ** math.floor(math.log10(factor))
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= factor)
+
+
+def _finish(axes: Axes, marked: tuple[float, float] | None) -> None:
+    dress(axes)
+    axes.margins(x=0.0)
+    axes.ticklabel_format(axis='both', useOffset=False)
+    if marked is not None:
+        axes.axvspan(*marked, color='#EEEEEE', zorder=0)
+
+
+def _alike(column: Sequence[Axes]) -> None:
+    """Give panels the same scale."""
+    limits = [axes.get_ylim() for axes in column]
+    for axes in column:
+        axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+
+
+def _legend(axes: Axes) -> None:
+    """Put the legend above a panel: there it covers no data."""
+    axes.legend(
+        loc='lower left', bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=3, frameon=False, fontsize=9
+    )
+
+
+def _typeset(text: str) -> str:
+    """Return a text with its symbols as formulas have them."""
+    return text.replace('I_eff', r'$I_{\mathrm{eff}}$').replace('K_m', '$K_m$')

@@ -1,0 +1,85 @@
+"""The look of all figures: size, colours, axes, the line that says where a figure comes from; writing them to files.
+
+pyplot and its global state stay out.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from delta3_pacdrive.errors import FigureError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delta3_pacdrive.analysis.provenance import Provenance
+
+DPI = 150
+WIDTH_IN = 8.0
+AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')  # Okabe and Ito: told apart with colour-blind eyes
+NORM_COLOUR = '#7A3E9D'
+COLOURS = (*AXIS_COLOURS, '#CC79A7', NORM_COLOUR, '#56B4E9')
+GRID_COLOUR = '#DDDDDD'
+MUTED = '#888888'
+
+
+def empty_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
+    """Return a figure without panels."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_in, height_in), dpi=DPI, layout='constrained', facecolor='white')
+
+
+def report_figure(title: str, height_in: float, provenance: Provenance) -> Figure:
+    """Return a figure without panels that has a title, and at its foot how it came about."""
+    figure = empty_figure(height_in)
+    figure.suptitle(title, fontsize=12)
+    lines = provenance.lines()
+    foot = (
+        f'{lines["command"]}   seed {lines["seed"]}   parameters {lines["parameters"]}   {lines["versions"]}'
+    )
+    figure.supxlabel(textwrap.fill(foot, 150, max_lines=3, placeholder=' ...'), fontsize=6, color=MUTED,
+                     x=0.01, ha='left', parse_math=False)  # fmt: skip
+    return figure
+
+
+def dress(axes: Axes) -> None:
+    """Give a panel its grid and its frame."""
+    axes.grid(color=GRID_COLOUR, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[['top', 'right']].set_visible(False)
+    axes.tick_params(labelsize=9)
+
+
+def save(
+    makers: Mapping[str, Callable[[], Figure]],
+    folder: str | Path,
+    metadata: Mapping[str, str] | None = None,
+) -> list[Path]:
+    """Make figures, write each under its name into ``folder``, made if it is not there; return the paths.
+
+    ``metadata`` goes into the text fields of every file.
+
+    Raises
+    ------
+    FigureError
+        A file cannot be written.
+
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    folder = Path(folder)
+    paths = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, make in makers.items():
+            paths.append(folder / name)
+            FigureCanvasAgg(make()).print_png(paths[-1], metadata=metadata)
+    except OSError as error:
+        raise FigureError(f'cannot write figures to {folder}: {error.strerror or error}') from error
+    return paths

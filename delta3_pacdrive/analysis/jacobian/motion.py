@@ -1,0 +1,259 @@
+"""What the Jacobian is tried on: poses of a trajectory with velocities and accelerations of TCP and joints.
+
+A program gives the set points of the transformation task, before they are rounded to increments. The controller of
+11.2 differentiates per bus cycle, and so does this: central and second differences of set points one cycle apart,
+TCP and joints alike. Recorded positions stand on the increment grid, whose second difference over 1 ms is an
+acceleration of 0.4 rad/s^2; they are differentiated by a parabola through the samples within ``WINDOW`` cycles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.analysis.run_figures import program_part
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.trace import Trace
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+WINDOW = 4  # cycles on each side that the parabola through recorded samples takes in
+UNEVEN = 0.05  # of the sample time, that a sample may stand beside its place
+MOVING_RAD_S = 1e-3  # what the fastest joint must reach
+
+
+class Signals(StrEnum):
+    """Which signals of TCP and joints are compared."""
+
+    COMMAND = 'command'  # set points of both
+    ACTUAL = 'actual'  # encoders and motor speeds; the TCP by forward kinematics of the encoders
+    TRUE = 'true'  # the TCP as an external measurement, or the simulation, knows it
+
+
+@dataclass(frozen=True)
+class Thesis:
+    """What 11.2 tells of an experiment: its number, its first figure, its largest deviation of a joint velocity."""
+
+    number: int
+    first_figure: int
+    deviation_percent: float
+
+
+# 11.2.4: 10 % in "1 and 2", 5 % in 2, of which the first must mean 1 and 3
+EXPERIMENTS = {
+    'experiment1': Thesis(1, 25, 10.0),
+    'experiment2': Thesis(2, 32, 5.0),
+    'experiment3': Thesis(3, 39, 10.0),
+}
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A trajectory, sample by sample; arrays (n, 3).
+
+    Attributes
+    ----------
+    name
+        As the input was given.
+    source
+        Which signals these are and how they were differentiated, in words.
+    period_s
+        Distance of the samples; where a recording has gaps, samples are missing.
+    time_s
+        From the start of the program, shape (n,).
+    theta, thetadot, thetaddot
+        Arm angles [rad], and the recorded joint velocities and accelerations: the reference of 11.2.
+    tcp, tcp_velocity, tcp_acceleration
+        Position, velocity, acceleration of the TCP [m, m/s, m/s^2].
+    thesis
+        The experiment of the thesis, if it is one.
+
+    """
+
+    name: str
+    source: str
+    period_s: float
+    time_s: Floats
+    theta: Floats
+    thetadot: Floats
+    thetaddot: Floats
+    tcp: Floats
+    tcp_velocity: Floats
+    tcp_acceleration: Floats
+    thesis: Thesis | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a motion that stands still."""
+        if not np.abs(self.thetadot).max(initial=0.0) > MOVING_RAD_S:
+            raise TraceError(f'{self.name}: no joint moves faster than {MOVING_RAD_S:g} rad/s')
+
+
+def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats, Floats]:
+    """First and second derivative of the least-squares parabola through the ``half`` samples on each side.
+
+    With one sample on each side these are the central and the second difference. Shapes (n, 3); nan at both ends.
+    """
+    offsets = np.arange(-half, half + 1, dtype=np.float64)
+    squares = offsets**2 - np.mean(offsets**2)
+    weights = np.stack(
+        [offsets / (offsets @ offsets) / period_s, 2.0 * squares / (squares @ squares) / period_s**2]
+    )
+    out = np.full((2, *values.shape), np.nan)
+    if len(values) >= len(offsets):
+        windows = np.lib.stride_tricks.sliding_window_view(values, len(offsets), axis=0)
+        out[:, half:-half] = np.einsum('nkw,dw->dnk', windows, weights)
+    return out[0], out[1]
+
+
+def is_recording(text: str) -> bool:
+    """Whether an input is a recording: a folder, or a file that is no program."""
+    path = Path(text)
+    return path.is_dir() or path.suffix.lower() in ('.npz', '.csv')
+
+
+def source_file(text: str) -> Path:
+    """Return the file or folder that an input means."""
+    return Path(text) if is_recording(text) else programs.find(_program_name(text))
+
+
+def load(text: str, robot: Parameters, signals: Signals) -> Motion:
+    """Return the motion of an input: an experiment's number, a program, a trace (.npz, .csv), the folder of a bag.
+
+    Raises
+    ------
+    Delta3Error
+        The input cannot be read, is refused, lacks signals, or does not move.
+
+    """
+    if is_recording(text):
+        path = Path(text)
+        trace = bag_trace.load(path)
+        return of_trace(trace, robot, signals, path.stem)
+    name = _program_name(text)
+    program, thesis = programs.load(name, robot.motion), EXPERIMENTS.get(Path(name).stem)
+    label = f'experiment {thesis.number}' if thesis else Path(name).stem
+    if signals is Signals.COMMAND:
+        return of_program(program, robot, label, thesis)
+    return of_trace(simulation.run(program, robot), robot, signals, label, thesis)
+
+
+def of_program(
+    program: programs.Program, robot: Parameters, name: str, thesis: Thesis | None = None
+) -> Motion:
+    """Return the set points of a program in every bus cycle, not rounded to increments.
+
+    Raises
+    ------
+    ProgramError
+        The program is refused.
+
+    """
+    placed = simulation.placed(robot, program)
+    plan = program_planner.plan(program, placed.motion.home_m, placed).plan
+    period = robot.bus.cycle_time_s
+    tcp = sample_plan(plan, period * np.arange(int(plan.duration_s / period) + 1))[0]
+    theta = kinematics.inverse(tcp, robot.kinematics)
+    return _motion(
+        name,
+        'set points of the bus cycles, central and second differences over one cycle each way',
+        period,
+        np.arange(len(tcp), dtype=np.float64) * period,
+        (theta, *derivatives(theta, period)),
+        (tcp, *derivatives(tcp, period)),
+        thesis,
+    )
+
+
+def of_trace(
+    trace: Trace, robot: Parameters, signals: Signals, name: str, thesis: Thesis | None = None
+) -> Motion:
+    """Return the motion that a recording holds, only the program where it tells its cycles.
+
+    Raises
+    ------
+    TraceError
+        A signal is missing, the samples are unevenly spaced, too few, or of a robot with another gear.
+
+    """
+    part, period = _evenly(trace, name)
+    gear = robot.dynamics.gear_ratio
+    if (own := part.meta.get('gear_ratio', gear)) != gear:
+        raise TraceError(f'{name} is of a robot with gear ratio {own}, the parameters say {gear:g}')
+    if signals is Signals.TRUE:
+        tcp = part['tcp_measured' if 'tcp_measured' in part.signals else 'tcp_true']
+        angles = part['arm_angle'] if 'arm_angle' in part.signals else part['motor_position'] / gear
+    else:
+        which = 'motor_command' if signals is Signals.COMMAND else 'motor_position'
+        tcp, angles = part[f'tcp_{signals}'], part[which] / gear
+    speed, acceleration = derivatives(angles, period, WINDOW)
+    if signals is Signals.ACTUAL:
+        speed = np.asarray(part['motor_speed'] / gear)
+        acceleration = derivatives(speed, period, WINDOW)[0]
+    return _motion(
+        name,
+        f'{signals} signals, parabola through {2 * WINDOW + 1} samples'
+        + (', joint velocity as the drives tell it' if signals is Signals.ACTUAL else ''),
+        period,
+        part.time_s,
+        (angles, speed, acceleration),
+        (tcp, *derivatives(tcp, period, WINDOW)),
+        thesis,
+    )
+
+
+def _program_name(text: str) -> str:
+    return f'experiment{text}' if text in ('1', '2', '3') else text
+
+
+def _evenly(trace: Trace, name: str) -> tuple[Trace, float]:
+    """Return the program's part of a trace on an even grid, nan where samples are missing, and the sample time [s]."""
+    if len(trace.time_s) < 2 * WINDOW + 1:
+        raise TraceError(f'{name} has {len(trace.time_s)} samples, but needs {2 * WINDOW + 1}')
+    whole = trace.time_s[-1] - trace.time_s[0]
+    period = float(whole / np.rint(whole / np.median(np.diff(trace.time_s))))
+    offset = trace.time_s[0] if trace.meta.get('start_cycle') is None else 0.0
+    places = (trace.time_s - offset) / period
+    if np.abs(places - np.rint(places)).max() > UNEVEN:
+        raise TraceError(f'the samples of {name} are not evenly spaced')
+    meta = trace.meta | {'cycle_time_s': period}
+    return program_part(Trace(trace.time_s - offset, trace.signals, meta)), period
+
+
+def _motion(
+    name: str,
+    source: str,
+    period_s: float,
+    time_s: Floats,
+    joints: tuple[Floats, Floats, Floats],
+    tcp: tuple[Floats, Floats, Floats],
+    thesis: Thesis | None,
+) -> Motion:
+    """Return the samples in which everything is known."""
+    known = np.isfinite(np.concatenate([*joints, *tcp], axis=1)).all(axis=1)
+    theta, thetadot, thetaddot, position, velocity, acceleration = (
+        values[known] for values in (*joints, *tcp)
+    )
+    return Motion(
+        name,
+        source,
+        period_s,
+        time_s[known],
+        theta,
+        thetadot,
+        thetaddot,
+        position,
+        velocity,
+        acceleration,
+        thesis,
+    )

@@ -1,0 +1,249 @@
+"""What the Jacobian experiments leave behind: a report as JSON, tables as CSV, findings in sentences."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.jacobian import condition
+from delta3_pacdrive.analysis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT
+from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, largest_momentary
+from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose
+from delta3_pacdrive.analysis.jacobian.motion import Signals
+from delta3_pacdrive.analysis.provenance import write_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from delta3_pacdrive.analysis.jacobian.condition import Sweep
+    from delta3_pacdrive.analysis.jacobian.mapping import JointMotion
+    from delta3_pacdrive.analysis.jacobian.motion import Motion
+    from delta3_pacdrive.analysis.jacobian.study import Settings, Trial
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+AXES = (1, 2, 3)
+QUANTITIES = ('velocity', 'acceleration')
+
+
+def error_text(errors: Mapping[str, float], mathematical: bool = False) -> str:
+    """Return errors of lengths [m] by symbol as text in millimetres, symbols ``mathematical`` for figures."""
+    sign = '$' if mathematical else ''
+    return ', '.join(f'{sign}{symbol}{sign} {1e3 * error:+g} mm' for symbol, error in errors.items())
+
+
+def number(value: float) -> str:
+    """Return a number with two digits, or as a whole one."""
+    return f'{value:.2g}' if abs(value) < 99.5 else f'{value:.0f}'
+
+
+def document(
+    trials: list[Trial], found: Sweep, settings: Settings, robot: Parameters, provenance: Provenance
+) -> dict[str, Any]:
+    """Return the report, ready for JSON."""
+    result: dict[str, Any] = {
+        'ok': True,
+        'provenance': provenance.lines(),
+        'errors_m': dict(settings.errors),
+        'lengths_m': {symbol: getattr(robot.kinematics, key) for symbol, key in LENGTHS.items()},
+        'pose': settings.pose.value,
+        'signals': settings.signals.value,
+        'threshold': THRESHOLD,
+        'trajectories': [_trajectory(trial) for trial in trials],
+        'condition': {
+            'workspace': condition.workspace(robot.kinematics),
+            'decades': condition.decades(found),
+            'exponents': condition.exponents(found),
+        },
+    }
+    result['findings'] = findings(result)
+    return result
+
+
+def findings(result: dict[str, Any]) -> list[str]:
+    """Say in sentences what the numbers of a report mean."""
+    rows, pose = result['trajectories'], result['pose']
+    thesis = [row['thesis_percent'] for row in rows]
+    compared = f' (thesis: {_list(thesis)})' if None not in thesis else ''
+    velocity, acceleration = (max(_largest(rows, 'exact', quantity)) for quantity in QUANTITIES)
+    tolerance = [row['every_length_1_mm_off']['velocity'] for row in rows]
+    left = 'what differencing, rounding and noise leave'
+    if result['signals'] == Signals.TRUE:
+        left += ', and the errors of the arms as they are built'
+    return [
+        f'With exact lengths joint velocities deviate by at most {velocity:.2g} %, accelerations by '
+        f'{acceleration:.2g} % of their peaks: {left}.',
+        f'With {error_text(result["errors_m"])} the velocities deviate by '
+        f'{_list(_largest(rows, "inexact", "velocity"))} % of their peaks{compared}, '
+        f'the accelerations by {_list(_largest(rows, "inexact", "acceleration"))} %.',
+        f'Every length 1 mm off makes at most {_list([t["of_peak"] for t in tolerance])} % of the peak velocities, but '
+        f'{_list([t["momentary"] for t in tolerance])} % of momentary ones above {100.0 * THRESHOLD:g} % of the peak: '
+        'such percentages tell of small denominators.',
+        _needed_sentence(rows, pose),
+        'With exact lengths, Jdot left out makes the accelerations deviate by '
+        f'{_list(_caused(rows, WITHOUT_JACOBIAN_DOT))} % of their peaks, (4.15) as printed by '
+        f'{_list(_caused(rows, PRINTED_JACOBIAN_DOT))} %; one bus cycle between TCP and joints the velocities by '
+        f'{_list(_caused(rows, LATE))} %.',
+        _condition_sentence(rows, result['condition'], pose),
+    ]
+
+
+def _needed_sentence(rows: list[dict[str, Any]], pose: str) -> str:
+    """Say which error of each length, alone, makes the thesis' deviation of the joint velocities."""
+    parts = []
+    for symbol in LENGTHS:
+        own = [s for row in rows for s in row['sensitivities'] if s['pose'] == pose and s['symbol'] == symbol]
+        if all(s['velocity']['of_peak'] == 0.0 for s in own):
+            parts.append(f'{symbol} none, it does not enter')
+            continue
+        of_peak, momentary = (
+            _millimetres([s[key] for s in own]) for key in ('needed_of_peak_m', 'needed_momentary_m')
+        )
+        parts.append(f'{symbol} {of_peak} ({momentary})')
+    wanted = _list([s['target_percent'] for row in rows for s in row['sensitivities'][:1]])
+    return f'Alone, {wanted} % of the peak (of the momentary) velocity takes an error of {", ".join(parts)}.'
+
+
+def _millimetres(values: list[float | None]) -> str:
+    texts = ['none' if value is None else number(1e3 * value) for value in values]
+    return ' / '.join(texts) + ('' if set(texts) == {'none'} else ' mm')
+
+
+def _condition_sentence(rows: list[dict[str, Any]], swept: dict[str, Any], pose: str) -> str:
+    inside = swept['workspace']
+    low = min(row['condition']['min'] for row in rows)
+    high = max(row['condition']['max'] for row in rows)
+    medians = _list([decade[pose]['median'] for decade in swept['decades']])
+    return (
+        f'On the trajectories cond(J) is {low:.2f} to {high:.2f}, in the workspace up to '
+        f'{inside["condition"]["max"]:.2f}, where 1 mm of each length, independently, makes '
+        f'{inside[pose]["least"]:.2f} to {inside[pose]["largest"]:.2f} % in the worst direction of motion; beyond, '
+        'towards the singularities, '
+        f'the median is {medians} % by decade of cond(J), growing as cond(J)^{swept["exponents"][pose]["all"]:.2f} '
+        f'from {condition.FITTED:g} on.'
+    )
+
+
+def write_tables(trials: list[Trial], found: Sweep, folder: Path, provenance: Provenance) -> list[Path]:
+    """Write ``signals.csv``, ``sensitivities.csv`` and ``condition.csv``."""
+    return [
+        write_table(folder / 'signals.csv', _signals_header(), _signals_rows(trials), provenance),
+        _write_sensitivities(trials, folder, provenance),
+        _write_condition(found, folder, provenance),
+    ]
+
+
+def _trajectory(trial: Trial) -> dict[str, Any]:
+    motion = trial.motion
+    condition_of_j = trial.condition
+    return {
+        'name': motion.name,
+        'source': motion.source,
+        'samples': len(motion.time_s),
+        'thesis_percent': motion.thesis.deviation_percent if motion.thesis else None,
+        'condition': {'min': float(condition_of_j.min()), 'max': float(condition_of_j.max())},
+        'worst_direction_percent': {'min': float(trial.worst.min()), 'max': float(trial.worst.max())},
+        'rank_correlation_with_condition': _rank_correlation(condition_of_j, trial.worst),
+        'exact': _compared(motion, trial.exact),
+        'inexact': _compared(motion, trial.inexact),
+        'every_length_1_mm_off': trial.tolerance,
+        'sensitivities': [asdict(row) for row in trial.sensitivities],
+        'other_causes': [asdict(cause) for cause in trial.causes],
+    }
+
+
+def _compared(motion: Motion, computed: JointMotion) -> dict[str, Any]:
+    pairs = (
+        ('velocity', computed.velocity, motion.thetadot),
+        ('acceleration', computed.acceleration, motion.thetaddot),
+    )
+    return {
+        name: Deviation.of(calculated, recorded).summary()
+        | {'momentary_max_by_threshold': largest_momentary(calculated, recorded)}
+        for name, calculated, recorded in pairs
+    }
+
+
+def _rank_correlation(a: Floats, b: Floats) -> float:
+    from scipy.stats import spearmanr
+
+    return float(spearmanr(a, b).statistic)
+
+
+def _largest(rows: list[dict[str, Any]], lengths: str, quantity: str) -> list[float]:
+    return [float(row[lengths][quantity]['of_peak']['max']) for row in rows]
+
+
+def _caused(rows: list[dict[str, Any]], name: str) -> list[float]:
+    """Return the largest deviation of the peak that a cause makes on each trajectory, of the quantity named first."""
+    return [next(cause['of_peak'] for cause in row['other_causes'] if cause['name'] == name) for row in rows]
+
+
+def _list(values: list[float]) -> str:
+    return ' / '.join(number(value) for value in values)
+
+
+def _signals_header() -> list[str]:
+    header = ['trajectory', 'time [s]', *(f'theta_{i} [rad]' for i in AXES), *(f'tcp_{a} [m]' for a in 'xyz')]
+    for quantity, unit in (('velocity', 'rad/s'), ('acceleration', 'rad/s^2')):
+        for which in ('recorded', 'exact', 'inexact'):
+            header += [f'{which} {quantity}_{i} [{unit}]' for i in AXES]
+        for which in ('exact', 'inexact'):
+            header += [f'{which} {quantity}_{i} deviation of peak [%]' for i in AXES]
+        header += [f'inexact {quantity}_{i} deviation momentary [%]' for i in AXES]
+    return [*header, 'condition of J [1]']
+
+
+def _signals_rows(trials: list[Trial]) -> Any:
+    for trial in trials:
+        motion = trial.motion
+        blocks = [motion.time_s[:, None], motion.theta, motion.tcp]
+        for recorded, exact, wrong in (
+            (motion.thetadot, trial.exact.velocity, trial.inexact.velocity),
+            (motion.thetaddot, trial.exact.acceleration, trial.inexact.acceleration),
+        ):
+            near, far = Deviation.of(exact, recorded), Deviation.of(wrong, recorded)
+            blocks += [recorded, exact, wrong, near.of_peak, far.of_peak, far.momentary]
+        for row in np.column_stack([*blocks, trial.condition]).tolist():
+            yield [motion.name, *('' if value != value else f'{value:.9g}' for value in row)]
+
+
+def _write_sensitivities(trials: list[Trial], folder: Path, provenance: Provenance) -> Path:
+    header = ['trajectory', 'pose', 'length', 'value [mm]']
+    for quantity in ('velocity', 'acceleration'):
+        for unit in ('%/mm', '%/%'):
+            header += [f'{quantity} max of peak [{unit}]', f'{quantity} rms of peak [{unit}]',
+                       f'{quantity} max momentary [{unit}]']  # fmt: skip
+    header += ['wanted deviation of velocity [%]', 'error for it of peak [mm]', 'error for it momentary [mm]']
+    rows = []
+    for row in (row for trial in trials for row in trial.sensitivities):
+        line: list[Any] = [row.trajectory, row.pose.value, row.symbol, f'{1e3 * row.value_m:g}']
+        for share in (row.velocity, row.acceleration):
+            for factor in (1.0, row.mm_per_percent):
+                values = (share.of_peak, share.of_peak_rms, share.momentary)
+                line += [f'{factor * value:.5g}' for value in values]
+        needed = (row.needed_of_peak_m, row.needed_momentary_m)
+        line += [row.target_percent, *('' if value is None else f'{1e3 * value:.4g}' for value in needed)]
+        rows.append(line)
+    return write_table(folder / 'sensitivities.csv', header, rows, provenance)
+
+
+def _write_condition(found: Sweep, folder: Path, provenance: Provenance) -> Path:
+    header = ['x [m]', 'y [m]', 'z [m]', 'distance to singularity [m]', 'singularity',
+              'condition of J [1]', 'least s.b/(l_A l_B) [1]', '|det S|/l_B^3 [1]']  # fmt: skip
+    header += [f'{pose.value}: {symbol} [%/mm]' for pose in Pose for symbol in LENGTHS]
+    numbers = np.column_stack(
+        [found.condition, found.serial, found.parallel, *(found.per_mm[pose] for pose in Pose)]
+    )
+    rows = (
+        [*(f'{value:.6g}' for value in tcp), f'{gap:.6g}', 'serial' if serial else 'parallel',
+         *(f'{value:.6g}' for value in row)]
+        for tcp, gap, serial, row in zip(
+            found.tcp.tolist(), found.gap_m.tolist(), found.serial_end, numbers.tolist(), strict=True
+        )
+    )  # fmt: skip
+    return write_table(folder / 'condition.csv', header, rows, provenance)

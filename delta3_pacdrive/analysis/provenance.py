@@ -1,0 +1,130 @@
+"""Outputs that can be repeated: where a report, a table or a figure comes from, written with it."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.errors import ReportError
+from delta3_pacdrive.numerics.kernel import sources_digest
+from delta3_pacdrive.parameters import DEFAULT_FILE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from delta3_pacdrive.parameters import Parameters
+
+PACKAGES = ('numpy', 'scipy', 'numba')
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How an output came about.
+
+    Attributes
+    ----------
+    command
+        As it was typed.
+    seed
+        Of everything random; None where nothing was random.
+    parameters
+        Checksum of the parameters, and the file they came from; ``none`` where nothing depends on them.
+    inputs
+        Programs and recordings, each with the digest of its bytes.
+    versions
+        Of Python and the packages that compute.
+
+    """
+
+    command: str
+    seed: int | None
+    parameters: str
+    inputs: tuple[str, ...]
+    versions: str
+
+    @staticmethod
+    def of(
+        command: str,
+        robot: Parameters | None = None,
+        source: str | Path | None = None,
+        inputs: Sequence[str] = (),
+        seed: int | None = None,
+    ) -> Provenance:
+        """Note where an output comes from; ``source`` is the parameter file, if it is not the packaged one."""
+        parameters = 'none' if robot is None else f'{robot.checksum} ({source or DEFAULT_FILE})'
+        return Provenance(command, seed, parameters, tuple(inputs), versions())
+
+    def lines(self) -> dict[str, str]:
+        """Return all of it as texts by name."""
+        return {
+            'command': self.command,
+            'seed': 'none' if self.seed is None else str(self.seed),
+            'parameters': self.parameters,
+            'inputs': '; '.join(self.inputs),
+            'versions': self.versions,
+        }
+
+
+def versions() -> str:
+    """Versions of Python and of the packages that compute, as one line."""
+    try:
+        own = metadata.version('delta3_pacdrive')
+    except metadata.PackageNotFoundError:
+        own = 'not installed'
+    found = [f'delta3_pacdrive {own} (sources {sources_digest()})', f'Python {platform.python_version()}']
+    return ', '.join([*found, *(f'{name} {metadata.version(name)}' for name in PACKAGES)])
+
+
+def digest(path: Path) -> str:
+    """Return a short digest of a file, or of the files in a folder; raises ReportError."""
+    total = hashlib.sha256()
+    try:
+        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+        for file in files:
+            with file.open('rb') as stream:
+                total.update(hashlib.file_digest(stream, 'sha256').digest())
+    except OSError as error:
+        raise ReportError(f'cannot read {path}: {error.strerror or error}') from error
+    return total.hexdigest()[:16]
+
+
+def write_json(document: Any, path: Path) -> Path:
+    """Write a document so that a reader sees the old one or the new one, never half of it; raises ReportError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix('.partial')
+        partial.write_text(json.dumps(document, indent=1, allow_nan=False) + '\n', encoding='utf-8')
+        partial.replace(path)
+    except OSError as error:
+        raise ReportError(f'cannot write {path}: {error.strerror or error}') from error
+    return path
+
+
+def write_table(
+    path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]], provenance: Provenance
+) -> Path:
+    """Write a CSV file: how it came about in lines that begin with '#', then a header with units, then the rows.
+
+    Raises
+    ------
+    ReportError
+        The file cannot be written.
+
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open('w', encoding='utf-8', newline='') as file:
+            for name, text in provenance.lines().items():
+                file.write(f'# {name}: {text}\n')
+            writer = csv.writer(file, lineterminator='\n')
+            writer.writerow(header)
+            writer.writerows(rows)
+    except OSError as error:
+        raise ReportError(f'cannot write {path}: {error.strerror or error}') from error
+    return path

@@ -1,0 +1,357 @@
+"""The loops of one drive with one set of gains: linear and on the bench, in time and in frequency."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.analysis.tuning import identification
+from delta3_pacdrive.analysis.tuning.bench import Bench, Place
+from delta3_pacdrive.analysis.tuning.excitation import multisine, step
+from delta3_pacdrive.analysis.tuning.load import Load, friction_slope
+from delta3_pacdrive.analysis.tuning.loops import OUTPUTS, Entry, Shaft, linear_cascade
+from delta3_pacdrive.analysis.tuning.response import Margins, StepFigures, bandwidth, margins, step_figures
+from delta3_pacdrive.errors import RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.analysis.tuning.bench import Run
+    from delta3_pacdrive.analysis.tuning.identification import Measured
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+    Complex = NDArray[np.complex128]
+    OnProgress = Callable[[str, int, int], None]
+
+LOWEST_HZ = 0.5  # of the linear curves
+POINTS = 600
+RATE_SHARE = 0.4  # of the rate of a set point, up to which it is excited: beyond, its images disturb
+NYQUIST_SHARE = 0.98  # of half the sampling rate, up to which they are drawn
+PERIODS = 4  # of a multisine; the first one is left to settle
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A loop of the cascade: where it is cut, where it is excited and how hard.
+
+    Attributes
+    ----------
+    name, unit
+        Of the loop; unit of its set point.
+    place
+        At the bench.
+    error
+        Where the linear loop is cut; ``feedback`` is what comes back there.
+    entry, actual
+        Set point and actual value of the closed loop.
+    period_s, highest_hz, rms
+        Of its multisine: slow enough for the lowest frequency of interest, and so small that speeds stay on the side
+        of the bench's own, and currents and voltages far from their limits.
+    height, window_s
+        Of its step.
+
+    """
+
+    name: str
+    unit: str
+    place: Place
+    error: Entry
+    feedback: str
+    entry: Entry
+    actual: str
+    period_s: float
+    highest_hz: float
+    rms: float
+    height: float
+    window_s: float
+
+    def rate_steps(self, parameters: Parameters) -> int:
+        """Current-loop periods between two values of the set point."""
+        drive = parameters.drive
+        period = drive.position_period_s if self.place == Place.POSITION else drive.velocity_period_s
+        return round(period / drive.current_period_s)
+
+    def error_steps(self, parameters: Parameters) -> int:
+        """Current-loop periods between two values of the error."""
+        return 1 if self.place == Place.CURRENT else self.rate_steps(parameters)
+
+
+LOOPS = (
+    Loop('current', 'A', Place.CURRENT, Entry.CURRENT_ERROR, 'current_filtered', Entry.CURRENT_SET_POINT, 'current',
+         0.1, 3500.0, 0.3, 0.5, 0.012),
+    Loop('velocity', 'rad/s', Place.SPEED, Entry.SPEED_ERROR, 'speed_filtered', Entry.SPEED_SET_POINT, 'speed',
+         0.5, 1500.0, 1.5, 2.0, 0.15),
+    Loop('position', 'rad', Place.POSITION, Entry.POSITION_ERROR, 'read', Entry.POSITION, 'position',
+         1.0, 700.0, 0.03, 0.05, 0.3),
+)  # fmt: skip
+# all of it, cut at the current set point: the margin of the whole drive against what happens in winding and load
+CASCADE = 'cascade'
+# the same of a drive that sees its plant once per exchange period, as in the graph and in simulations
+EXCHANGED = 'exchanged'
+CASCADE_PERIOD_S, CASCADE_LOWEST_HZ, CASCADE_HIGHEST_HZ, CASCADE_RMS_A = 0.5, 4.0, 1500.0, 0.4
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step response, as a share of the step: of the drive on the bench, and of the linear loop."""
+
+    time_s: Floats
+    drive: Floats
+    linear: Floats
+    figures: StepFigures
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """A loop with one set of gains.
+
+    Attributes
+    ----------
+    name
+        Of the loop.
+    stable
+        Whether the closed linear loop is.
+    margins
+        Of the linear open loop.
+    bandwidth_hz
+        Of the linear closed loop, -3 dB; None for the cascade as a whole.
+    frequencies_hz, open_loop, closed_loop
+        Linear.
+    measured_open, measured_closed
+        On the bench; None where the drive does not bear it, or was not asked.
+    step
+        Both; None likewise.
+    fault
+        Sentence about what the drive did not bear; empty if all is well.
+
+    """
+
+    name: str
+    stable: bool
+    margins: Margins
+    bandwidth_hz: float | None
+    frequencies_hz: Floats
+    open_loop: Complex
+    closed_loop: Complex | None
+    measured_open: Measured | None = None
+    measured_closed: Measured | None = None
+    step: Step | None = None
+    fault: str = ''
+
+
+@dataclass(frozen=True)
+class Operation:
+    """At what the loops are looked at.
+
+    Attributes
+    ----------
+    load
+        That the drive turns.
+    speed_rad_s
+        Of the bench, motor side.
+    amplitude
+        Multiple of the usual excitations.
+
+    """
+
+    load: Load
+    speed_rad_s: float
+    amplitude: float = 1.0
+
+
+HELD = Load('held shaft', math.inf)
+
+
+def grid_hz(sample_s: float, points: int = POINTS) -> Floats:
+    """Frequencies of a linear curve of a loop that is sampled every ``sample_s``."""
+    return np.geomspace(LOWEST_HZ, NYQUIST_SHARE / (2.0 * sample_s), points)
+
+
+def exact_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> Shaft:
+    """Return the shaft of a drive that sees its load all the time, as on a bench."""
+    if not math.isfinite(load.inertia_kg_m2):
+        return Shaft(load.inertia_kg_m2, 0.0, parameters.drive.velocity_period_s)
+    slope = friction_slope(speed_rad_s, parameters)
+    return Shaft(load.inertia_kg_m2, slope, parameters.drive.velocity_period_s)
+
+
+def exchanged_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> Shaft:
+    """Return the shaft of a drive that exchanges with its plant as the robot's parameters say."""
+    believed = parameters.drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2
+    slope = friction_slope(speed_rad_s, parameters)
+    return Shaft(load.inertia_kg_m2, slope, parameters.bus.exchange_period_s, believed)
+
+
+def linear_loop(loop: Loop, parameters: Parameters, operation: Operation, points: int = POINTS) -> LoopResult:
+    """Return a loop by its difference equations alone."""
+    load = HELD if loop.place == Place.CURRENT else operation.load
+    shaft = exact_shaft(parameters, load, operation.speed_rad_s)
+    period = parameters.drive.current_period_s
+    rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
+    frequencies = grid_hz(error_rate * period, points)
+    opened = linear_cascade(parameters, shaft, loop.error).respond(frequencies, loop.feedback, error_rate)
+    closed = linear_cascade(parameters, shaft, loop.entry)
+    shown = frequencies[frequencies < NYQUIST_SHARE / (2.0 * rate * period)]
+    closed_loop = closed.respond(shown, loop.actual, rate)
+    return LoopResult(
+        loop.name,
+        closed.is_stable(),
+        margins(frequencies, opened),
+        bandwidth(shown, closed_loop),
+        frequencies,
+        opened,
+        closed_loop,
+    )
+
+
+def linear_cascade_loop(
+    parameters: Parameters, shaft: Shaft, points: int = POINTS, name: str = CASCADE
+) -> LoopResult:
+    """Return all loops together, cut at the current set point: L = 1/S - 1."""
+    steps = round(parameters.drive.velocity_period_s / parameters.drive.current_period_s)
+    frequencies = grid_hz(parameters.drive.velocity_period_s, points)
+    closed = linear_cascade(parameters, shaft, Entry.CURRENT)
+    opened = 1.0 / closed.respond(frequencies, 'current_reference', steps) - 1.0
+    return LoopResult(name, closed.is_stable(), margins(frequencies, opened), None, frequencies, opened, None)
+
+
+def analyse(parameters: Parameters, operation: Operation, on_progress: OnProgress) -> list[LoopResult]:
+    """Return the three loops and the cascade as a whole, linear and on the bench."""
+    results = []
+    for number, loop in enumerate(LOOPS):
+        on_progress(f'{loop.name} loop', number, len(LOOPS) + 1)
+        results.append(_on_bench(loop, linear_loop(loop, parameters, operation), parameters, operation))
+    on_progress('cascade', len(LOOPS), len(LOOPS) + 1)
+    shaft = exact_shaft(parameters, operation.load, operation.speed_rad_s)
+    cascade = linear_cascade_loop(parameters, shaft)
+    if cascade.stable:
+        cascade = _measured_cascade(cascade, parameters, operation)
+    return [*results, cascade]
+
+
+def step_on_bench(loop: Loop, parameters: Parameters, operation: Operation) -> Step:
+    """Return the response to a step of the set point; raises RunError if the drive trips."""
+    load = HELD if loop.place == Place.CURRENT else operation.load
+    drive = parameters.drive
+    per_cycle = round(parameters.bus.cycle_time_s / drive.current_period_s)
+    samples = per_cycle * round(loop.window_s / parameters.bus.cycle_time_s)
+    height = loop.height * operation.amplitude
+    bench = Bench(parameters, load, loop.place, operation.speed_rad_s)
+    run = bench.run(step(samples, per_cycle, height))
+    if run.fault:
+        raise RunError(run.fault)
+    times: Floats = np.arange(samples, dtype=np.float64) * drive.current_period_s
+    response = _actual(loop, run, bench.speed_rad_s)
+    relative = (response - response[per_cycle])[per_cycle:] / height
+    shaft = exact_shaft(parameters, load, operation.speed_rad_s)
+    linear = linear_cascade(parameters, shaft, loop.entry).run(np.ones(samples))
+    return Step(times, relative, linear[:, OUTPUTS.index(loop.actual)], step_figures(times, relative))
+
+
+def deviation(measured: Measured, linear: Complex) -> tuple[float, float, float] | None:
+    """Largest distance between a measured and a linear curve where the former is trusted.
+
+    Returns
+    -------
+    tuple of float, or None
+        Highest frequency [Hz] of the trusted band, distance [dB], distance [deg]; None: nothing is trusted.
+
+    """
+    band = measured.band_hz()
+    if band is None:
+        return None
+    inside = (measured.frequencies_hz >= band[0]) & (measured.frequencies_hz <= band[1])
+    quotient = measured.values[inside] / linear[inside]
+    return (
+        band[1],
+        float(np.abs(20.0 * np.log10(np.abs(quotient))).max()),
+        float(np.abs(np.degrees(np.angle(quotient))).max()),
+    )
+
+
+def _on_bench(loop: Loop, linear: LoopResult, parameters: Parameters, operation: Operation) -> LoopResult:
+    try:
+        found = replace(linear, step=step_on_bench(loop, parameters, operation))
+        if linear.stable:
+            opened, closed = _measured(loop, parameters, operation)
+            found = replace(found, measured_open=opened, measured_closed=closed)
+    except RunError as error:
+        return replace(linear, fault=str(error))
+    return found
+
+
+def _measured(loop: Loop, parameters: Parameters, operation: Operation) -> tuple[Measured, Measured]:
+    load = HELD if loop.place == Place.CURRENT else operation.load
+    period = parameters.drive.current_period_s
+    rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
+    highest = min(loop.highest_hz, RATE_SHARE / (rate * period))
+    excitation = multisine(loop.period_s, period, highest, loop.rms * operation.amplitude)
+    bench = Bench(parameters, load, loop.place, operation.speed_rad_s)
+    run = bench.run(excitation.periods(PERIODS, rate))
+    if run.fault:
+        raise RunError(run.fault)
+    error, feedback = _error_and_feedback(loop, run, parameters)
+    added, actual = run.added, _actual(loop, run, bench.speed_rad_s)
+    n = excitation.samples
+
+    def estimate(x: Floats, y: Floats, every: int) -> Measured:
+        picked = [signal[n::every] for signal in (x, y, added)]
+        return identification.response(
+            picked[0], picked[1], every * period, n // every, picked[2], excitation.lines
+        )
+
+    return estimate(error, feedback, error_rate), estimate(added, actual, rate)
+
+
+def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: Operation) -> LoopResult:
+    period = parameters.drive.current_period_s
+    steps = round(parameters.drive.velocity_period_s / period)
+    rms = CASCADE_RMS_A * operation.amplitude
+    highest = min(CASCADE_HIGHEST_HZ, RATE_SHARE / (steps * period))
+    excitation = multisine(CASCADE_PERIOD_S, period, highest, rms, CASCADE_LOWEST_HZ)
+    try:
+        bench = Bench(parameters, operation.load, Place.PLANT, operation.speed_rad_s)
+        run = bench.run(excitation.periods(PERIODS, steps))
+    except RunError as error:
+        return replace(cascade, fault=str(error))
+    if run.fault:
+        return replace(cascade, fault=run.fault)
+    n = excitation.samples
+    sensitivity = identification.response(
+        run.added[n::steps],
+        run['current_reference'][n::steps],
+        steps * period,
+        n // steps,
+        None,
+        excitation.lines,
+    )
+    return replace(cascade, measured_open=identification.opened(sensitivity))
+
+
+def _actual(loop: Loop, run: Run, speed_rad_s: float) -> Floats:
+    """Actual value of a loop at the start of each period, the motion of the bench left out."""
+    if loop.place == Place.CURRENT:
+        return run.at_start('motor_current')
+    if loop.place == Place.SPEED:
+        return run.at_start('speed') - speed_rad_s
+    ramp = speed_rad_s * run.period_s * np.arange(len(run.added))
+    return run.at_start('position') - ramp
+
+
+def _error_and_feedback(loop: Loop, run: Run, parameters: Parameters) -> tuple[Floats, Floats]:
+    if loop.place == Place.CURRENT:
+        feedback = run['current_filtered']
+        return run['current_reference_filtered'] - feedback, feedback
+    if loop.place == Place.SPEED:
+        feedback = run['speed_filtered']
+        return run['speed_reference'] - feedback, feedback
+    per_rad = parameters.bus.increments_per_rev / math.tau
+    error = run['reference'] - run['increments'] / per_rad
+    # the reference is the ramp of the bench and what was added to it
+    return error, run.added - error

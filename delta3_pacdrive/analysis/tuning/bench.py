@@ -1,0 +1,210 @@
+"""A drive on a bench: the real drive, period by period, that turns a load of constant inertia and gravity.
+
+Between two exchanges with the plant a drive turns a shaft of its own, with its own motor model (``drive.observer``).
+Given the inertia of the load and never exchanged, that shaft is the bench: nothing of drive or motor is written twice.
+The bench turns at a constant speed, for at standstill friction is as steep as F_s/w_s and hides the load.
+
+Set points are added where the drive keeps them between two periods:
+
+- current: the integrator of the velocity loop, before a period and taken away after it;
+- speed: the slope of the command, with the position loop open (gain 0) and a velocity feed-forward of 1;
+- position: the last three commands, which leaves their differences, and so the feed-forwards, as they are;
+- command: the telegram of the bus cycle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.drive.arrays import STATE, DriveState
+from delta3_pacdrive.drive.diagnostics import fault_text
+from delta3_pacdrive.drive.mc4 import MC4, mc4_run_period
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motor import motor
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.analysis.tuning.load import Load
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+    OnProgress = Callable[[int, int], None]
+
+SETTLING_S = 0.25  # after the drive is in torque: 15 time constants of the position loop
+ENABLING_CYCLES_MAX = 2000
+PROGRESS_EVERY = 2048
+
+
+class Place(StrEnum):
+    """Where a set point is added, and which loops are closed meanwhile."""
+
+    CURRENT = 'current'  # current loop alone, the shaft is held
+    SPEED = 'speed'  # velocity loop and what is inside it
+    POSITION = 'position'  # all loops, feed-forwards left out
+    PLANT = 'plant'  # all loops, at the current set point: the input of winding and load
+    COMMAND = 'command'  # all loops and feed-forwards, from the bus
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the oscilloscope of a drive saw.
+
+    Attributes
+    ----------
+    period_s
+        Of the current loop.
+    added
+        Set point that was added, shape (samples,).
+    states
+        The drive's state at the end of each period, shape (samples,).
+    fault
+        Sentence about the fault that ended the run early; empty without one.
+
+    """
+
+    period_s: float
+    added: Floats
+    states: NDArray[Any]
+    fault: str
+
+    def __getitem__(self, name: str) -> Floats:
+        """Return a field of the state over time."""
+        return np.asarray(self.states[name], dtype=np.float64)
+
+    def at_start(self, name: str) -> Floats:
+        """Return a field as it was at the start of each period."""
+        values = self[name]
+        return np.concatenate([values[:1], values[:-1]])
+
+
+def bench_parameters(parameters: Parameters, load: Load, place: Place) -> Parameters:
+    """Parameters of the drive on the bench: its own shaft is the load, outer loops are cut as ``place`` asks."""
+    drive = parameters.drive
+    values: dict[str, Any] = {'bus__exchange_period_s': max(125e-6, drive.velocity_period_s)}
+    if math.isfinite(load.inertia_kg_m2):
+        inertia = load.inertia_kg_m2 * parameters.dynamics.gear_ratio**2
+        values['drive__observer_arm_inertia_kg_m2'] = inertia
+    if place == Place.CURRENT:
+        values |= {'drive__velocity_gain_a_s_rad': 0.0, 'drive__velocity_integral_gain_a_rad': 0.0}
+        values |= {'drive__current_feedforward': 0.0}
+    elif place == Place.SPEED:
+        values |= {'drive__position_gain_rad_s_rad': 0.0, 'drive__velocity_feedforward': 1.0}
+        # set points of the speed in every period of its loop
+        values |= {'drive__current_feedforward': 0.0, 'drive__position_period_s': drive.velocity_period_s}
+    return parameters.replace(**values)
+
+
+class Bench:
+    """One drive and its load, in torque and turning; ``run`` may be called again and again, each goes on.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    load
+        What the drive turns; an infinite inertia is a shaft that is held.
+    place
+        Where ``run`` adds its set point.
+    speed_rad_s
+        At which the bench turns, motor side; a held shaft does not.
+
+    Attributes
+    ----------
+    speed_rad_s
+        At which it turns.
+
+    Raises
+    ------
+    RunError
+        The drive does not come into torque, or trips before the speed has settled; says why.
+
+    """
+
+    def __init__(self, parameters: Parameters, load: Load, place: Place, speed_rad_s: float) -> None:
+        own = bench_parameters(parameters, load, place)
+        self._drive = MC4(own)
+        self._motor = motor(own)
+        self._place = place
+        self._held = not math.isfinite(load.inertia_kg_m2)
+        self.speed_rad_s = 0.0 if self._held else speed_rad_s
+        self._cycle_time = own.bus.cycle_time_s
+        self._period = own.drive.current_period_s
+        self._coupling = load.gravity_n_m
+        self._steps = round(self._cycle_time / self._period)
+        # as far from the end of the travel as it gets, which leads along it
+        margin = 1.0
+        self._position = self._command = float(self._drive.constants['travel_min'][0]) + margin
+        self._shaft_speed = self.speed_rad_s
+        self._step = 0
+        self._come_into_torque()
+
+    def _come_into_torque(self) -> None:
+        for _ in range(ENABLING_CYCLES_MAX):
+            self.run(np.zeros(self._steps))
+            if self._drive.drive_state == DriveState.ENABLED:
+                break
+        self.run(np.zeros(self._steps * round(SETTLING_S / self._cycle_time)))
+        if self._drive.drive_state != DriveState.ENABLED:
+            raise RunError(f'on the bench: {self._why()}')
+
+    def _why(self) -> str:
+        fault = self._drive.fault
+        return fault_text(fault) if fault else f'the drive is {self._drive.drive_state.name}'
+
+    def run(self, added: Floats, on_progress: OnProgress | None = None) -> Run:
+        """Add a set point, one value per current-loop period, and return what the drive did."""
+        states = np.empty(len(added), dtype=STATE)
+        drive, state, row = self._drive, self._drive.state, self._drive.state[0]
+        current = drive.currents[:1]
+        done = len(added)
+        for k, value in enumerate(added.tolist()):
+            if self._step % self._steps == 0:
+                command = self._command + (value if self._place == Place.COMMAND else 0.0)
+                drive.begin_cycle(command, CONTROL_ENABLE, self._position, self._shaft_speed, self._coupling)
+                self._command += self.speed_rad_s * self._cycle_time
+                if drive.fault:
+                    done = k
+                    break
+            undo = add_set_point(self._place, value, row, self._cycle_time)
+            mc4_run_period(
+                self._position,
+                self._shaft_speed,
+                self._coupling,
+                current,
+                state,
+                drive.constants,
+                self._motor,
+            )
+            for name, before in undo:
+                row[name] -= before
+            states[k] = row
+            self._step += 1
+            if not self._held:
+                self._position, self._shaft_speed = float(row['position']), float(row['speed'])
+            if on_progress is not None and k % PROGRESS_EVERY == 0:
+                on_progress(k, len(added))
+        return Run(self._period, added[:done], states[:done], self._why() if done < len(added) else '')
+
+
+def add_set_point(place: Place, value: float, row: Any, cycle_time_s: float) -> tuple[tuple[str, float], ...]:
+    """Add a value to the set point of a drive's next period; return fields and what is to be taken away after it."""
+    if place in (Place.CURRENT, Place.PLANT):
+        fields: tuple[tuple[str, float], ...] = (('velocity_integral', value),)
+    elif place == Place.POSITION:
+        fields = tuple((name, value) for name in ('command', 'command_before', 'command_before_that'))
+    elif place == Place.SPEED:
+        fields = (('command_before', -value * cycle_time_s),)
+    else:
+        return ()
+    for name, change in fields:
+        row[name] += change
+    return fields

@@ -1,0 +1,225 @@
+"""The cascade of section 8.1 as linear difference equations: an independent view of what drive and motor compute.
+
+    position   w_ref = K_Ppos (r - theta) + FF_vel dr                                           every T_pos
+    velocity   i_ref = (K_Pvel + K_Ivel T_vel / (1 - z^-1)) (w_ref - w) + FF_curr J_ff/K_m ddr  every T_vel
+    current    v = (K_Pcurr + K_Icurr T_cur / (1 - z^-1)) (F_currRef i_ref - i)                 every T_cur, one later
+    winding    i = phi i + (1 - phi) (v - K_m/3 w) / (R/2),  phi = exp(-T_cur R/L)              (8.2)
+    shaft      J dw/dt = K_m i - b w,  b the slope of the friction
+
+The limits are left out. What is sampled, held and delayed is as in the drive: the speed is the difference of two
+encoder readings, set points are interpolated over a bus cycle, and between exchanges with the plant the loops are
+closed on the drive's own shaft, whose inertia may be wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.analysis.tuning.periodic import Periodic
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+
+class Entry(StrEnum):
+    """Where the input of the linear cascade enters."""
+
+    # instead of a signal, which cuts the loops around it
+    CURRENT_ERROR = 'current error'
+    CURRENT_SET_POINT = 'current set point'
+    SPEED_ERROR = 'speed error'
+    SPEED_SET_POINT = 'speed set point'
+    POSITION_ERROR = 'position error'
+    # in addition to a signal, with all loops closed
+    CURRENT = 'current'
+    POSITION = 'position'
+    COMMAND = 'command'  # of the bus
+
+
+# in the order in which a period computes them
+_STATES = (
+    'next_command', 'command', 'command_before', 'command_before_that', 'speed_reference', 'read', 'speed_filtered',
+    'velocity_integral', 'current_reference', 'reference_filtered', 'current_filtered', 'current_integral', 'voltage',
+    'current', 'own_position', 'own_speed', 'coupling', 'position', 'speed', 'acceleration',
+)  # fmt: skip
+OUTPUTS = (
+    'position_error', 'read', 'speed_reference', 'speed_error', 'speed_filtered', 'current_reference',
+    'current_error', 'current_filtered', 'controller', 'current', 'speed', 'position',
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """What turns, motor side.
+
+    Attributes
+    ----------
+    inertia_kg_m2
+        Of the plant; infinite where the shaft is held.
+    friction_n_m_s_rad
+        Slope of the friction.
+    exchange_period_s
+        Between drive and plant.
+    believed_kg_m2
+        Inertia of the drive's own shaft between exchanges; None: the right one.
+
+    """
+
+    inertia_kg_m2: float
+    friction_n_m_s_rad: float
+    exchange_period_s: float
+    believed_kg_m2: float | None = None
+
+
+def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Periodic:
+    """Return the cascade of one drive with its input at ``entry``; outputs are ``OUTPUTS``.
+
+    An output is what the drive computes, or finds, in the current-loop period of the same number; ``controller`` is the
+    current that the loops ask for.
+    """
+    steps = round(parameters.bus.cycle_time_s / parameters.drive.current_period_s)
+    periods = [_Period(parameters, shaft, entry, n) for n in range(steps)]
+    states = len(_STATES)
+    rows = np.array([[p.signals[name] for name in _STATES] for p in periods])
+    outputs = np.array([[p.outputs[name] for name in OUTPUTS] for p in periods])
+    return Periodic(
+        parameters.drive.current_period_s,
+        rows[:, :, :states],
+        rows[:, :, states],
+        outputs[:, :, :states],
+        outputs[:, :, states],
+        OUTPUTS,
+    )
+
+
+class _Period:
+    """One current-loop period; every signal is a row: its weights on the states at the start, and on the input."""
+
+    def __init__(self, parameters: Parameters, shaft: Shaft, entry: Entry, n: int) -> None:
+        identity = np.eye(len(_STATES) + 1)
+        self.signals: dict[str, Floats] = dict(zip(_STATES, identity, strict=False))
+        self.outputs: dict[str, Floats] = {}
+        self._input, self._zero = identity[-1], np.zeros(len(identity))
+        self._parameters, self._shaft, self._entry, self._n = parameters, shaft, entry, n
+        self._outside = self._zero
+        x = self.signals
+        if n == 0:
+            x['command_before_that'] = x['command_before']
+            x['command_before'] = x['command']
+            x['command'] = x['next_command']
+            x['next_command'] = self._given(Entry.COMMAND)
+        for name in ('current', 'position', 'speed'):
+            self.outputs[name] = x[name]
+        exchange = self._every(shaft.exchange_period_s)
+        if exchange:
+            self._exchange()
+        controller = (
+            self._velocity_loop(exchange) if self._every(parameters.drive.velocity_period_s) else None
+        )
+        self._current_loop()
+        self._move()
+        for name in OUTPUTS:
+            self.outputs.setdefault(name, x.get(name, self._zero))
+        if controller is not None:
+            self.outputs['controller'] = controller
+
+    def _every(self, period_s: float) -> bool:
+        return self._n % round(period_s / self._parameters.drive.current_period_s) == 0
+
+    def _given(self, entry: Entry) -> Floats:
+        return self._input if self._entry == entry else self._zero
+
+    def _exchange(self) -> None:
+        x, shaft = self.signals, self._shaft
+        x['own_position'], x['own_speed'] = x['position'], x['speed']
+        if shaft.believed_kg_m2 is not None:
+            x['coupling'] = (shaft.inertia_kg_m2 - shaft.believed_kg_m2) * x['acceleration']
+
+    def _position_loop(self) -> None:
+        x, drive, bus = self.signals, self._parameters.drive, self._parameters.bus
+        per_cycle = round(bus.cycle_time_s / drive.position_period_s)
+        passed = (self._n // round(drive.position_period_s / drive.current_period_s) + 1) / per_cycle
+        change = x['command'] - x['command_before']
+        reference = x['command_before'] + passed * change + self._given(Entry.POSITION)
+        error = reference - x['read']
+        if self._entry == Entry.POSITION_ERROR:
+            error = self._input
+        self.outputs['position_error'] = error
+        feedforward = drive.velocity_feedforward / bus.cycle_time_s * change
+        x['speed_reference'] = feedforward + drive.position_gain_rad_s_rad * error
+
+    def _velocity_loop(self, exchange: bool) -> Floats:
+        """Form the current set point; return what the loops ask for without what is added from outside."""
+        x, drive, entry = self.signals, self._parameters.drive, self._entry
+        before = x['read']
+        x['read'] = x['own_position']
+        speed = (x['read'] - before) / drive.velocity_period_s
+        if exchange and round(self._shaft.exchange_period_s / drive.velocity_period_s) != 1:
+            speed = x['own_speed']
+        if entry == Entry.SPEED_SET_POINT:
+            x['speed_reference'] = self._input
+        elif self._every(drive.position_period_s):
+            self._position_loop()
+        share = _smoothing(drive.velocity_period_s, drive.velocity_filter_s)
+        x['speed_filtered'] = x['speed_filtered'] + share * (speed - x['speed_filtered'])
+        error = x['speed_reference'] - x['speed_filtered']
+        if entry == Entry.SPEED_ERROR:
+            error = self._input
+        self.outputs['speed_error'] = error
+        step = drive.velocity_integral_gain_a_rad * drive.velocity_period_s
+        x['velocity_integral'] = x['velocity_integral'] + step * error
+        second = x['command'] - 2.0 * x['command_before'] + x['command_before_that']
+        torque = drive.current_feedforward * drive.feedforward_inertia_kg_m2
+        acceleration = second / self._parameters.bus.cycle_time_s**2
+        feedforward = torque / self._parameters.motor.torque_constant_n_m_a * acceleration
+        asked = drive.velocity_gain_a_s_rad * error + x['velocity_integral'] + feedforward
+        x['current_reference'] = asked + self._given(Entry.CURRENT)
+        if entry == Entry.CURRENT_SET_POINT:
+            x['current_reference'] = self._input
+        return asked
+
+    def _current_loop(self) -> None:
+        x, drive = self.signals, self._parameters.drive
+        period = drive.current_period_s
+        share = _smoothing(period, drive.current_reference_filter_s)
+        x['reference_filtered'] = x['reference_filtered'] + share * (
+            x['current_reference'] - x['reference_filtered']
+        )
+        share = _smoothing(period, drive.current_filter_s)
+        x['current_filtered'] = x['current_filtered'] + share * (x['current'] - x['current_filtered'])
+        error = x['reference_filtered'] - x['current_filtered']
+        if self._entry == Entry.CURRENT_ERROR:
+            error = self._input
+        self.outputs['current_error'] = error
+        x['current_integral'] = x['current_integral'] + drive.current_integral_gain_v_a_s * period * error
+        self._applied = x['voltage']
+        x['voltage'] = drive.current_gain_v_a * error + x['current_integral']
+
+    def _move(self) -> None:
+        x, shaft, drive, motor = self.signals, self._shaft, self._parameters.drive, self._parameters.motor
+        period = drive.current_period_s
+        decay = math.exp(-period * motor.winding_resistance_ohm / motor.winding_inductance_h)
+        before = x['current']
+        driving = self._applied - motor.torque_constant_n_m_a / 3.0 * x['own_speed']
+        x['current'] = decay * before + (1.0 - decay) * 2.0 / motor.winding_resistance_ohm * driving
+        mean = 0.5 * (before + x['current'])
+        own = shaft.inertia_kg_m2 if shaft.believed_kg_m2 is None else shaft.believed_kg_m2
+        torque = motor.torque_constant_n_m_a * mean
+        acceleration = (torque - shaft.friction_n_m_s_rad * x['own_speed'] - x['coupling']) / own
+        x['own_position'] = x['own_position'] + period * (x['own_speed'] + 0.5 * period * acceleration)
+        x['own_speed'] = x['own_speed'] + period * acceleration
+        in_truth = torque * math.cos(drive.commutation_offset_rad)
+        middle = x['speed'] + 0.5 * period * x['acceleration']
+        x['acceleration'] = (in_truth - shaft.friction_n_m_s_rad * middle) / shaft.inertia_kg_m2
+        x['position'] = x['position'] + period * (x['speed'] + 0.5 * period * x['acceleration'])
+        x['speed'] = x['speed'] + period * x['acceleration']
+
+
+def _smoothing(period_s: float, time_constant_s: float) -> float:
+    return 1.0 - math.exp(-period_s / time_constant_s) if time_constant_s > 0.0 else 1.0

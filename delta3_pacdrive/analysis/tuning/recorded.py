@@ -1,0 +1,251 @@
+"""Frequency responses that a recording allows, and which linear ones they are to be compared with.
+
+With the oscilloscope's signals and an excitation that ``recording`` added to a set point, a loop is opened as on the
+bench. A recording of bus cycles shows the way from the command on the bus to the position of the answer. Its input is
+the motion of a program, which has little above some ten hertz: both signals are differenced twice before the transform,
+so that what leaks from the large slow motion does not pass for a response, and the coherence tells where the rest ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.estimation.measurement import moving_rows, sample_time_s
+from delta3_pacdrive.analysis.tuning import identification
+from delta3_pacdrive.analysis.tuning.analysis import CASCADE, HELD, Operation, exact_shaft, exchanged_shaft
+from delta3_pacdrive.analysis.tuning.load import Load, modes_at
+from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
+from delta3_pacdrive.errors import TuningError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.analysis.tuning.identification import Measured
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.recording.trace import Trace
+
+PIECES = 4  # into which a recording that does not repeat is cut at least; they overlap by half
+PIECE_MIN = 64
+COMMAND = 'command'
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A frequency response of a recording.
+
+    Attributes
+    ----------
+    name
+        ``current`` (closed), ``position`` (open), ``cascade`` (open) or ``command`` (closed).
+    title
+        For people.
+    axis
+        1 to 3.
+    measured
+        From the signals.
+    linear
+        At the same frequencies.
+
+    """
+
+    name: str
+    title: str
+    axis: int
+    measured: Measured
+    linear: NDArray[np.complex128]
+
+
+def identify(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> list[Recorded]:
+    """Return the frequency responses of an axis, 1 to 3, that a trace allows.
+
+    Raises
+    ------
+    TuningError
+        The signals allow none, belong to another robot or are too short; says what is missing.
+    EstimationError
+        The trace is not evenly sampled, or nothing moves in it.
+
+    """
+    ratio = trace.meta.get('gear_ratio', parameters.dynamics.gear_ratio)
+    if ratio != parameters.dynamics.gear_ratio:
+        raise TuningError(
+            f'the recording is of a robot with gear ratio {ratio:g}, '
+            f'the parameters say {parameters.dynamics.gear_ratio:g}'
+        )
+    sample = sample_time_s(trace)
+    if sample > 0.5 * parameters.bus.cycle_time_s:
+        return [_of_command(trace, sample, axis, parameters, operation)]
+    _check_rate(sample, parameters)
+    found = []
+    if 'current_added' in trace.signals and 'current_reference' in trace.signals:
+        found.append(_of_cascade(trace, axis, parameters, operation))
+    if 'position_added' in trace.signals and 'position_reference' in trace.signals:
+        found.append(_of_position(trace, axis, parameters, operation))
+    if 'current_reference' in trace.signals and 'current' in trace.signals:
+        found.append(_of_current(trace, axis, parameters, operation))
+    if not found:
+        raise TuningError(
+            'the recording is faster than the bus but has no current_reference, which a response of the loops needs '
+            '(with current_added or position_added that of more than the current loop)'
+        )
+    return found
+
+
+def _check_rate(sample_s: float, parameters: Parameters) -> None:
+    period = parameters.drive.current_period_s
+    if abs(sample_s - period) > 1e-3 * period:
+        raise TuningError(
+            f'the recording is sampled every {sample_s:g} s: a response of the loops needs every period of the '
+            f'current loop, {period:g} s, and one of the command the bus cycle, {parameters.bus.cycle_time_s:g} s'
+        )
+
+
+def _estimate(
+    trace: Trace, x: Floats, y: Floats, every: int, sample_s: float, instrument: Floats | None = None
+) -> Measured:
+    """Estimate from every so many samples; a recording that says how it repeats is transformed by whole periods."""
+    x, y = x[::every], y[::every]
+    if instrument is not None:
+        instrument = instrument[::every]
+    repeats, lines = _repetition(trace, len(trace.time_s))
+    if lines is not None and repeats % every == 0:
+        return identification.response(
+            x, y, every * sample_s, repeats // every, instrument, lines, drifts=True
+        )
+    return identification.response(x, y, every * sample_s, _piece(len(x)), instrument)
+
+
+def _repetition(trace: Trace, samples: int) -> tuple[int, NDArray[np.int64] | None]:
+    """Period and lines of the excitation that the meta data of a trace tell; (0, None) without."""
+    try:
+        repeats = int(trace.meta['repeats_after'])
+        lines = np.array(trace.meta['lines'], dtype=np.int64)
+    except (KeyError, TypeError, ValueError):
+        return 0, None
+    fits = (
+        0 < repeats <= samples
+        and lines.ndim == 1
+        and len(lines)
+        and lines.min() > 0
+        and lines.max() < repeats / 2
+    )
+    return (repeats, lines) if fits else (0, None)
+
+
+def _piece(samples: int) -> int:
+    if samples < PIECES * PIECE_MIN:
+        raise TuningError(
+            f'the recording has {samples} usable samples; a spectrum needs at least {PIECES * PIECE_MIN}'
+        )
+    return 1 << int(np.log2(samples / PIECES))
+
+
+def _steps(period_s: float, parameters: Parameters) -> int:
+    return round(period_s / parameters.drive.current_period_s)
+
+
+def _of_cascade(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> Recorded:
+    every, sample = _steps(parameters.drive.velocity_period_s, parameters), sample_time_s(trace)
+    added, asked = trace['current_added'][:, axis - 1], trace['current_reference'][:, axis - 1]
+    sensitivity = _estimate(trace, added, asked, every, sample)
+    linear = _in_robot(
+        trace, axis, parameters, operation, sensitivity.frequencies_hz, 'current_reference', every
+    )
+    return Recorded(
+        CASCADE,
+        'cascade, open at the current set point',
+        axis,
+        identification.opened(sensitivity),
+        1.0 / linear - 1.0,
+    )
+
+
+def _of_position(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> Recorded:
+    every, sample = _steps(parameters.drive.position_period_s, parameters), sample_time_s(trace)
+    added = trace['position_added'][:, axis - 1]
+    error = trace['position_reference'][:, axis - 1] - trace['motor_position'][:, axis - 1]
+    sensitivity = _estimate(trace, added, error, every, sample)
+    linear = _in_robot(
+        trace, axis, parameters, operation, sensitivity.frequencies_hz, 'position_error', every
+    )
+    return Recorded(
+        'position', 'position loop, open', axis, identification.opened(sensitivity), 1.0 / linear - 1.0
+    )
+
+
+def _of_current(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> Recorded:
+    every, sample = _steps(parameters.drive.velocity_period_s, parameters), sample_time_s(trace)
+    instrument = next(
+        (trace[n][:, axis - 1] for n in ('current_added', 'position_added') if n in trace.signals), None
+    )
+    if instrument is not None and not np.ptp(instrument) > 0.0:
+        instrument = None  # another axis was excited
+    measured = _estimate(
+        trace,
+        trace['current_reference'][:, axis - 1],
+        trace['current'][:, axis - 1],
+        every,
+        sample,
+        instrument,
+    )
+    shaft = exact_shaft(parameters, HELD, operation.speed_rad_s)
+    closed = linear_cascade(parameters, shaft, Entry.CURRENT_SET_POINT)
+    linear = closed.respond(measured.frequencies_hz, 'current', every)
+    return Recorded('current', 'current loop, closed', axis, measured, linear)
+
+
+def _of_command(
+    trace: Trace, sample_s: float, axis: int, parameters: Parameters, operation: Operation
+) -> Recorded:
+    if abs(sample_s - parameters.bus.cycle_time_s) > 1e-3 * sample_s:
+        raise TuningError(
+            f'the recording is sampled every {sample_s:g} s, the parameters say '
+            f'{parameters.bus.cycle_time_s:g} s (bus.cycle_time_s)'
+        )
+    rows = moving_rows(trace)
+    command, actual = (
+        np.diff(trace[name][rows, axis - 1], n=2) for name in ('motor_command', 'motor_position')
+    )
+    measured = identification.response(command, actual, sample_s, _piece(len(command)))
+    shaft = exchanged_shaft(parameters, operation.load, operation.speed_rad_s)
+    steps = _steps(parameters.bus.cycle_time_s, parameters)
+    linear = linear_cascade(parameters, shaft, Entry.COMMAND).respond(
+        measured.frequencies_hz, 'position', steps
+    )
+    return Recorded(COMMAND, 'bus command to position, closed', axis, measured, linear)
+
+
+def _in_robot(
+    trace: Trace,
+    axis: int,
+    parameters: Parameters,
+    operation: Operation,
+    frequencies_hz: Floats,
+    output: str,
+    every: int,
+) -> NDArray[np.complex128]:
+    """Linear closed response of an axis among the others: the mean over the modes of the pose, by its shares."""
+    entry = Entry.CURRENT if output == 'current_reference' else Entry.POSITION
+    modes = modes_at(_pose(trace, parameters), parameters)
+    speed = float(trace.meta.get('speed_rad_s', operation.speed_rad_s))
+    total: Any = 0.0
+    for inertia, share in zip(modes.inertia_kg_m2, modes.shares[axis - 1], strict=True):
+        shaft = exact_shaft(parameters, Load('mode', float(inertia)), speed)
+        total = total + share * linear_cascade(parameters, shaft, entry).respond(
+            frequencies_hz, output, every
+        )
+    return np.asarray(total, dtype=np.complex128)
+
+
+def _pose(trace: Trace, parameters: Parameters) -> Any:
+    """Pose [m] of a recording: as its meta data say, else that of its mean shaft positions."""
+    from delta3_pacdrive import kinematics
+
+    if isinstance(pose := trace.meta.get('pose_m'), list) and len(pose) == 3:
+        return pose
+    arms = trace['motor_position'].mean(axis=0) / parameters.dynamics.gear_ratio
+    return kinematics.forward(arms, parameters.kinematics)

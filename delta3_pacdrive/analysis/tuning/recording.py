@@ -1,0 +1,221 @@
+"""An excitation of one axis of the whole robot, and what the oscilloscopes of its drives record of it.
+
+All arms turn slowly and evenly through the pose, out of the friction of standstill, each held by its own drive, while
+one of them is excited by a multisine. Drives and plant exchange as often as the velocity loop runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.analysis.tuning.analysis import RATE_SHARE
+from delta3_pacdrive.analysis.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, add_set_point
+from delta3_pacdrive.analysis.tuning.excitation import multisine
+from delta3_pacdrive.drive.arrays import STATE, DriveState
+from delta3_pacdrive.drive.diagnostics import fault_text
+from delta3_pacdrive.drive.mc4 import mc4_run_period
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motor import motor
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.increments import on_grid
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE
+from delta3_pacdrive.simulation.robot import AXES, Robot
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.analysis.tuning.bench import OnProgress
+    from delta3_pacdrive.analysis.tuning.excitation import Multisine
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+PERIODS = 4  # of the multisine that are recorded, after one that settles
+PERIOD_S, LOWEST_HZ = 0.5, 4.0
+HIGHEST_HZ = {Place.PLANT: 1500.0, Place.POSITION: 700.0}
+RMS = {Place.PLANT: 0.2, Place.POSITION: 0.03}  # A, rad
+ADDED = {Place.PLANT: 'current_added', Place.POSITION: 'position_added'}
+SPEED_SHARE = 0.5  # of the speed of the bench: the robot has less room
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What is excited.
+
+    Attributes
+    ----------
+    place
+        Current set point (``PLANT``) or position set point.
+    axis
+        0 to 2.
+    point_m
+        Pose in the middle of the recording.
+    speed_rad_s
+        Of all shafts.
+    amplitude
+        Multiple of the usual one.
+
+    """
+
+    place: Place
+    axis: int
+    point_m: tuple[float, float, float]
+    speed_rad_s: float
+    amplitude: float = 1.0
+
+
+def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgress | None = None) -> Trace:
+    """Excite one axis and return the signals of the current-loop periods of all three drives.
+
+    Raises
+    ------
+    UnreachableError
+        The arms do not reach the pose, or do not get through it evenly.
+    RunError
+        A drive trips, or does not come into torque; says why.
+
+    """
+    drive = parameters.drive
+    exact = parameters.replace(bus__exchange_period_s=max(125e-6, drive.velocity_period_s))
+    rms = RMS[excitation.place] * excitation.amplitude
+    hold = drive.velocity_period_s if excitation.place == Place.PLANT else drive.position_period_s
+    highest = min(HIGHEST_HZ[excitation.place], RATE_SHARE / hold)
+    sine = multisine(PERIOD_S, drive.current_period_s, highest, rms, LOWEST_HZ)
+    seconds = SETTLING_S + (PERIODS + 1) * sine.period_s
+    theta = kinematics.inverse(np.asarray(excitation.point_m), exact.kinematics)
+    half = 0.5 * seconds * excitation.speed_rad_s / exact.dynamics.gear_ratio
+    # both ends of the way are reached, or a sentence says which is not
+    ends = [kinematics.forward(theta + sign * half, exact.kinematics) for sign in (1.0, -1.0)]
+    robot = _TurningRobot(exact.replace(motion__home_m=tuple(float(x) for x in ends[1])), excitation)
+    robot.come_into_torque()
+    robot.run(np.zeros(round(SETTLING_S / drive.current_period_s)))
+    added = sine.periods(PERIODS + 1, round(hold / drive.current_period_s))
+    robot.run(added[: sine.samples])
+    signals = robot.run(added[sine.samples :], on_progress)
+    return Trace(
+        np.arange(PERIODS * sine.samples, dtype=np.float64) * drive.current_period_s,
+        signals,
+        _meta(parameters, excitation, sine),
+    )
+
+
+def _meta(parameters: Parameters, excitation: Excitation, sine: Multisine) -> dict[str, Any]:
+    return {
+        'program': 'excitation of one axis',
+        'checksum': parameters.checksum,
+        'gear_ratio': parameters.dynamics.gear_ratio,
+        'cycle_time_s': parameters.bus.cycle_time_s,
+        'sample_time_s': sine.sample_s,
+        'axis': excitation.axis + 1,
+        'place': excitation.place.value,
+        'pose_m': list(excitation.point_m),
+        'speed_rad_s': excitation.speed_rad_s,
+        'repeats_after': sine.samples,
+        'lines': sine.lines.tolist(),
+    }
+
+
+class _TurningRobot:
+    """Three drives on the plant whose shafts turn evenly, period by period."""
+
+    def __init__(self, parameters: Parameters, excitation: Excitation) -> None:
+        self._robot, self._excitation, self._parameters = Robot(parameters), excitation, parameters
+        self._motor = motor(parameters)
+        self._commands = np.array(self._robot.encoder_positions())
+        self._per_cycle = round(parameters.bus.cycle_time_s / parameters.drive.current_period_s)
+        self._per_exchange = len(self._robot.drives[0].currents)
+        self._speed = 0.0
+        self._step = 0
+
+    def come_into_torque(self) -> None:
+        """Enable the drives where they stand, then let them turn."""
+        for _ in range(ENABLING_CYCLES_MAX):
+            self.run(np.zeros(self._per_cycle))
+            if all(drive.drive_state == DriveState.ENABLED for drive in self._robot.drives):
+                break
+        else:
+            raise RunError('a drive does not come into torque')
+        self._speed = self._excitation.speed_rad_s
+
+    def run(self, added: Floats, on_progress: OnProgress | None = None) -> dict[str, Floats]:
+        """Add a set point, one value per current-loop period; return the signals, each of shape (samples, 3)."""
+        states: NDArray[Any] = np.empty((len(added), 3), dtype=STATE)
+        before: NDArray[Any] = np.empty((len(added), 3), dtype=STATE)
+        currents = np.zeros((self._per_exchange, 3))
+        for k in range(0, len(added), self._per_exchange):
+            shafts = self._robot.plant.shafts()
+            if self._step % self._per_cycle == 0:
+                self._begin_cycle(shafts)
+            released = []
+            for i, drive in enumerate(self._robot.drives):
+                pieces = added[k : k + self._per_exchange] if i == self._excitation.axis else None
+                rows = slice(k, k + self._per_exchange)
+                shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+                released.append(self._exchange(drive, shaft, pieces, before[rows, i], states[rows, i]))
+                currents[:, i] = drive.currents
+            self._robot.plant.advance(currents, released)
+            self._step += self._per_exchange
+            if on_progress is not None and k % 2048 == 0:
+                on_progress(k, len(added))
+        return self._signals(before, states, added)
+
+    def _begin_cycle(self, shafts: list[float]) -> None:
+        for i, drive in enumerate(self._robot.drives):
+            drive.begin_cycle(
+                float(self._commands[i]), CONTROL_ENABLE, shafts[i], shafts[3 + i], shafts[6 + i]
+            )
+            if drive.fault:
+                raise RunError(f'{AXES[i]} of the robot: {fault_text(drive.fault)}')
+        self._commands += self._speed * self._parameters.bus.cycle_time_s
+
+    def _exchange(
+        self,
+        drive: Any,
+        shaft: tuple[float, float, float],
+        added: Floats | None,
+        before: NDArray[Any],
+        states: NDArray[Any],
+    ) -> bool:
+        """Run a drive from one exchange to the next; what it finds and leaves in each period goes to the arrays."""
+        row = drive.state[0]
+        position, speed, coupling = shaft
+        brake = 0
+        for n in range(self._per_exchange):
+            before[n] = row
+            before[n]['position'], before[n]['speed'], before[n]['coupling'] = position, speed, coupling
+            value = 0.0 if added is None else float(added[n])
+            undo = add_set_point(self._excitation.place, value, row, self._parameters.bus.cycle_time_s)
+            # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
+            brake = mc4_run_period(
+                position,
+                speed,
+                coupling,
+                drive.currents[n : n + 1],
+                drive.state,
+                drive.constants,
+                self._motor,
+            )
+            for name, change in undo:
+                row[name] -= change
+            states[n] = row
+            position, speed, coupling = (float(row[name]) for name in ('position', 'speed', 'coupling'))
+        return bool(brake)
+
+    def _signals(self, before: NDArray[Any], states: NDArray[Any], added: Floats) -> dict[str, Floats]:
+        per_rad = float(self._robot.drive_constants['increments_per_rad'][0])
+        all_added = np.zeros((len(added), 3))
+        all_added[:, self._excitation.axis] = added
+        return {
+            'motor_command': np.array(before['command']),
+            'motor_position': np.array(on_grid(before['position'], per_rad)),
+            'motor_speed': np.array(before['speed']),
+            'current': np.array(before['motor_current']),
+            'phase_voltage': np.array(before['voltage']),
+            'position_reference': np.array(states['reference']),
+            'speed_reference': np.array(states['speed_reference']),
+            'current_reference': np.array(states['current_reference']),
+            ADDED[self._excitation.place]: all_added,
+        }

@@ -1,0 +1,179 @@
+"""One tuning from its settings to its folder: loops before and after, workspace, program, sweep, recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import figure_style
+from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json
+from delta3_pacdrive.analysis.tuning import effect, figures, recorded, report, settings
+from delta3_pacdrive.analysis.tuning.analysis import (
+    EXCHANGED,
+    LOOPS,
+    Operation,
+    analyse,
+    exact_shaft,
+    exchanged_shaft,
+    linear_cascade_loop,
+    linear_loop,
+    step_on_bench,
+)
+from delta3_pacdrive.analysis.tuning.load import extremes, load_at
+from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
+from delta3_pacdrive.analysis.tuning.study import Settings, SweepPoint, Variant
+from delta3_pacdrive.errors import ReportError, RunError, TuningError
+from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.recording.bag_trace import load as load_trace
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from delta3_pacdrive.analysis.tuning.recorded import Recorded
+    from delta3_pacdrive.analysis.tuning.settings import Setting
+    from delta3_pacdrive.parameters import Parameters
+
+    OnProgress = Callable[[str, int, int], None]
+
+REPORT = 'report.json'
+TABLE_POINTS = 300  # of a linear curve whose margins alone are of interest
+SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the travel
+
+
+@dataclass
+class Study:
+    """A tuning, and the folder for its results.
+
+    ``on_progress`` is called with a stage in words, what is done and all of it (0: not known).
+
+    Raises
+    ------
+    Delta3Error
+        On construction: a file, a name or a value is refused; says which and why.
+
+    """
+
+    settings: Settings
+    folder: Path
+    command: str
+    on_progress: OnProgress
+    robot: Parameters = field(init=False)
+    operation: Operation = field(init=False)
+    program: programs.Program = field(init=False)  # that shows the effect
+
+    def __post_init__(self) -> None:
+        """Read the parameters and check everything that needs no computing."""
+        chosen = self.settings
+        self.robot = robot_of(chosen)
+        self.operation = Operation(
+            load_at(chosen.pose_m or self.robot.motion.home_m, chosen.axis - 1, self.robot),
+            chosen.speed_rad_s,
+            chosen.amplitude,
+        )
+        self._changes = [settings.parse(text) for text in chosen.changes]
+        self._changed = settings.apply(self._changes, self.robot)
+        self._sweep = settings.parse_sweep(chosen.sweep) if chosen.sweep else ()
+        for setting in self._sweep:
+            setting.apply(self._changed)
+        self._loads = (self.operation.load, *extremes(self.robot))
+        self.program = programs.load(chosen.program, self.robot.motion)
+
+    def run(self) -> dict[str, Any]:
+        """Compute everything, write it into the folder and return the report; raises Delta3Error."""
+        self._make_folder()
+        found = self._recorded()
+        before = self.variant(self.robot, 'before' if self._changes else '')
+        after = self.variant(self._changed, 'after') if self._changes else None
+        points = [self.sweep_point(setting, number) for number, setting in enumerate(self._sweep)]
+        self.on_progress('tables and figures', 0, 0)
+        provenance = self.provenance()
+        variants = [before] if after is None else [before, after]
+        names = ['now'] if after is None else ['before', 'after']
+        document = report.document(variants, points, found, self.operation, self.program.name, provenance)
+        tables = report.write_tables(variants, names, points, found, self.folder, provenance)
+        makers = figures.makers(variants, names, points, self._sweep_name(), found, provenance)
+        pictures = figure_style.save(makers, self.folder, provenance.lines())
+        document['files'] = [str(path) for path in (self.folder / REPORT, *tables, *pictures)]
+        write_json(document, self.folder / REPORT)
+        return document
+
+    def variant(self, robot: Parameters, which: str) -> Variant:
+        """Return loops, margins over the workspace and the program with one set of gains."""
+        label = f'{which}: ' if which else ''
+        loops = analyse(
+            robot, self.operation, lambda stage, done, total: self.on_progress(label + stage, done, total)
+        )
+        self.on_progress(f'{label}workspace', 0, 0)
+        speed = self.operation.speed_rad_s
+        workspace = []
+        for load in self._loads:
+            operation = Operation(load, speed)
+            cascade = linear_cascade_loop(robot, exact_shaft(robot, load, speed), TABLE_POINTS)
+            shaft = exchanged_shaft(robot, load, speed)
+            exchanged = linear_cascade_loop(robot, shaft, TABLE_POINTS, EXCHANGED)
+            inner = [linear_loop(loop, robot, operation, TABLE_POINTS) for loop in LOOPS[1:]]
+            workspace.append((load, [*inner, cascade, exchanged]))
+        self.on_progress(f'{label}program {self.program.name}', 0, 0)
+        return Variant(robot, loops, workspace, effect.run(self.program, robot))
+
+    def sweep_point(self, setting: Setting, number: int) -> SweepPoint:
+        """Return one value of the sweep."""
+        self.on_progress(f'sweep: {setting.text}', number, len(self._sweep))
+        robot = setting.apply(self._changed)
+        overshoot: dict[str, float | None] = {}
+        for loop in LOOPS:
+            try:
+                overshoot[loop.name] = step_on_bench(loop, robot, self.operation).figures.overshoot
+            except RunError:
+                overshoot[loop.name] = None
+        loops = [linear_loop(loop, robot, self.operation, TABLE_POINTS) for loop in LOOPS]
+        shafts = [exchanged_shaft(robot, load, self.operation.speed_rad_s) for load in self._loads]
+        exchanged = all(linear_cascade(robot, shaft, Entry.CURRENT).is_stable() for shaft in shafts)
+        return SweepPoint(setting.value, loops, overshoot, exchanged, effect.run(self.program, robot))
+
+    def provenance(self) -> Provenance:
+        """Return how the outputs come about."""
+        chosen = self.settings
+        inputs = [f'{chosen.program} {digest(programs.find(chosen.program))}']
+        if chosen.recording:
+            inputs.append(f'{chosen.recording} {digest(Path(chosen.recording))}')
+        return Provenance.of(self.command, self.robot, chosen.parameters, inputs)
+
+    def _make_folder(self) -> None:
+        """Make the folder before anything is computed for it."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ReportError(f'cannot write to {self.folder}: {error.strerror or error}') from error
+
+    def _recorded(self) -> list[Recorded]:
+        if self.settings.recording is None:
+            return []
+        self.on_progress('reading', 0, 0)
+        trace = load_trace(self.settings.recording)
+        return recorded.identify(trace, self.settings.axis, self.robot, self.operation)
+
+    def _sweep_name(self) -> str:
+        return self._sweep[0].name if self._sweep else ''
+
+
+def robot_of(chosen: Settings) -> Parameters:
+    """Return the parameters that settings ask for, their operation checked; raises Delta3Error."""
+    robot = core.load(chosen.parameters)
+    if chosen.exchange_period_s is not None:
+        robot = robot.replace(bus__exchange_period_s=chosen.exchange_period_s)
+    if chosen.payload_kg is not None:
+        if not 0.0 <= chosen.payload_kg <= core.PAYLOAD_MAX_KG:
+            raise TuningError(
+                f'the payload is {chosen.payload_kg:g} kg, but must be between 0 and {core.PAYLOAD_MAX_KG:g} kg'
+            )
+        robot = robot.replace(dynamics__payload_mass_kg=chosen.payload_kg)
+    if not 0.0 <= chosen.speed_rad_s <= SPEED_MAX_RAD_S:
+        raise TuningError(
+            f'the speed of the bench is {chosen.speed_rad_s:g} rad/s, but must be between 0 and {SPEED_MAX_RAD_S:g}'
+        )
+    if not 1e-3 <= chosen.amplitude <= 100.0:
+        raise TuningError(f'the amplitude is {chosen.amplitude:g}, but must be between 0.001 and 100')
+    return robot

@@ -1,0 +1,140 @@
+"""What is to be changed: ``NAME=VALUE`` and ``NAME=LOW:HIGH:N`` for what a drive can be tuned by.
+
+A name is that of a parameter of the group ``drive``, its symbol of Table 9-1, or the IDN that a drive knows it by. An
+integral action time (S-0-0101, S-0-0107) sets the integral gain that belongs to it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.drive.operation_data import TABLE
+from delta3_pacdrive.errors import ParameterError, TuningError, shown
+from delta3_pacdrive.parameters import Drive, flatten
+from delta3_pacdrive.sercos.service_channel import format_idn
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+POINTS = (2, 200)  # of a sweep
+# name and IDN: proportional gain, integral gain
+ACTION_TIMES = {
+    'S-0-0101': ('velocity_gain_a_s_rad', 'velocity_integral_gain_a_rad'),
+    'S-0-0107': ('current_gain_v_a', 'current_integral_gain_v_a_s'),
+}
+
+
+def _names() -> dict[str, str]:
+    """Parameter of the group drive by every name it goes by."""
+    names: dict[str, str] = {}
+    for field in dataclasses.fields(Drive):
+        symbol = field.metadata['description'].split(',')[0].split(' ')[0]
+        # a description begins with the symbol, if there is one
+        symbols = (symbol,) if symbol[0].isupper() else ()
+        for name in (field.name, f'drive.{field.name}', *symbols):
+            names.setdefault(name, field.name)
+    for row in TABLE.values():
+        group, _, name = row.sources[0].partition('.') if len(row.sources) == 1 else ('', '', '')
+        if group == 'drive' and row.writable_in:
+            names[format_idn(row.idn)] = name
+    return names
+
+
+NAMES = _names()
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One value: ``name`` is a field of the group drive, or an IDN of ``ACTION_TIMES``."""
+
+    name: str
+    value: float
+
+    @property
+    def text(self) -> str:
+        """As a person reads it."""
+        return f'{self.name} = {self.value:g}'
+
+    def apply(self, parameters: Parameters) -> Parameters:
+        """Return parameters with this value; raises ParameterError with name and limits."""
+        name, value = self.name, self.value
+        if name in ACTION_TIMES:
+            gain, name = ACTION_TIMES[name]
+            if not value > 0.0:
+                raise ParameterError(f'{self.name} is {shown(value)} s, but an action time must be positive')
+            value = getattr(parameters.drive, gain) / value
+        return parameters.replace(**{f'drive__{name}': value})
+
+
+def parse(text: str) -> Setting:
+    """Read ``NAME=VALUE``; raises TuningError."""
+    name, equals, value = text.partition('=')
+    if not equals:
+        raise TuningError(f'{shown(text)} is no setting: expected NAME=VALUE, such as K_Ppos=80')
+    return Setting(_resolve(name.strip()), _number(value, text))
+
+
+def parse_sweep(text: str) -> tuple[Setting, ...]:
+    """Read ``NAME=LOW:HIGH:N``, N settings at equal distances; raises TuningError."""
+    name, equals, rest = text.partition('=')
+    parts = rest.split(':')
+    if not equals or len(parts) != 3:
+        raise TuningError(
+            f'{shown(text)} is no sweep: expected NAME=LOW:HIGH:N, such as velocity_gain_a_s_rad=0.1:1:10'
+        )
+    low, high, count = (_number(part, text) for part in parts)
+    if not (POINTS[0] <= count <= POINTS[1] and count == int(count)):
+        raise TuningError(f'a sweep has {POINTS[0]} to {POINTS[1]} points, not {parts[2]}')
+    if not low < high:
+        raise TuningError(f'the sweep {shown(text)} must go from a smaller value to a larger one')
+    resolved = _resolve(name.strip())
+    values: Floats = np.linspace(low, high, int(count))
+    return tuple(Setting(resolved, float(value)) for value in values)
+
+
+def apply(settings: Sequence[Setting], parameters: Parameters) -> Parameters:
+    """Return parameters with all settings, action times last, for they depend on gains; raises ParameterError."""
+    for setting in sorted(settings, key=lambda s: s.name in ACTION_TIMES):
+        parameters = setting.apply(parameters)
+    return parameters
+
+
+def changes(before: Parameters, after: Parameters) -> list[dict[str, float | str]]:
+    """Return what differs, by dotted name."""
+    flat = flatten(after)
+    return [
+        {'parameter': name, 'before': value, 'after': flat[name]}
+        for name, value in flatten(before).items()
+        if flat[name] != value
+    ]
+
+
+def _resolve(name: str) -> str:
+    if name in ACTION_TIMES:
+        return name
+    if name in NAMES:
+        return NAMES[name]
+    near = difflib.get_close_matches(name, [*NAMES, *ACTION_TIMES], 3, 0.5)
+    hint = (
+        f'did you mean {" or ".join(near)}?' if near else 'names are those of the group drive, such as K_Ppos'
+    )
+    raise TuningError(f'no drive has a parameter {shown(name)}; {hint}')
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TuningError(f'{shown(text)} in {shown(where)} is no finite number')
+    return value

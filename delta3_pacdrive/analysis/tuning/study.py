@@ -1,0 +1,105 @@
+"""What a tuning depends on, and what it holds of each set of gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.tuning.analysis import LoopResult
+    from delta3_pacdrive.analysis.tuning.effect import Effect
+    from delta3_pacdrive.analysis.tuning.load import Load
+    from delta3_pacdrive.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a tuning depends on, apart from the contents of its files.
+
+    Attributes
+    ----------
+    parameters
+        Parameter file; None: the packaged one.
+    pose_m
+        Where the load is looked at; None: home.
+    payload_kg
+        Carried everywhere; None: as the parameters say.
+    axis
+        1 to 3.
+    speed_rad_s
+        At which the bench turns, motor side.
+    amplitude
+        Multiple of the usual excitations.
+    changes
+        Texts ``NAME=VALUE``; empty: nothing is compared.
+    sweep
+        Text ``NAME=LOW:HIGH:N``, or None.
+    program
+        That shows the effect.
+    recording
+        Trace or bag; None without.
+    exchange_period_s
+        Between drives and plant in simulated programs; None: as the parameters say.
+
+    """
+
+    parameters: str | None = None
+    pose_m: tuple[float, float, float] | None = None
+    payload_kg: float | None = None
+    axis: int = 1
+    speed_rad_s: float = 10.0
+    amplitude: float = 1.0
+    changes: tuple[str, ...] = ()
+    sweep: str | None = None
+    program: str = 'experiment1'
+    recording: str | None = None
+    exchange_period_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The robot with one set of gains.
+
+    Attributes
+    ----------
+    robot
+        With these gains.
+    loops
+        As ``analysis.analyse`` returns them.
+    workspace
+        Velocity loop, position loop, cascade, and cascade that exchanges with its plant as simulations do, by load.
+    effect
+        On the program.
+
+    """
+
+    robot: Parameters
+    loops: list[LoopResult]
+    workspace: list[tuple[Load, list[LoopResult]]]
+    effect: Effect
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """One value of a sweep.
+
+    Attributes
+    ----------
+    value
+        Of the gain [SI].
+    loops
+        Linear.
+    overshoot
+        Of the drive on the bench, by loop; None: it trips.
+    workspace_stable
+        Whether every load of the workspace is stable with the simulation's exchange period.
+    effect
+        On the program.
+
+    """
+
+    value: float
+    loops: list[LoopResult]
+    overshoot: dict[str, float | None]
+    workspace_stable: bool
+    effect: Effect

@@ -1,0 +1,1 @@
+"""The planar two-link arm of chapter 3: kinematics and figures."""

@@ -1,0 +1,71 @@
+"""What the benchmarks share: a process for each case, a program that lasts, and how times are written."""
+
+import json
+import os
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.errors import Delta3Error, RunError
+
+
+def program_file(seconds: float, folder: str) -> Path:
+    """Write experiment 1, repeated for about this long."""
+    import yaml
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.configuration import yaml_file
+    from delta3_pacdrive.errors import ProgramError
+    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_planner
+
+    robot = core.load()
+    source = programs.find('experiment1')
+    once = programs.load(source, robot.motion)
+    planned = program_planner.plan(once, once.start_m or robot.motion.home_m, robot)
+    document = yaml_file.read(source, 'program file', ProgramError)
+    document['repeat'] = max(1, round(seconds / planned.plan.duration_s))
+    path = Path(folder) / 'benchmark.yaml'
+    path.write_text(yaml.safe_dump(document), encoding='utf-8')
+    return path
+
+
+def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Run an action in a forked process and return its result: ROS can be started once in a process."""
+    read_end, write_end = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        status = 1
+        try:
+            os.close(read_end)
+            with os.fdopen(write_end, 'w') as pipe:
+                pipe.write(json.dumps(_outcome(action)))
+            status = 0
+        except KeyboardInterrupt:  # the parent has it as well, and says so
+            pass
+        except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
+            traceback.print_exc()
+        finally:
+            os._exit(status)
+    os.close(write_end)
+    with os.fdopen(read_end) as pipe:
+        text = pipe.read()
+    if os.waitpid(pid, 0)[1] != 0:
+        raise RunError('the case did not come to its end')
+    result = dict(json.loads(text))
+    if 'error' in result:
+        raise RunError(result['error'])
+    return result
+
+
+def _outcome(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    try:
+        return action()
+    except Delta3Error as error:
+        return {'error': str(error)}
+
+
+def times_text(values: dict[str, float]) -> str:
+    """Write percentiles of times."""
+    return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms (p50 / p99 / p99.9 / max)'

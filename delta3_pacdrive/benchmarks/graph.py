@@ -1,0 +1,239 @@
+"""``delta3 bench graph``: how well the nodes keep time and what they cost, beside nodes that only send messages.
+
+Each case is measured with real-time scheduling and as an ordinary user has it, who is not permitted to use that.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.benchmarks.case import in_child, program_file
+from delta3_pacdrive.bringup.scheduling import (
+    NOT_PERMITTED,
+    SLICE_S,
+    Schedule,
+    give_up_real_time,
+    prefer,
+    real_time_is_permitted,
+)
+from delta3_pacdrive.errors import RunError
+
+TITLES = {
+    'machine': 'the machine: a loop that only sleeps',
+    'bare': 'bare nodes, separate processes, real time',
+    'separate': 'robot, separate processes, real time',
+    'single': 'robot, one process, real time',
+    'fast': 'robot, one process, as fast as possible',
+}
+CASES = tuple(TITLES)
+REAL_TIME, ORDINARY = SCHEDULINGS = ('real-time', 'ordinary')
+COLUMNS = {
+    REAL_TIME: 'real-time scheduling',
+    ORDINARY: f'ordinary user (slices of {SLICE_S * 1e3:g} ms)',
+}
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Measure every case in a process of its own, by case and column. Raises RunError."""
+    schedulings = options.scheduling or SCHEDULINGS[not real_time_is_permitted() :]
+    if REAL_TIME in schedulings and not real_time_is_permitted():
+        raise RunError(NOT_PERMITTED)
+    results: dict[str, dict[str, Any]] = {}
+    for case in options.case or CASES:
+        # without a clock a robot is never scheduled in real time: there is one column
+        for scheduling in schedulings if case != 'fast' else (ORDINARY,):
+            if not options.json:
+                title = f'{case}, {COLUMNS[scheduling]}: {options.seconds:g} s of motion'
+                print(f'measuring {title} ...', file=sys.stderr, flush=True)
+            measured = in_child(partial(_measure, case, scheduling, options.seconds))
+            results.setdefault(case, {})[scheduling] = measured
+    return results
+
+
+class _Meter:
+    """Processor time and memory of processes between two looks."""
+
+    def __init__(self, pids: dict[str, int]) -> None:
+        import psutil
+
+        self._processes = {name: psutil.Process(pid) for name, pid in pids.items()}
+        self._start_s = time.monotonic()
+        self._start = self._cpu()
+        self.cores: dict[str, float] = {}
+        self.spent_s = 0.0
+        self.memory_mib: dict[str, float] = {}
+
+    def _cpu(self) -> dict[str, float]:
+        times = {name: process.cpu_times() for name, process in self._processes.items()}
+        return {name: item.user + item.system for name, item in times.items()}
+
+    def look(self) -> None:
+        """Take the figures up to now."""
+        duration = time.monotonic() - self._start_s
+        spent = {name: cpu - self._start[name] for name, cpu in self._cpu().items()}
+        self.cores = {name: cpu / duration for name, cpu in spent.items()}
+        self.spent_s = sum(spent.values())
+        self.memory_mib = {name: p.memory_full_info().pss / 2**20 for name, p in self._processes.items()}
+
+    def figures(self, cycles: int) -> dict[str, Any]:
+        """Return the figures of the last look; ``cycles`` passed since the first."""
+        spent = 1e6 * self.spent_s / max(cycles, 1)
+        return {'cores': self.cores, 'us_per_cycle': spent, 'memory_mib': self.memory_mib}
+
+
+def _measure(case: str, scheduling: str, seconds: float) -> dict[str, Any]:
+    if scheduling == ORDINARY:
+        give_up_real_time()
+    if case == 'machine':
+        return _measure_machine(seconds)
+    return _measure_bare(seconds) if case == 'bare' else _measure_robot(case, seconds)
+
+
+def _measure_machine(seconds: float) -> dict[str, Any]:
+    """Lateness of a loop that does nothing but sleep to the next millisecond, in real time where permitted."""
+    from delta3_pacdrive.sercos.scheduler import Histogram
+
+    prefer(Schedule.REAL_TIME)
+    lateness = Histogram()
+    start = time.monotonic()
+    for cycle in range(round(seconds * 1e3)):
+        due = start + cycle * 1e-3
+        time.sleep(max(0.0, due - time.monotonic()))
+        lateness.add(time.monotonic() - due)
+    return {'lateness_ms': lateness.summary_ms()}
+
+
+def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
+    from delta3_pacdrive.bringup.bringup import Bringup, Options
+
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+        bringup = Bringup(
+            Options(
+                program=program_file(seconds, folder),
+                real_time_factor=0.0 if case == 'fast' else 1.0,
+                single_process=case in ('single', 'fast'),
+            )
+        )
+        meters: list[_Meter] = []
+        first_cycle = 0
+
+        def show(progress: dict[str, Any]) -> None:
+            nonlocal first_cycle
+            if not meters:
+                first_cycle = progress['cycles']
+                meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
+            if progress['finished']:
+                meters[0].look()
+
+        result = bringup.run(show)
+    return result | meters[0].figures(result['cycles'] - first_cycle)
+
+
+def _measure_bare(seconds: float) -> dict[str, Any]:
+    from delta3_pacdrive.benchmarks import baseline_nodes
+    from delta3_pacdrive.bringup.processes import end_all, spawn
+    from delta3_pacdrive.ros import discovery, node_process
+    from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+    discovery.keep_to_this_machine()
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+        report = Path(folder) / 'report.json'
+
+        def done(figures: dict[str, Any]) -> None:
+            report.with_suffix('.part').write_text(json.dumps(figures))
+            report.with_suffix('.part').rename(report)
+
+        factories: dict[str, Any] = {'plant': baseline_nodes.BarePlant}
+        factories |= {
+            f'mc4_drive_{n + 1}': partial(baseline_nodes.BareDrive, axis) for n, axis in enumerate(DRIVES)
+        }
+        factories['transformation_task'] = partial(
+            baseline_nodes.BareMaster, round(seconds / baseline_nodes.PERIOD_S), done
+        )
+        children = [
+            spawn(name, partial(node_process.run, [factory], []), Path(folder) / name, Schedule.REAL_TIME)
+            for name, factory in factories.items()
+        ]
+        try:
+            time.sleep(3.0)  # start-up is not what is measured
+            meter = _Meter({child.name: child.pid for child in children})
+            deadline = time.monotonic() + 3.0 * seconds + 30.0
+            while not report.exists() and time.monotonic() < deadline:
+                time.sleep(0.2)
+            meter.look()
+            figures = json.loads(report.read_text())
+        finally:
+            end_all(children)
+    return dict(figures) | meter.figures(figures['cycles'])
+
+
+def _percentiles(counts: list[int]) -> str:
+    import numpy as np
+
+    cumulative = np.cumsum(counts)
+    shares = [int(np.searchsorted(cumulative, share * cumulative[-1])) for share in (0.5, 0.99, 0.999, 1.0)]
+    return ' / '.join(str(value) for value in shares)
+
+
+def _each(values: dict[str, float], digits: int) -> str:
+    return ', '.join(f'{name} {value:.{digits}f}' for name, value in values.items())
+
+
+def _times(values: dict[str, float]) -> str:
+    return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms'
+
+
+def _rows(result: dict[str, Any]) -> dict[str, str]:
+    """Write the figures of one column, by the names of their rows."""
+    if 'cycles' not in result:
+        return {'wakes up late': _times(result['lateness_ms'])}
+    cycles, overruns = result['cycles'], result['overruns']
+    rows = {
+        'cycles': f'{cycles}, slip {result["slip_s"] * 1e3:.1f} ms',
+        'overruns': f'{overruns} ({overruns / cycles:.3%})',
+        'cycle start late': _times(result['lateness_ms']),
+        'MDT to last AT': _times(result['mdt_to_last_at_ms']),
+    }
+    if 'bus_time_s' in result:
+        bus, wall = result['bus_time_s'], result['wall_time_s']
+        rows['bus / wall time'] = f'{bus:.3f} s / {wall:.3f} s = {bus / wall:.3f}'
+        rows['telegrams'] = f'{result["lost_telegrams"]} lost, {result["refused_telegrams"]} refused'
+        rows['outstanding'] = f'{_percentiles(result["outstanding"])} cycles'
+    rows['processor'] = (
+        f'{sum(result["cores"].values()):.2f} cores, {result["us_per_cycle"]:.0f} us per cycle'
+    )
+    rows['memory (PSS)'] = f'{sum(result["memory_mib"].values()):.0f} MiB'
+    return rows
+
+
+def show(results: dict[str, dict[str, Any]]) -> None:
+    """Print the columns side by side."""
+    print('times and outstanding cycles as p50 / p99 / p99.9 / max')
+    for case, columns in results.items():
+        texts = {scheduling: _rows(result) for scheduling, result in columns.items()}
+        print(f'\n{TITLES[case]}')
+        if case != 'fast':
+            print(f'  {"":>16}' + ''.join(f'  {COLUMNS[scheduling]:<36}' for scheduling in texts).rstrip())
+        for row in next(iter(texts.values())):
+            print(f'  {row:>16}' + ''.join(f'  {text[row]:<36}' for text in texts.values()).rstrip())
+        for result in columns.values():
+            if 'cores' in result:
+                print(f'  {"cores":>16}  {_each(result["cores"], 2)}')
+    if 'bare' in results and 'separate' in results:
+        for scheduling in results['bare']:
+            _print_ratios(scheduling, results['separate'][scheduling], results['bare'][scheduling])
+
+
+def _print_ratios(scheduling: str, robot: dict[str, Any], baseline: dict[str, Any]) -> None:
+    print(f'\nrobot / bare nodes, {COLUMNS[scheduling]}')
+    pairs = [('processor us per cycle', robot['us_per_cycle'], baseline['us_per_cycle'])]
+    for share in ('p50', 'p99', 'p99.9'):
+        times = (case['mdt_to_last_at_ms'][share] for case in (robot, baseline))
+        pairs.append((f'MDT to last AT {share}', *times))
+    for name, ours, theirs in pairs:
+        print(f'  {name:>22}  {ours:.2f} / {theirs:.2f} = {ours / theirs:.2f}')

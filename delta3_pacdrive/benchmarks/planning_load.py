@@ -1,0 +1,59 @@
+"""A robot that stands while plans arrive, for the benchmark of motions: what they cost the cycle."""
+
+import json
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float64MultiArray, String
+
+from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.controller.messages import Origin, Status
+from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.ros.qos import LATCHED, PLAN, REPORT
+
+FIRST = 10**9  # number of the first order
+
+
+def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
+    """Bring a robot up, send it the first move of a plan over and over, and return the statistics of its task."""
+    row = plan.moves[0].to_array(0, 2)
+    bringup = Bringup(Options(program=None))
+    diagnostics: list[Any] = []
+    publishers: list[Any] = []
+    statuses: list[Status] = []
+    begun = 0.0
+    sent = 0
+
+    def read(message: String) -> Status:
+        return Status.from_json(message.data)
+
+    def show(_: dict[str, Any]) -> None:
+        nonlocal begun, sent
+        now = time.monotonic()
+        if not publishers:
+            node = bringup.node
+            publishers.append(node.create_publisher(Float64MultiArray, 'motion/plan', PLAN))
+            node.create_subscription(DiagnosticArray, '/diagnostics', diagnostics.append, REPORT)
+            node.create_subscription(String, 'motion/status', lambda m: statuses.append(read(m)), LATCHED)
+            begun = now
+        while plans_per_s and statuses and sent < (now - begun) * plans_per_s:
+            # as the robot's own planner would, far above the numbers that it counts
+            origin = Origin('SPLINE', statuses[-1].planner, statuses[-1].session, FIRST + sent)
+            publishers[0].publish(numbers(row, origin.label()))
+            sent += 1
+        if now - begun > seconds:
+            bringup.stop()
+
+    result = bringup.run(show)
+    own = [array.status[0] for array in diagnostics if array.status[0].name.endswith('transformation_task')]
+    facts = {item.key: item.value for item in own[-1].values}
+    return {
+        'plans': sent,
+        'plan_bytes': 8 * len(row),
+        'cycles': result['cycles'],
+        'overruns': result['overruns'],
+        'lateness_ms': json.loads(facts['lateness_ms']),
+        'mdt_to_last_at_ms': json.loads(facts['mdt_to_last_at_ms']),
+    }

@@ -1,0 +1,252 @@
+"""``delta3 bench simulate`` and ``delta3 bench kinematics``: speed without ROS, beside MuJoCo and beside the aims."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.benchmarks.case import program_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+REAL_TIME_FACTOR_AIM = 100.0
+START_AIM_S = 2.0
+POSES_PER_S_AIM = {'inverse': 10e6, 'forward': 5e6}
+POSES = 1_000_000
+ROUNDS = 7
+FALL_S = 0.05  # of the comparison with MuJoCo, under the weight and a push that neither controls
+PUSH_N_M = (6.0, -2.0, 0.0)
+
+
+def measure_simulation(options: argparse.Namespace) -> dict[str, Any]:
+    """Measure the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
+    import tempfile
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.motion import program as programs
+
+    robot = core.load()
+    simulation.rehearse(robot)
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+        program = programs.load(program_file(options.seconds, folder), robot.motion)
+    speeds = {}
+    for name, changed in {
+        'exchange 1 ms': robot,
+        'exchange 250 us': robot.replace(bus__exchange_period_s=250e-6),
+        'exchange 125 us': robot.replace(bus__exchange_period_s=125e-6),
+        'rich plant': core.load('rich'),
+    }.items():
+        simulation.rehearse(changed)
+        spent_s, trace = _spent(partial(simulation.run, program, changed))
+        speeds[name] = len(trace.time_s) * changed.bus.cycle_time_s / spent_s
+    return {
+        'bus_time_s': len(trace.time_s) * robot.bus.cycle_time_s,
+        'real_time_factors': speeds,
+        'start_s': _start_s(),
+        **_exchange_difference(robot),
+        'mechanism': _beside_mujoco(robot),
+    }
+
+
+def measure_kinematics(_: argparse.Namespace) -> dict[str, Any]:
+    """Measure the speed of array kinematics on one core."""
+    import numpy as np
+
+    from delta3_pacdrive import kinematics
+    from delta3_pacdrive import parameters as core
+
+    robot = core.load()
+    k = robot.kinematics
+    generator = np.random.default_rng(1)
+    low, high = (-0.25, -0.25, -0.95), (0.25, 0.25, -0.75)
+    points = generator.uniform(low, high, (POSES, 3))
+    theta = kinematics.inverse(points, k)
+    actions: dict[str, Callable[[], Any]] = {
+        'inverse': lambda: kinematics.inverse(points, k),
+        'forward': lambda: kinematics.forward(theta, k),
+        'jacobian': lambda: kinematics.jacobian(theta, points, k),
+        'singularity': lambda: kinematics.singularity(theta, points, k),
+    }
+    result: dict[str, Any] = {'poses': POSES, 'poses_per_s': {}}
+    for name, action in actions.items():
+        action()
+        rates = [POSES / _spent(action)[0] for _ in range(ROUNDS)]
+        result['poses_per_s'][name] = {'median': float(np.median(rates)), 'best': max(rates)}
+    back = kinematics.forward(theta, k)
+    result['round_trip_max_m'] = float(np.abs(back - points).max())
+    return result
+
+
+def _spent(action: Callable[[], Any]) -> tuple[float, Any]:
+    """Processor time [s] of an action in this process, which has one busy thread, and its result."""
+    started = time.process_time()
+    outcome = action()
+    return time.process_time() - started, outcome
+
+
+def _start_s() -> float:
+    """Wall time [s] of ``delta3 simulate`` from nothing to its result, less the run itself."""
+    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'simulate', '--json']
+    started = time.perf_counter()
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return time.perf_counter() - started - float(json.loads(done.stdout)['wall_time_s'])
+
+
+def _exchange_difference(robot: Parameters) -> dict[str, float]:
+    """TCP of the default exchange period against that of the exact reference."""
+    import numpy as np
+
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.motion import program as programs
+
+    once = programs.load('experiment1', robot.motion)
+    normal = simulation.run(once, robot)
+    exact = simulation.run(once, robot.replace(bus__exchange_period_s=125e-6))
+    difference = np.linalg.norm(normal['tcp_actual'] - exact['tcp_actual'], axis=1)
+    return {
+        'tcp_difference_max_m': float(difference.max()),
+        'tcp_difference_rms_m': float(np.sqrt((difference**2).mean())),
+    }
+
+
+def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
+    """Step costs of the mechanism alone, pushed from rest, and where its TCP is in the end; empty without MuJoCo."""
+    import numpy as np
+
+    from delta3_pacdrive import dynamics, kinematics
+
+    free = robot.replace(motor__static_friction_n_m=0.0, motor__viscous_friction_n_m_s_rad=0.0)
+    step_s = free.drive.current_period_s
+    steps = round(FALL_S / step_s)
+    home = np.array(free.motion.home_m)
+    torque = dynamics.gravity(kinematics.inverse(home, free.kinematics), free) + np.array(PUSH_N_M)
+    own_s, own_tcp = _own_mechanism(free, torque, steps)
+    result: dict[str, Any] = {'step_s': step_s, 'own_us_per_step': own_s / steps * 1e6}
+    try:
+        import mujoco
+    except ImportError:
+        return result
+    model = mujoco.MjModel.from_xml_string(_mujoco_xml(free, step_s))
+    data = mujoco.MjData(model)
+    spent = []
+    for _ in range(ROUNDS):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = np.append(kinematics.inverse(home, free.kinematics), home)
+        data.qfrc_applied[:3] = torque
+        spent.append(_spent(partial(mujoco.mj_step, model, data, nstep=steps))[0])
+    apart = float(np.linalg.norm(data.qpos[3:] - own_tcp))
+    return result | {
+        'mujoco': mujoco.__version__,
+        'mujoco_us_per_step': float(np.median(spent)) / steps * 1e6,
+        'motion_m': float(np.linalg.norm(own_tcp - home)),
+        'tcp_apart_m': apart,
+    }
+
+
+def _own_mechanism(robot: Parameters, torque: Floats, steps: int) -> tuple[float, Floats]:
+    """Median processor time [s] of the steps, and the TCP after them."""
+    import numpy as np
+
+    from delta3_pacdrive.plant.plant import Plant
+
+    current = torque / (robot.dynamics.gear_ratio * robot.motor.torque_constant_n_m_a)
+    currents = np.tile(current, (steps, 1))
+    spent = []
+    for _ in range(ROUNDS):
+        plant = Plant(robot)
+        plant.state['brake_released'], plant.state['brake_locked'] = 1, 0
+        plant.state['current'] = current
+        spent.append(_spent(partial(plant.advance, currents, [True] * 3))[0])
+    return float(np.median(spent)), plant.tcp()
+
+
+def _mujoco_xml(robot: Parameters, step_s: float) -> str:
+    """Return the thesis' mechanism for MuJoCo: arms on hinges, a plate on slides, rods as tendons of fixed length."""
+    k, d, motor = robot.kinematics, robot.dynamics, robot.motor
+    length, mass = k.upper_arm_length_m, d.upper_arm_mass_kg
+    share = d.forearm_share_at_elbow * d.forearm_mass_kg
+    armature = d.gear_ratio**2 * (motor.rotor_inertia_kg_m2 + motor.brake_inertia_kg_m2)
+    point = 'diaginertia="1e-9 1e-9 1e-9"'
+    arms = ''.join(
+        f"""<body euler="0 0 {azimuth}"><body pos="{k.radius_difference_m} 0 0">
+          <joint type="hinge" axis="0 1 0" armature="{armature!r}"/>
+          <inertial pos="{length / 2!r} 0 0" mass="{mass!r}"
+            diaginertia="1e-9 {mass * length**2 / 12!r} {mass * length**2 / 12!r}"/>
+          <body pos="{length!r} 0 0"><inertial pos="0 0 0" mass="{d.elbow_mass_kg + share!r}" {point}/>
+            <site name="elbow{i}"/></body></body></body>"""
+        for i, azimuth in enumerate(k.arm_azimuth_deg)
+    )
+    slides = ''.join(f'<joint type="slide" axis="{axis}"/>' for axis in ('1 0 0', '0 1 0', '0 0 1'))
+    plate_mass = d.plate_mass_kg + d.payload_mass_kg + 3.0 * (d.forearm_mass_kg - share)
+    rods = ''.join(
+        f'<spatial name="rod{i}"><site site="elbow{i}"/><site site="plate"/></spatial>' for i in range(3)
+    )
+    # as stiff as MuJoCo lets a constraint be: twice the step; lengths count from that at angles and plate of zero
+    beyond = k.forearm_length_m - (k.radius_difference_m + length)
+    ends = ''.join(
+        f'<tendon tendon1="rod{i}" polycoef="{beyond!r} 0 0 0 0" solref="{2.0 * step_s!r} 1" '
+        'solimp="0.9999 0.9999 0.001"/>'
+        for i in range(3)
+    )
+    return f"""<mujoco><compiler angle="degree"/>
+        <option gravity="0 0 {-d.gravity_m_s2}" timestep="{step_s!r}"><flag contact="disable"/></option>
+        <worldbody>{arms}<body>{slides}<inertial pos="0 0 0" mass="{plate_mass!r}" {point}/><site name="plate"/></body>
+        </worldbody><tendon>{rods}</tendon><equality>{ends}</equality></mujoco>"""
+
+
+def show_simulation(result: dict[str, Any]) -> None:
+    """Print the figures."""
+    rows = [
+        (name, f'{factor:.1f} x real time, {factor / REAL_TIME_FACTOR_AIM:.2f} of the aim')
+        for name, factor in result['real_time_factors'].items()
+    ]
+    start = result['start_s']
+    rows += [
+        (
+            'start',
+            f'{start:.2f} s from command to run, kernels cached; {start / START_AIM_S:.2f} of the bound',
+        ),
+        (
+            'exchange',
+            f'1 ms against 125 us, experiment 1: TCP differs by {result["tcp_difference_max_m"] * 1e6:.2f} um max, '
+            f'{result["tcp_difference_rms_m"] * 1e6:.2f} um rms',
+        ),
+    ]
+    mechanism = result['mechanism']
+    own = mechanism['own_us_per_step']
+    rows.append(('mechanism', f'{own:.2f} us per step of {mechanism["step_s"] * 1e6:g} us'))
+    if 'mujoco' in mechanism:
+        other = mechanism['mujoco_us_per_step']
+        rows += [
+            ('MuJoCo', f'{other:.2f} us per step: own / MuJoCo = {own / other:.2f}'),
+            (
+                '',
+                f'TCP {mechanism["tcp_apart_m"] * 1e6:.1f} um apart after {mechanism["motion_m"] * 1e3:.1f} mm '
+                f'in {FALL_S:g} s',
+            ),
+        ]
+    else:
+        rows.append(('MuJoCo', 'not installed: pip install mujoco'))
+    for name, text in rows:
+        print(f'{name:>16}  {text}')
+
+
+def show_kinematics(result: dict[str, Any]) -> None:
+    """Print the figures."""
+    for name, rates in result['poses_per_s'].items():
+        aim = POSES_PER_S_AIM.get(name)
+        beside = f', {rates["median"] / aim:.2f} of the aim' if aim else ''
+        print(
+            f'{name:>16}  {rates["median"] / 1e6:.1f} M poses/s median, {rates["best"] / 1e6:.1f} best{beside}'
+        )
+    print(f'{"round trip":>16}  {result["round_trip_max_m"]:.1e} m at most, {result["poses"]} poses')

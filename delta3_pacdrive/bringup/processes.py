@@ -1,0 +1,140 @@
+"""Child processes of a bring-up: forked from a parent that has everything loaded, so that they are up at once.
+
+Once the parent takes part in the graph it has threads and must not fork any more: a child that is started again then
+begins as a new interpreter, ``python -m delta3_pacdrive.bringup.processes NAME PARENT LOG SCHEDULE MODULE ARGUMENTS``.
+"""
+
+import ctypes
+import importlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from delta3_pacdrive.bringup.scheduling import Schedule, prefer
+
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass
+class Child:
+    """One child process.
+
+    Attributes
+    ----------
+    name
+        What people call it.
+    pid
+        Its process number.
+    log
+        File that holds what it printed.
+    patience_s
+        How long it may take to end.
+    status
+        Exit status, negative for a signal; None while it runs.
+
+    """
+
+    name: str
+    pid: int
+    log: Path
+    patience_s: float = 1.0
+    status: int | None = None
+
+    def poll(self) -> int | None:
+        """Return the exit status once the process has ended."""
+        if self.status is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self.status = os.waitstatus_to_exitcode(status)
+        return self.status
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal if the process still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def ending(self) -> str:
+        """Say how it ended, with the last line that it printed."""
+        status = self.status or 0
+        how = f'was killed by {signal.Signals(-status).name}' if status < 0 else f'ended with status {status}'
+        lines = [line for line in self.log.read_text(errors='replace').splitlines() if line.strip()]
+        error = next((line for line in reversed(lines) if line.startswith('error: ')), '')
+        return f'{self.name} {how}' + (f': {error.removeprefix("error: ")}' if error else '')
+
+
+def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Schedule.ORDINARY) -> Child:
+    """Fork a child that runs ``main`` in a process group of its own and dies with its parent."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    parent = os.getpid()
+    pid = os.fork()
+    if pid:
+        return Child(name, pid, log)
+    status = 1
+    try:
+        _become_child(name, parent, log)
+        prefer(schedule)
+        status = main()
+    except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def respawn(name: str, module: str, arguments: list[str], log: Path, schedule: Schedule) -> Child:
+    """Start a child whose main function is that of a module."""
+    me = [sys.executable, '-P', '-m', 'delta3_pacdrive.bringup.processes']
+    own = [name, str(os.getpid()), str(log), schedule.name, module]
+    return Child(name, os.posix_spawn(sys.executable, [*me, *own, *arguments], os.environ), log)
+
+
+def main() -> int:
+    """Be a child that was started again."""
+    name, parent, log, schedule, module, *arguments = sys.argv[1:]
+    _become_child(name, int(parent), Path(log))
+    prefer(Schedule[schedule])
+    sys.argv = [module, *arguments]
+    return int(importlib.import_module(module).main())
+
+
+def _become_child(name: str, parent: int, log: Path) -> None:
+    os.setpgid(0, 0)  # Ctrl-C in the terminal reaches the parent only, which stops the robot first
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        raise SystemExit(1)
+    Path('/proc/self/comm').write_text(name[:15])
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+
+
+def end_all(children: list[Child]) -> list[str]:
+    """Interrupt all children, kill those that stay longer than their patience; return the names of the killed."""
+    for child in children:
+        child.send(signal.SIGINT)
+    start = time.monotonic()
+    killed = []
+    running = list(children)
+    while running := [child for child in running if child.poll() is None]:
+        for child in running:
+            if time.monotonic() - start > child.patience_s:
+                child.send(signal.SIGKILL)
+                if child.status is None:  # it may have ended at this very moment
+                    os.waitpid(child.pid, 0)
+                    child.status = -signal.SIGKILL
+                    killed.append(child.name)
+        time.sleep(0.01)
+    return killed
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,412 @@
+"""The transformation task: one bus cycle of plan -> TCP -> arm angles -> motor commands, and what comes back.
+
+In each cycle the plan gives the TCP, inverse kinematics the arm angles, the gear the motor shafts (thesis 6, 7). What
+the drives answer serves only the following error and supervision, never the next command: cycles may be outstanding.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.errors import ProgramError, RunError
+from delta3_pacdrive.kinematics import Floats, arm_angles, geometry, plate_position
+from delta3_pacdrive.motion.curves import point
+from delta3_pacdrive.motion.execution import Course, MasterState, Timeline, course_at
+from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, plan_path_at
+from delta3_pacdrive.motion.virtual_master import rest
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.increments import on_grid
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, payload_on_grid
+
+HISTORY = 64  # cycles of commands kept for the answers that are still on their way
+SETTLE_CYCLES = 100  # after the end of a program, before the final position is taken
+DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
+
+STATE = np.dtype(
+    [
+        ('start_cycle', 'i8'),
+        ('end_cycle', 'i8'),
+        ('move', 'i8'),
+        ('master', 'f8'),  # [m]
+        ('master_speed', 'f8'),  # [m/s]
+        ('event', 'i8'),  # next of the present move
+        ('outputs', 'i8'),  # bit n = output n
+        ('payload', 'f8'),  # gripped [kg]
+        ('tcp', 'f8', (3,)),  # commanded [m]
+        ('tcp_history', 'f8', (HISTORY, 3)),
+        ('theta_history', 'f8', (HISTORY, 3)),
+        # actual arm angles of the two cycles before
+        ('theta_before', 'f8', (3,)),
+        ('theta_before_that', 'f8', (3,)),
+        # figures of the run, from the start of the program to SETTLE_CYCLES after its end
+        ('measured_cycles', 'i8'),
+        ('error_max', 'f8'),
+        ('error_square_sum', 'f8'),
+        ('following_error_max', 'f8'),
+        ('current_peak', 'f8', (3,)),
+        ('current_square_sum', 'f8', (3,)),
+        ('final_tcp', 'f8', (3,)),
+    ],
+    align=True,
+)
+
+CONSTANTS = np.dtype(
+    [
+        ('gear_ratio', 'f8'),
+        ('increments_per_rad', 'f8'),
+        ('cycle_time', 'f8'),
+        ('extrapolation', 'f8'),  # [cycles], of the actual value (7.3)
+        ('set_point_delay', 'f8'),  # [cycles], of the actual TCP behind the command
+        ('torque_constant', 'f8'),
+    ],
+    align=True,
+)
+
+# columns of the answer of one cycle
+THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
+ANSWER_COLUMNS = 15
+
+
+@kernel
+def command_cycle(cycle, course, table, tables, motors, state, constants, geometry_record):
+    """Fill the motor commands [rad] of a cycle; nan where the TCP is out of reach."""
+    s, c = state[0], constants[0]
+    if cycle >= s.start_cycle:
+        time = (cycle - course[0].cycle) * c.cycle_time
+        number, s.master, s.master_speed, _ = course_at(time, s.move, course, table, tables)
+        _switch_outputs(number, cycle >= s.end_cycle and course[0].held == 0, tables, s)
+        p = plan_path_at(s.master, number, tables)
+        for axis in range(3):
+            s.tcp[axis] = p[axis]
+    theta = arm_angles((s.tcp[0], s.tcp[1], s.tcp[2]), geometry_record[0])
+    row = cycle % HISTORY
+    for i in range(3):
+        s.tcp_history[row, i] = s.tcp[i]
+        s.theta_history[row, i] = theta[i]
+        motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
+
+
+@kernel
+def _switch_outputs(number, over, tables, s):
+    """Carry out every event that the master has passed, in order; all that are left when a move is over."""
+    while True:
+        move = tables.moves[tables.order[s.move]]
+        while s.event < move.events:
+            row = move.first_event + s.event
+            if s.move == number and not over and tables.events[row, 0] > s.master:
+                return
+            bit = int(tables.events[row, 1])
+            if bit >= 0:
+                s.outputs &= ~(1 << bit)
+                if tables.events[row, 2] != 0.0:
+                    s.outputs |= 1 << bit
+            if tables.events[row, 3] >= 0.0:
+                s.payload = tables.events[row, 3]
+            s.event += 1
+        if s.move >= number:
+            return
+        s.move += 1
+        s.event = 0
+
+
+@kernel
+def answer_cycle(cycle, positions, torques, out, state, constants, geometry_record):
+    """Forward kinematics and errors of a cycle from the drives' answers."""
+    s, c = state[0], constants[0]
+    theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
+    p = plate_position(theta, geometry_record[0])
+    row = cycle % HISTORY
+    # the command that the actual position answers to, on the chord between two commands
+    whole = math.floor(c.set_point_delay)
+    share = c.set_point_delay - whole
+    newer = max(cycle - int(whole), 0) % HISTORY
+    older = max(cycle - int(whole) - 1, 0) % HISTORY
+    error_square = 0.0
+    for i in range(3):
+        out[i] = theta[i]
+        out[3 + i] = p[i]
+        out[6 + i] = s.tcp_history[row, i]
+        before = s.theta_before[i]
+        extrapolated = before + c.extrapolation * (before - s.theta_before_that[i])
+        out[9 + i] = s.theta_history[row, i] - extrapolated
+        due = (1.0 - share) * s.tcp_history[newer, i] + share * s.tcp_history[older, i]
+        out[12 + i] = due - p[i]
+        error_square += out[12 + i] * out[12 + i]
+        s.theta_before_that[i] = before
+        s.theta_before[i] = theta[i]
+    if s.start_cycle <= cycle < s.end_cycle + SETTLE_CYCLES:
+        s.measured_cycles += 1
+        s.error_square_sum += error_square
+        s.error_max = max(s.error_max, math.sqrt(error_square))
+        for i in range(3):
+            current = torques[i] / c.torque_constant
+            s.current_peak[i] = max(s.current_peak[i], abs(current))
+            s.current_square_sum[i] += current * current
+            s.following_error_max = max(s.following_error_max, abs(out[9 + i]))
+            s.final_tcp[i] = p[i]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Results of a program: TCP errors with the set-point delay removed, currents from the drives' answers."""
+
+    measured_cycles: int
+    tcp_error_max_m: float
+    tcp_error_rms_m: float
+    following_error_max_rad: float
+    final_tcp_m: list[float]
+    current_peak_a: list[float]
+    current_rms_a: list[float]
+
+
+class Transformation:
+    """Cyclic calculations of the controller; knows bus cycles, no clock and no messages."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        bus = parameters.bus
+        self._parameters = parameters
+        self._geometry = geometry(parameters.kinematics)
+        self._constants = np.zeros(1, CONSTANTS)
+        self._constants['gear_ratio'] = parameters.dynamics.gear_ratio
+        self._constants['increments_per_rad'] = bus.increments_per_rev / math.tau
+        self._constants['cycle_time'] = bus.cycle_time_s
+        self._constants['extrapolation'] = parameters.following_error_delay_cycles
+        self._constants['set_point_delay'] = parameters.set_point_delay_cycles
+        self._constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
+        self.state: NDArray[Any] = np.zeros(1, STATE)
+        self.state['start_cycle'] = self.state['end_cycle'] = NEVER
+        self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
+        self._timeline = Timeline(_NO_PLAN, bus.cycle_time_s)
+        self._coming: Course | None = None
+        self._cycle = 0  # of the next command
+        self.loaded = False
+        self.enable_cycle = self.disable_cycle = NEVER
+        self._stop_cycle = NEVER
+        self._stop_hard = False
+        self.motors: Floats = np.zeros(3)
+        self.answer: Floats = np.zeros(ANSWER_COLUMNS)
+
+    def locate(self, motor_positions_rad: ArrayLike) -> Floats:
+        """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
+        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
+        tcp = kinematics.forward(theta, self._parameters.kinematics)
+        state = self.state[0]
+        state['tcp'] = tcp
+        state['tcp_history'], state['theta_history'] = tcp, theta
+        state['theta_before'] = state['theta_before_that'] = theta
+        return tcp
+
+    def distance_m(self, motor_positions_rad: ArrayLike) -> float:
+        """Return how far the TCP is from where it is commanded to be [m]; raises UnreachableError."""
+        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
+        tcp = kinematics.forward(theta, self._parameters.kinematics)
+        return float(np.linalg.norm(tcp - self.state['tcp'][0]))
+
+    def load(self, plan: Plan) -> None:
+        """Take over a program; it waits for ``start``."""
+        self._timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        self._coming = None
+        self.loaded = True
+        state = self.state[0]
+        state['start_cycle'] = state['end_cycle'] = NEVER
+        state['move'] = state['event'] = 0
+
+    def start(self, cycle: int, rate: float = 1.0) -> int:
+        """Start the loaded program at a cycle to come; return the first one in which the TCP has arrived."""
+        if not self.loaded:
+            raise RunError('no program is loaded')
+        if cycle < self._cycle:
+            raise RunError(f'bus cycle {cycle} is over, the next one is {self._cycle}')
+        self._timeline.start(cycle, rate)
+        state = self.state[0]
+        state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
+        state['end_cycle'] = self._timeline.end_cycle
+        state['payload'] = payload_on_grid(self._timeline.plan.move(0).payload_kg)
+        for name in ('measured_cycles', 'error_max', 'error_square_sum', 'following_error_max'):
+            state[name] = 0
+        for name in ('current_peak', 'current_square_sum'):
+            state[name] = 0.0
+        return self.end_cycle
+
+    def hold(self, acceleration_m_s2: float = 0.0) -> Course:
+        """Stop the master on its path from the next cycle on; return the course of the stop.
+
+        It takes the acceleration of the move, or that one if it is larger.
+        """
+        self._coming = None
+        course = self._timeline.stop(max(self._cycle, self._timeline.start_cycle), acceleration_m_s2)
+        self._follow(course)
+        return course
+
+    def stop_at(self, cycle: int, hard: bool = False) -> None:
+        """Stop on the path from a cycle on that is still to come, then take the torque off.
+
+        A hard stop takes ``motion.fault_stop_acceleration_m_s2`` where the move allows less: an axis does not follow
+        any more, and the farther the others go on without it, the farther the TCP is off its path.
+        """
+        self._stop_cycle = min(self._stop_cycle, max(cycle, self._cycle))
+        self._stop_hard = self._stop_hard or hard
+
+    def give_up(self) -> None:
+        """Forget program, stop and enabling: there are no more cycles."""
+        self.unload()
+        self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
+        self._stop_hard = False
+
+    def _stop(self, cycle: int) -> None:
+        hard, self._stop_hard = self._stop_hard, False
+        self._stop_cycle = NEVER
+        self._coming = None  # who stands stays so
+        if self.enable_cycle > cycle:
+            self.enable_cycle = NEVER
+        if self.loaded and cycle < int(self.state['start_cycle'][0]):
+            self.unload()
+        if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
+            self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
+        stands = max(self.end_cycle, cycle) if self.loaded else cycle
+        self.disable_cycle = min(self.disable_cycle, stands + DISABLE_CYCLES)
+
+    def change(self, course: Course) -> None:
+        """Go over to another course at its cycle, which is still to come; raises ProgramError."""
+        if course.cycle < self._cycle:
+            raise ProgramError(f'bus cycle {course.cycle} is over, the next one is {self._cycle}')
+        self._timeline.check(course)
+        self._coming = course
+
+    @property
+    def coming_last_cycle(self) -> int:
+        """Last cycle whose answer counts, once the course that is still to come is followed."""
+        if self._coming is None:
+            return self.last_cycle
+        return self._timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
+
+    def _follow(self, course: Course) -> None:
+        self._timeline.change(course)
+        self.state['end_cycle'] = self._timeline.end_cycle
+
+    def unload(self) -> None:
+        """Forget the program; the TCP stays where it is commanded to be."""
+        self._coming = None
+        self.loaded = False
+        self.state['start_cycle'] = self.state['end_cycle'] = NEVER
+
+    @property
+    def course(self) -> Course | None:
+        """What the master follows, ``None`` before a start."""
+        return self._timeline.course
+
+    @property
+    def held(self) -> bool:
+        """Whether the master stops, or stands, on its path."""
+        return self.course is not None and self.course.held
+
+    def master(self, cycle: int) -> MasterState:
+        """Return the master in a cycle of the present course."""
+        return self._timeline.at(cycle)
+
+    @property
+    def next_cycle(self) -> int:
+        """Cycle of the next command."""
+        return self._cycle
+
+    @property
+    def moves(self) -> int:
+        """Number of moves of the last program that was loaded."""
+        return len(self._timeline.plan) if self._timeline.plan is not _NO_PLAN else 0
+
+    @property
+    def outputs(self) -> int:
+        """Outputs as bits: bit n = output n."""
+        return int(self.state['outputs'][0])
+
+    @property
+    def payload(self) -> float:
+        """Payload [kg] that the outputs have gripped."""
+        return float(self.state['payload'][0])
+
+    @property
+    def end_cycle(self) -> int:
+        """First cycle in which the TCP stands at the end of the program, or of a stop."""
+        return int(self.state['end_cycle'][0])
+
+    @property
+    def last_cycle(self) -> int:
+        """Last cycle whose answer counts for the figures of the program."""
+        return self.end_cycle + SETTLE_CYCLES - 1
+
+    def control(self, cycle: int) -> int:
+        """Control word S-0-0134 of a cycle, the same for all drives."""
+        return CONTROL_ENABLE if self.enable_cycle <= cycle < self.disable_cycle else CONTROL_ON
+
+    def command(self, cycle: int) -> Floats:
+        """Motor shaft commands [rad] of a cycle, on the increment grid; cycles are asked for in order."""
+        if self._coming is not None and cycle >= self._coming.cycle:
+            course, self._coming = self._coming, None
+            self._follow(course)
+        if cycle >= self._stop_cycle:
+            self._stop(cycle)
+        if cycle >= self.disable_cycle:
+            self.enable_cycle = self.disable_cycle = NEVER
+        timeline = self._timeline
+        command_cycle(
+            cycle,
+            timeline.record,
+            timeline.table,
+            timeline.tables,
+            self.motors,
+            self.state,
+            self._constants,
+            self._geometry,
+        )
+        self._cycle = cycle + 1
+        return self.motors
+
+    def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
+        """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""
+        answer_cycle(
+            cycle, positions_rad, torques_n_m, self.answer, self.state, self._constants, self._geometry
+        )
+        return self.answer
+
+    def arrays(self) -> tuple[Any, ...]:
+        """Arrays of the task, for a loop that is compiled as a whole, in the order of ``simulation``."""
+        timeline = self._timeline
+        return (
+            timeline.record,
+            timeline.table,
+            timeline.tables,
+            self.motors,
+            self.answer,
+            self.state,
+            self._constants,
+            self._geometry,
+        )
+
+    def progress(self) -> tuple[int, float, float]:
+        """Number of the present move, master position [m] and speed [m/s]."""
+        state = self.state[0]
+        return int(state['move']), float(state['master']), float(state['master_speed'])
+
+    def figures(self) -> Figures:
+        """Results so far."""
+        s = self.state[0]
+        cycles = max(int(s['measured_cycles']), 1)
+        return Figures(
+            int(s['measured_cycles']),
+            float(s['error_max']),
+            math.sqrt(float(s['error_square_sum']) / cycles),
+            float(s['following_error_max']),
+            s['final_tcp'].tolist(),
+            s['current_peak'].tolist(),
+            np.sqrt(s['current_square_sum'] / cycles).tolist(),
+        )
+
+
+# before the first program: the types that the compiled code knows
+_NO_PLAN = Plan.of([Move(MoveKind.DWELL, rest(1.0), point((0.0, 0.0, 0.0)).segments)])

@@ -1,0 +1,469 @@
+"""Operation data of the drive: what the service channel reads and writes, by identification number, as one table.
+
+S numbers and names are those of SERCOS II (IEC 61491), P numbers are ours. Units are SI and radians on the motor side,
+currents A rms, voltages of one phase; nothing is scaled on the bus. Where the standard gives a loop an integral action
+time, it can be read; the gain that sets it is a P number.
+
+A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and what this drive does
+not have or do (S-0-0057, S-0-0110, S-0-0112, S-0-0138) is not made up: both are answered with "no such IDN".
+"""
+
+import dataclasses
+import math
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from delta3_pacdrive.drive.arrays import STANDSTILL_RAD_S
+from delta3_pacdrive.drive.diagnostics import (
+    FAULTS,
+    WARNINGS,
+    DriveFault,
+    DriveWarning,
+    class_1_diagnostic,
+    class_2_diagnostic,
+)
+from delta3_pacdrive.errors import ParameterError, shown
+from delta3_pacdrive.parameters import Parameters, groups
+from delta3_pacdrive.sercos.service_channel import (
+    ERROR_TEXTS,
+    Access,
+    Answer,
+    Operation,
+    ServiceError,
+    message_8503,
+    parse_idn,
+)
+from delta3_pacdrive.sercos.words import Class3, Interface, OperationMode, Phase
+
+READ_ONLY: frozenset[Phase] = frozenset()
+BEFORE_CP4 = frozenset({Phase.CP2, Phase.CP3})
+ALWAYS = frozenset({Phase.CP2, Phase.CP3, Phase.CP4})
+ONE = '1'  # unit of what has no dimension
+BITS = 'bits'  # unit of words, which are shown in hexadecimal
+PHASE = 'phase'  # source: communication phase of the access
+# S-0-0015: no standard telegram has a payload in the MDT, or position, velocity and torque in the AT
+APPLICATION_TELEGRAM = 7
+
+
+class Group(StrEnum):
+    """What operation data belongs to."""
+
+    GAINS = 'gains'
+    FEEDFORWARDS = 'feed-forwards'
+    FILTERS = 'filters'
+    LIMITS = 'limits'
+    TIMING = 'timing and mode'
+    ENCODER = 'encoder and gear'
+    MOTOR = 'motor and brake'
+    ACTUAL_VALUES = 'actual values'
+    DIAGNOSTICS = 'diagnostics'
+    COMMANDS = 'procedure commands'
+
+
+@dataclass(frozen=True)
+class OperationData:
+    """One row of the table.
+
+    Attributes
+    ----------
+    sources
+        Where the value lives: with a dot a parameter (``drive.velocity_feedforward``), without one a field of the
+        drive's ``STATE`` record, or ``PHASE``.
+    formula
+        Makes the value of the sources, in their order.
+    writable_in
+        Phases in which the value may be changed; data that may be has one source, a parameter, and no formula.
+
+    """
+
+    idn: int
+    name: str
+    unit: str
+    group: Group
+    sources: tuple[str, ...]
+    formula: Callable[..., float] = float
+    writable_in: frozenset[Phase] = READ_ONLY
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Minimum and maximum of the value, those of the parameter that holds it."""
+        group, _, name = self.sources[0].partition('.') if self.sources else ('', '', '')
+        if self.formula is float and group in groups():
+            for field in dataclasses.fields(groups()[group]):
+                if field.name == name:
+                    return field.metadata['low'], field.metadata['high']
+        return -math.inf, math.inf
+
+
+def _action_time(gain: float, integral_gain: float) -> float:
+    """Integral action time [s]; 0 without an integrator, as drives have it."""
+    return gain / integral_gain if integral_gain else 0.0
+
+
+def _class_1(fault: float) -> float:
+    return class_1_diagnostic(DriveFault(int(fault)))
+
+
+def _class_2(warning: float) -> float:
+    return class_2_diagnostic(DriveWarning(int(warning)))
+
+
+def _class_3(
+    speed: float, speed_reference: float, speed_limit: float, speed_max: float, *torque: float
+) -> float:
+    current_reference, torque_limit, torque_constant, peak_current = torque
+    word = Class3(0)
+    if abs(speed) < STANDSTILL_RAD_S:
+        word |= Class3.STANDSTILL
+    if abs(current_reference) >= min(torque_limit / torque_constant, peak_current):
+        word |= Class3.TORQUE_LIMIT
+    if abs(speed_reference) >= min(speed_limit, speed_max):
+        word |= Class3.VELOCITY_LIMIT
+    return word
+
+
+def _operation_mode(velocity_feedforward: float) -> float:
+    return OperationMode.POSITION_CONTROL | (OperationMode.LAGLESS if velocity_feedforward else 0)
+
+
+def _travel(end_stop_deg: float, gear_in: float, gear_out: float) -> float:
+    """Position of the motor [rad] beyond which the drive stops: overtravel."""
+    return math.radians(end_stop_deg) * gear_in / gear_out
+
+
+def _diagnostic_number(fault: float, warning: float) -> float:
+    """Message number of the fault, else of the first warning, else 0."""
+    if fault:
+        return FAULTS[DriveFault(int(fault))].number
+    return next((row.number for bit, row in WARNINGS.items() if int(warning) & bit), 0)
+
+
+def _interface_status(phase: float, fault: float) -> float:
+    failures = {DriveFault.MASTER_SILENT: Interface.MST_FAILURE, DriveFault.TELEGRAM: Interface.MDT_FAILURE}
+    return int(phase) | failures.get(DriveFault(int(fault)), 0)
+
+
+def _constant(value: float) -> Callable[[], float]:
+    """Return the formula of what neither parameters nor states change."""
+    return lambda: value
+
+
+def _row(
+    idn: str,
+    name: str,
+    unit: str,
+    group: Group,
+    *sources: str,
+    formula: Callable[..., float] = float,
+    writable_in: frozenset[Phase] = READ_ONLY,
+) -> OperationData:
+    return OperationData(parse_idn(idn), name, unit, group, sources, formula, writable_in)
+
+
+# fmt: off
+_ROWS = (
+    # gains
+    _row('S-0-0104', 'Position loop KV-factor', '1/s', Group.GAINS,
+         'drive.position_gain_rad_s_rad', writable_in=ALWAYS),
+    _row('S-0-0100', 'Velocity loop proportional gain', 'A s/rad', Group.GAINS,
+         'drive.velocity_gain_a_s_rad', writable_in=ALWAYS),
+    _row('P-0-0011', 'Velocity loop integral gain', 'A/rad', Group.GAINS,
+         'drive.velocity_integral_gain_a_rad', writable_in=ALWAYS),
+    _row('S-0-0101', 'Velocity loop integral action time', 's', Group.GAINS,
+         'drive.velocity_gain_a_s_rad', 'drive.velocity_integral_gain_a_rad', formula=_action_time),
+    _row('S-0-0106', 'Current loop proportional gain 1', 'V/A', Group.GAINS,
+         'drive.current_gain_v_a', writable_in=ALWAYS),
+    _row('P-0-0012', 'Current loop integral gain 1', 'V/(A s)', Group.GAINS,
+         'drive.current_integral_gain_v_a_s', writable_in=ALWAYS),
+    _row('S-0-0107', 'Current loop integral action time 1', 's', Group.GAINS,
+         'drive.current_gain_v_a', 'drive.current_integral_gain_v_a_s', formula=_action_time),
+    # feed-forwards
+    _row('S-0-0296', 'Velocity feed forward gain', ONE, Group.FEEDFORWARDS,
+         'drive.velocity_feedforward', writable_in=ALWAYS),
+    _row('S-0-0348', 'Acceleration feed forward gain', ONE, Group.FEEDFORWARDS,
+         'drive.current_feedforward', writable_in=ALWAYS),
+    _row('P-0-0021', 'Inertia of the acceleration feed forward', 'kg m2', Group.FEEDFORWARDS,
+         'drive.feedforward_inertia_kg_m2', writable_in=ALWAYS),
+    _row('P-0-0022', 'Arm inertia of the shaft observer, arm side', 'kg m2', Group.FEEDFORWARDS,
+         'drive.observer_arm_inertia_kg_m2', writable_in=BEFORE_CP4),
+    # filters
+    _row('S-0-0392', 'Velocity feedback filter', 's', Group.FILTERS,
+         'drive.velocity_filter_s', writable_in=ALWAYS),
+    _row('P-0-0031', 'Current command filter', 's', Group.FILTERS,
+         'drive.current_reference_filter_s', writable_in=ALWAYS),
+    _row('P-0-0032', 'Current feedback filter', 's', Group.FILTERS,
+         'drive.current_filter_s', writable_in=ALWAYS),
+    # limits
+    _row('S-0-0159', 'Monitoring window', 'rad', Group.LIMITS,
+         'drive.following_error_limit_rad', writable_in=ALWAYS),
+    _row('S-0-0429', 'Emergency stop deceleration', 'rad/s2', Group.LIMITS,
+         'drive.stop_deceleration_rad_s2', writable_in=ALWAYS),
+    _row('P-0-0041', 'Overspeed trip over maximum motor speed', ONE, Group.LIMITS,
+         'drive.overspeed_factor', writable_in=ALWAYS),
+    _row('P-0-0042', 'Overload time of the I2t monitoring', 's', Group.LIMITS,
+         'drive.overload_time_s', writable_in=ALWAYS),
+    _row('S-0-0273', 'Maximum drive off delay time', 's', Group.LIMITS,
+         'drive.stop_time_max_s', writable_in=BEFORE_CP4),
+    _row('S-0-0295', 'Drive enable delay time', 's', Group.LIMITS,
+         'drive.enable_settle_s', writable_in=BEFORE_CP4),
+    _row('S-0-0091', 'Bipolar velocity limit value', 'rad/s', Group.LIMITS,
+         'drive.velocity_limit_rad_s', writable_in=ALWAYS),
+    _row('S-0-0038', 'Positive velocity limit value', 'rad/s', Group.LIMITS,
+         'drive.velocity_limit_rad_s', formula=operator.pos),
+    _row('S-0-0039', 'Negative velocity limit value', 'rad/s', Group.LIMITS,
+         'drive.velocity_limit_rad_s', formula=operator.neg),
+    _row('S-0-0092', 'Bipolar torque limit value', 'N m', Group.LIMITS,
+         'drive.torque_limit_n_m', writable_in=ALWAYS),
+    _row('S-0-0082', 'Positive torque limit value', 'N m', Group.LIMITS,
+         'drive.torque_limit_n_m', formula=operator.pos),
+    _row('S-0-0083', 'Negative torque limit value', 'N m', Group.LIMITS,
+         'drive.torque_limit_n_m', formula=operator.neg),
+    _row('S-0-0049', 'Positive position limit value', 'rad', Group.LIMITS,
+         'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+    _row('S-0-0050', 'Negative position limit value', 'rad', Group.LIMITS,
+         'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+    _row('S-0-0124', 'Standstill window', 'rad/s', Group.LIMITS, formula=_constant(STANDSTILL_RAD_S)),
+    # timing
+    _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
+    _row('S-0-0002', 'Communication cycle time (tScyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
+    _row('S-0-0015', 'Telegram type', BITS, Group.TIMING, formula=_constant(APPLICATION_TELEGRAM)),
+    _row('S-0-0032', 'Primary operation mode', BITS, Group.TIMING,
+         'drive.velocity_feedforward', formula=_operation_mode),
+    _row('P-0-0001', 'Position loop period', 's', Group.TIMING, 'drive.position_period_s'),
+    _row('P-0-0002', 'Velocity loop period', 's', Group.TIMING, 'drive.velocity_period_s'),
+    _row('P-0-0003', 'Current loop period', 's', Group.TIMING, 'drive.current_period_s'),
+    _row('P-0-0004', 'Exchange period with the plant', 's', Group.TIMING, 'bus.exchange_period_s'),
+    # encoder and gear
+    _row('S-0-0079', 'Rotational position resolution', 'increments', Group.ENCODER, 'bus.increments_per_rev'),
+    _row('S-0-0116', 'Resolution of feedback 1 (motor feedback)', 'increments', Group.ENCODER,
+         'bus.increments_per_rev'),
+    _row('S-0-0121', 'Input revolutions of load gear', ONE, Group.ENCODER, 'dynamics.gear_in'),
+    _row('S-0-0122', 'Output revolutions of load gear', ONE, Group.ENCODER, 'dynamics.gear_out'),
+    _row('P-0-0051', 'Commutation offset, electrical', 'rad', Group.ENCODER, 'drive.commutation_offset_rad'),
+    # motor and brake
+    _row('S-0-0109', 'Motor peak current', 'A', Group.MOTOR, 'motor.peak_current_a'),
+    _row('S-0-0111', 'Motor continuous stall current', 'A', Group.MOTOR, 'motor.nominal_current_a'),
+    _row('S-0-0113', 'Maximum motor speed', 'rad/s', Group.MOTOR, 'motor.max_speed_rad_s'),
+    _row('S-0-0206', 'Drive on delay time', 's', Group.MOTOR, 'motor.brake_release_s'),
+    _row('S-0-0207', 'Drive off delay time', 's', Group.MOTOR, 'motor.brake_apply_s'),
+    _row('P-0-0061', 'Torque constant', 'N m/A', Group.MOTOR, 'motor.torque_constant_n_m_a'),
+    _row('P-0-0062', 'Rotor inertia', 'kg m2', Group.MOTOR, 'motor.rotor_inertia_kg_m2'),
+    _row('P-0-0063', 'Brake inertia', 'kg m2', Group.MOTOR, 'motor.brake_inertia_kg_m2'),
+    _row('P-0-0064', 'Winding resistance, phase to phase', 'ohm', Group.MOTOR, 'motor.winding_resistance_ohm'),
+    _row('P-0-0065', 'Winding inductance, phase to phase', 'H', Group.MOTOR, 'motor.winding_inductance_h'),
+    _row('P-0-0066', 'Pole pairs', ONE, Group.MOTOR, 'motor.pole_pairs'),
+    _row('P-0-0067', 'Viscous friction', 'N m s/rad', Group.MOTOR, 'motor.viscous_friction_n_m_s_rad'),
+    _row('P-0-0068', 'Static friction', 'N m', Group.MOTOR, 'motor.static_friction_n_m'),
+    _row('P-0-0069', 'Torque of the holding brake', 'N m', Group.MOTOR, 'motor.brake_torque_n_m'),
+    _row('P-0-0070', 'Nominal DC bus voltage', 'V', Group.MOTOR, 'drive.dc_link_voltage_v'),
+    # actual values, of the bus cycle in which the drive answers
+    _row('S-0-0036', 'Velocity command value', 'rad/s', Group.ACTUAL_VALUES, 'speed_reference'),
+    _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', Group.ACTUAL_VALUES, 'speed'),
+    _row('S-0-0047', 'Position command value', 'rad', Group.ACTUAL_VALUES, 'command'),
+    _row('S-0-0051', 'Position feedback value 1 (motor feedback)', 'rad', Group.ACTUAL_VALUES,
+         'sampled_position'),
+    _row('S-0-0080', 'Torque command value', 'N m', Group.ACTUAL_VALUES,
+         'motor.torque_constant_n_m_a', 'current_reference', formula=operator.mul),
+    _row('S-0-0084', 'Torque feedback value', 'N m', Group.ACTUAL_VALUES,
+         'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
+    _row('S-0-0189', 'Following distance', 'rad', Group.ACTUAL_VALUES, 'following_error'),
+    _row('S-0-0380', 'DC bus voltage', 'V', Group.ACTUAL_VALUES, 'dc_link'),
+    _row('S-0-0389', 'Effective current', 'A', Group.ACTUAL_VALUES, 'current'),
+    _row('P-0-0071', 'Voltage command value of a phase', 'V', Group.ACTUAL_VALUES, 'voltage'),
+    _row('P-0-0072', 'Integral of the I2t monitoring', 's', Group.ACTUAL_VALUES, 'overload'),
+    # diagnostics
+    _row('S-0-0011', 'Class 1 diagnostic', BITS, Group.DIAGNOSTICS, 'fault', formula=_class_1),
+    _row('S-0-0012', 'Class 2 diagnostic', BITS, Group.DIAGNOSTICS, 'warning', formula=_class_2),
+    _row('S-0-0013', 'Class 3 diagnostic', BITS, Group.DIAGNOSTICS,
+         'speed', 'speed_reference', 'drive.velocity_limit_rad_s', 'motor.max_speed_rad_s',
+         'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a', 'motor.peak_current_a',
+         formula=_class_3),
+    _row('S-0-0014', 'Interface status', BITS, Group.DIAGNOSTICS,
+         PHASE, 'fault', formula=_interface_status),
+    # one message is MST and MDT: its stamp synchronises, its values command. A drive that loses it, or gets it garbled
+    # and so without a stamp, has lost both: the two IDNs show one counter
+    _row('S-0-0028', 'MST error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
+    _row('S-0-0029', 'MDT error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
+    _row('S-0-0134', 'Drive control', BITS, Group.DIAGNOSTICS, 'control'),
+    _row('S-0-0135', 'Drive status', BITS, Group.DIAGNOSTICS, 'status'),
+    _row('S-0-0390', 'Diagnostic number', ONE, Group.DIAGNOSTICS,
+         'fault', 'warning', formula=_diagnostic_number),
+    _row('P-0-0081', 'State of the drive', ONE, Group.DIAGNOSTICS, 'state'),
+    _row('P-0-0082', 'Reaction under way', ONE, Group.DIAGNOSTICS, 'reaction'),
+    _row('P-0-0083', 'Brake output', ONE, Group.DIAGNOSTICS, 'brake_release'),
+    # procedure commands: they are executed at once, so that none is ever found active
+    _row('S-0-0099', 'Reset class 1 diagnostic', BITS, Group.COMMANDS, formula=_constant(0.0)),
+    _row('S-0-0127', 'CP3 transition check', BITS, Group.COMMANDS, formula=_constant(0.0)),
+    _row('S-0-0128', 'CP4 transition check', BITS, Group.COMMANDS, formula=_constant(0.0)),
+)
+# fmt: on
+
+TABLE = {row.idn: row for row in _ROWS}
+# IDN by the name of the parameter that is its value
+OF_PARAMETER = {
+    row.sources[0]: row.idn
+    for row in reversed(_ROWS)
+    if row.formula is float and row.sources and '.' in row.sources[0]
+}
+RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK = (
+    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128')
+)
+EXECUTABLE_IN = {
+    RESET_CLASS_1_DIAGNOSTIC: ALWAYS,
+    CP3_CHECK: frozenset({Phase.CP2}),
+    CP4_CHECK: frozenset({Phase.CP3}),
+}
+
+
+def value_text(row: OperationData, value: float) -> str:
+    """Value of operation data for people: words in hexadecimal, numbers with their unit."""
+    if row.unit == BITS:
+        return f'0x{int(value):04x}'
+    return f'{value:.12g}' if row.unit == ONE else f'{value:.12g} {row.unit}'
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return shown(value) if unit == ONE else f'{shown(value)} {unit}'
+
+
+def refusal(access: Access, answer: Answer) -> str:
+    """Diagnostic message 8503 of a failed access, with the name, the value and its limits; empty without an error."""
+    row = TABLE.get(access.idn)
+    if row is None or not answer.error:
+        return answer.sentence
+    low, high = row.limits
+    text = ERROR_TEXTS[answer.error]
+    if access.operation == Operation.WRITE:
+        value = _with_unit(access.value, row.unit)
+        if answer.error == ServiceError.TOO_SMALL:
+            # a positive quantity has the smallest number there is as its minimum
+            bound = 'positive' if 0.0 < low < 1e-300 else f'at least {_with_unit(low, row.unit)}'
+            text = f'{value} is too small, it must be {bound}'
+        elif answer.error == ServiceError.TOO_LARGE:
+            text = f'{value} is too large, it must be at most {_with_unit(high, row.unit)}'
+        elif answer.error == ServiceError.INVALID:
+            text = f'{value} is invalid'
+    return message_8503(access.idn, answer.error, f'{row.name}: {text}')
+
+
+class Register:
+    """The operation data of one drive.
+
+    Parameters
+    ----------
+    parameters
+        With which the drive starts.
+    actual
+        Returns a field of the drive's ``STATE`` record by name.
+    on_change
+        Called with the new parameters after each accepted writing.
+    reset
+        Executes S-0-0099; returns whether no fault is left.
+
+    Attributes
+    ----------
+    parameters
+        As written.
+    refusal
+        Diagnostic message 8503 of the last access that failed; empty before one.
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        actual: Callable[[str], float],
+        on_change: Callable[[Parameters], None],
+        reset: Callable[[], bool],
+    ) -> None:
+        self.parameters = parameters
+        self.refusal = ''
+        self._actual = actual
+        self._on_change = on_change
+        self._phase = Phase.CP2
+        self._reset = reset
+
+    def serve(self, access: Access, phase: Phase) -> Answer:
+        """Answer an access of the service channel in a communication phase."""
+        self._phase = phase
+        if phase < Phase.CP2:
+            return self._refuse(access, ServiceError.NOT_OPEN)
+        if access.operation == Operation.READ:
+            return self.read(access.idn)
+        if access.operation == Operation.WRITE:
+            return self.write(access.idn, access.value, phase)
+        return self.command(access.idn, phase)
+
+    def read(self, idn: int) -> Answer:
+        """Return the value of an IDN, in its unit."""
+        row = TABLE.get(idn)
+        if row is None:
+            return self._refuse(Access(idn, Operation.READ), ServiceError.NO_IDN)
+        return Answer(idn, value=float(row.formula(*(self._source(source) for source in row.sources))))
+
+    def write(self, idn: int, value: float, phase: Phase) -> Answer:
+        """Change a parameter, if its limits, the phase and the rules that join it with others allow the value."""
+        access = Access(idn, Operation.WRITE, value)
+        error = writing_error(access, phase)
+        if error:
+            return self._refuse(access, error)
+        key = TABLE[idn].sources[0].replace('.', '__')
+        try:
+            changed = self.parameters.replace(**{key: value})
+        except ParameterError as broken_rule:
+            return self._refuse(access, ServiceError.INVALID, str(broken_rule))
+        self.parameters = changed
+        self._on_change(changed)
+        return Answer(idn, value=value)
+
+    def restore(self, parameters: Parameters) -> None:
+        """Go back to parameters that were valid before."""
+        self.parameters = parameters
+        self._on_change(parameters)
+
+    def command(self, idn: int, phase: Phase) -> Answer:
+        """Execute a procedure command in a phase that has it.
+
+        The transition checks find nothing: every value is checked, with the rules that join it with others, when the
+        drive starts and when it is written.
+        """
+        access = Access(idn, Operation.COMMAND)
+        if idn not in TABLE:
+            return self._refuse(access, ServiceError.NO_IDN)
+        if idn not in EXECUTABLE_IN:
+            return self._refuse(access, ServiceError.NO_COMMAND)
+        if phase not in EXECUTABLE_IN[idn] or (idn == RESET_CLASS_1_DIAGNOSTIC and not self._reset()):
+            return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE)
+        return Answer(idn, value=0.0)
+
+    def _source(self, source: str) -> float:
+        if source == PHASE:
+            return float(self._phase)
+        group, dot, name = source.partition('.')
+        return float(getattr(getattr(self.parameters, group), name) if dot else self._actual(source))
+
+    def _refuse(self, access: Access, error: ServiceError, why: str = '') -> Answer:
+        answer = Answer(access.idn, error)
+        self.refusal = message_8503(access.idn, error, why) if why else refusal(access, answer)
+        return answer
+
+
+def writing_error(access: Access, phase: Phase) -> ServiceError:
+    """Return what forbids to write a value, whatever the other parameters are."""
+    row = TABLE.get(access.idn)
+    if phase < Phase.CP2:
+        return ServiceError.NOT_OPEN
+    if row is None:
+        return ServiceError.NO_IDN
+    if not row.writable_in:
+        return ServiceError.READ_ONLY
+    if phase not in row.writable_in:
+        return ServiceError.WRITE_PROTECTED
+    if not math.isfinite(access.value):
+        return ServiceError.INVALID
+    low, high = row.limits
+    if access.value < low:
+        return ServiceError.TOO_SMALL
+    return ServiceError.TOO_LARGE if access.value > high else ServiceError.NONE

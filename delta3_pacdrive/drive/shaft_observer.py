@@ -1,0 +1,21 @@
+"""The drive's own shaft between two exchanges with the plant."""
+
+from delta3_pacdrive.motor import friction_torque
+from delta3_pacdrive.numerics.kernel import kernel
+
+
+@kernel
+def reset_observer(position, speed, coupling, s):
+    """Set the shaft to what the plant says."""
+    s.position = position
+    s.speed = speed
+    s.coupling = coupling
+
+
+@kernel
+def advance_observer(mean_current, s, c, m):
+    """Move the shaft through one current-loop period under its current, friction and the last coupling torque."""
+    torque = c.torque_constant * mean_current - friction_torque(s.speed, m) - s.coupling
+    acceleration = torque / c.observer_inertia
+    s.position += c.current_period * (s.speed + 0.5 * c.current_period * acceleration)
+    s.speed += c.current_period * acceleration

@@ -1,0 +1,365 @@
+"""State machine, limits and reactions of the drive, once per bus cycle."""
+
+import math
+
+from delta3_pacdrive.drive.arrays import STANDSTILL_RAD_S, DriveState
+from delta3_pacdrive.drive.cascade import clamp
+from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.sercos.losses import count_loss, count_telegram, too_many
+from delta3_pacdrive.sercos.words import Control, Status
+
+NOT_READY, READY, ENABLING, ENABLED = (
+    int(DriveState.NOT_READY),
+    int(DriveState.READY),
+    int(DriveState.ENABLING),
+    int(DriveState.ENABLED),
+)
+STOPPING, HOLDING, FAULT, HALTED = (
+    int(DriveState.STOPPING),
+    int(DriveState.HOLDING),
+    int(DriveState.FAULT),
+    int(DriveState.HALTED),
+)
+NO_FAULT = int(DriveFault.NONE)
+FOLLOWING_ERROR, OVERSPEED, OVERLOAD = (
+    int(DriveFault.FOLLOWING_ERROR),
+    int(DriveFault.OVERSPEED),
+    int(DriveFault.OVERLOAD),
+)
+COMMAND_STEP, COMMAND_NOT_FINITE = int(DriveFault.COMMAND_STEP), int(DriveFault.COMMAND_NOT_FINITE)
+TELEGRAM, ENCODER, OVER_CURRENT = (
+    int(DriveFault.TELEGRAM),
+    int(DriveFault.ENCODER),
+    int(DriveFault.OVER_CURRENT),
+)
+BRAKE = int(DriveFault.BRAKE)
+OVERTRAVEL, MASTER_SILENT = int(DriveFault.OVERTRAVEL), int(DriveFault.MASTER_SILENT)
+UNDER_VOLTAGE, OVER_VOLTAGE = int(DriveFault.UNDER_VOLTAGE), int(DriveFault.OVER_VOLTAGE)
+WARN_FOLLOWING, WARN_OVERLOAD = int(DriveWarning.FOLLOWING_ERROR), int(DriveWarning.OVERLOAD)
+NO_REACTION, BD2, BD1, AD = int(Reaction.NONE), int(Reaction.BD2), int(Reaction.BD1), int(Reaction.AD)
+DRIVE_ON, ENABLE, RUN = int(Control.DRIVE_ON), int(Control.ENABLE), int(Control.RUN)
+STATUS_READY_FOR_POWER, STATUS_READY_TO_ENABLE = int(Status.READY_FOR_POWER), int(Status.READY_TO_ENABLE)
+STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
+    int(Status.IN_TORQUE),
+    int(Status.FOLLOWS_COMMAND),
+    int(Status.ERROR),
+    int(Status.WARNING),
+)
+TRIP_OVER_WARNING = 8.0  # following error of 8111 over that of 8132
+BRAKE_SLIP_RAD = 0.5  # of a shaft that its brake holds
+BRAKE_STOP_S = 0.5  # by which an applied brake has stopped its shaft
+OVERLOAD_WARNING = 0.8
+RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
+STILL_CYCLES = 20  # without a change of the command, after which the master has stopped
+
+
+@kernel
+def take_telegram(command, control, s):
+    """Store the MDT of this cycle and make that of the last one valid, in this drive as in all."""
+    if s.started == 0:
+        s.started = 1
+        first = command if math.isfinite(command) else s.sampled_position
+        s.next_command = s.command = s.command_before = first
+        s.next_control = 0
+        s.state = READY if s.fault == NO_FAULT else FAULT
+    _validate_last(s)
+    s.next_command = command
+    s.next_control = control
+    count_telegram(s)
+
+
+@kernel
+def _validate_last(s):
+    """Make command and control word of the last MDT valid."""
+    s.command_before_that = s.command_before
+    s.command_before = s.command
+    if math.isfinite(s.next_command):
+        s.command = s.next_command
+    s.control = s.next_control
+
+
+@kernel
+def bridge_telegram(s):
+    """Go on without the MDT of this cycle: the command that is due is extrapolated at constant speed.
+
+    Control words stay as they are. Two losses in a row or ten in a window are a fault (8112).
+    """
+    if s.started == 0:
+        s.started = 1
+        s.next_command = s.command = s.command_before = s.sampled_position
+        s.next_control = 0
+        s.state = READY if s.fault == NO_FAULT else FAULT
+    _validate_last(s)
+    s.next_command = s.command + (s.command - s.command_before)
+    s.mdt_losses += 1
+    count_loss(s)
+
+
+@kernel
+def detect_fault(s, c):
+    """Return the fault that this cycle shows; the strongest reaction first."""
+    if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
+        return ENCODER
+    if s.blocked != 0:
+        return OVER_CURRENT
+    if s.state != FAULT and s.dc_link < c.dc_link_min:
+        return UNDER_VOLTAGE
+    if s.state != FAULT and s.dc_link > c.dc_link_max:
+        return OVER_VOLTAGE
+    if s.silent != 0:
+        return MASTER_SILENT
+    if too_many(s):
+        return TELEGRAM
+    if abs(s.speed) > c.speed_trip:
+        return OVERSPEED
+    if s.slipping != 0:
+        return BRAKE
+    if s.state in (ENABLED, ENABLING, HALTED):
+        if s.sampled_position > c.travel_max or s.sampled_position < c.travel_min:
+            return OVERTRAVEL
+        if not math.isfinite(s.next_command):
+            return COMMAND_NOT_FINITE
+        if s.state != HALTED and abs(s.command - s.command_before) > c.command_step_max:
+            return COMMAND_STEP
+        if s.following_error > TRIP_OVER_WARNING * c.following_error_limit:
+            return FOLLOWING_ERROR
+        if s.overload > c.overload_time:
+            return OVERLOAD
+    return NO_FAULT
+
+
+@kernel
+def change_state(state, s):
+    """Enter a state."""
+    s.state = state
+    s.timer = 0
+
+
+@kernel
+def switch_on(s, c):
+    """Close the current loop with the torque that the load asks for, so that the arm will not sag."""
+    hold = clamp(s.coupling / c.torque_constant, c.current_max)
+    s.velocity_integral = hold
+    s.current_reference = hold
+    s.current_reference_filtered = hold
+    s.current_filtered = 0.0
+    s.current_integral = 0.0
+    s.voltage = 0.0
+    s.speed_filtered = s.speed
+    s.speed_reference = 0.0
+    s.reference = s.sampled_position
+
+
+@kernel
+def react(reaction, s):
+    """Begin a reaction, unless a stronger one is under way.
+
+    BD2 of an overload follows the master's commands to their standstill, so that the TCP stays on its path.
+    """
+    if reaction == AD:
+        s.reaction = AD if s.fault != NO_FAULT else NO_REACTION
+        s.brake_release = 0
+        change_state(READY if s.fault == NO_FAULT else FAULT, s)
+    elif s.state in (ENABLING, ENABLED, HALTED):
+        s.along = 1 if s.state == ENABLED and reaction == BD2 and s.fault == OVERLOAD else 0
+        s.reaction = reaction
+        s.still_cycles = 0
+        change_state(STOPPING, s)
+    elif s.state == STOPPING:
+        s.reaction = max(s.reaction, reaction)
+        if reaction > BD2:
+            s.along = 0
+
+
+@kernel
+def advance_state(s, c):
+    """Take the transitions of one bus cycle and form the status word."""
+    s.timer += 1
+    _measure(s, c)
+    _watch_brake(s, c)
+    fault = detect_fault(s, c)
+    if fault != NO_FAULT:
+        _latch(fault, s)
+    s.last_sampled = s.sampled_position
+    _obey(s, c)
+    _go_on(s, c)
+    s.status = _status_word(s)
+
+
+@kernel
+def _measure(s, c):
+    """Follow the load of the motor and the following error, and warn."""
+    ratio = s.current / c.current_nominal
+    s.overload = max(0.0, s.overload + (ratio * ratio - 1.0) * c.cycle_time)
+    s.following_error = 0.0
+    if s.state == ENABLED or (s.state == HALTED and s.halt_done != 0):
+        s.following_error = abs(s.reference - s.sampled_position)
+    elif s.state == ENABLING:
+        s.following_error = abs(s.command - s.sampled_position)
+    s.warning = 0
+    if s.following_error > c.following_error_limit:
+        s.warning |= WARN_FOLLOWING
+    if s.overload > OVERLOAD_WARNING * c.overload_time:
+        s.warning |= WARN_OVERLOAD
+
+
+@kernel
+def _watch_brake(s, c):
+    """Look whether the brake, once it is applied, stops the shaft and holds it."""
+    s.slipping = 0
+    if s.brake_release != 0 or s.state not in (READY, FAULT) or s.timer < c.apply_cycles:
+        s.brake_holds = 0
+    elif s.brake_holds != 0:
+        s.slipping = 1 if abs(s.sampled_position - s.held_position) > BRAKE_SLIP_RAD else 0
+    elif abs(s.speed) < STANDSTILL_RAD_S:
+        s.brake_holds = 1
+        s.held_position = s.sampled_position
+    elif (s.timer - c.apply_cycles) * c.cycle_time > BRAKE_STOP_S:
+        s.slipping = 1
+
+
+@kernel
+def _latch(fault, s):
+    """Keep the first cause, and react as the strongest asks."""
+    if s.fault == NO_FAULT:
+        s.fault = fault
+    if s.state == READY:
+        s.state = FAULT  # the brake has been applied for as long as before
+    elif REACTIONS[fault] > s.reaction:
+        react(REACTIONS[fault], s)
+
+
+@kernel
+def _obey(s, c):
+    """Follow the control word of this cycle."""
+    on, enable, run = s.control & DRIVE_ON, s.control & ENABLE, s.control & RUN
+    if not on and is_powered(s):
+        react(AD, s)
+    elif not enable and s.state in (ENABLING, ENABLED, HALTED):
+        react(BD2, s)
+    if s.state == ENABLED and not run:
+        s.halt_done = 0
+        change_state(HALTED, s)
+    elif s.state == HALTED and run:
+        # the master has to begin where the drive stands; a step is a fault as always
+        change_state(ENABLED, s)
+        if abs(s.command - s.sampled_position) > c.command_step_max:
+            s.fault = COMMAND_STEP
+            react(BD2, s)
+    elif s.state == READY and on and enable and run and s.fault == NO_FAULT:
+        s.reaction = NO_REACTION
+        if abs(s.command - s.sampled_position) > TRIP_OVER_WARNING * c.following_error_limit:
+            _latch(FOLLOWING_ERROR, s)  # the arm was moved: the drive would throw it back
+        else:
+            switch_on(s, c)
+            change_state(ENABLING, s)
+
+
+@kernel
+def _go_on(s, c):
+    """Leave states that end by themselves."""
+    if s.state == ENABLING:
+        if s.timer >= c.settle_cycles:
+            s.brake_release = 1
+        if s.timer >= c.settle_cycles + c.release_cycles:
+            change_state(ENABLED, s)
+    elif s.state == STOPPING:
+        if s.along != 0:
+            s.still_cycles = s.still_cycles + 1 if s.command == s.command_before else 0
+            if not math.isfinite(s.next_command) or s.losses_in_a_row > 0:
+                s.along = 0
+        standing = abs(s.speed) < STANDSTILL_RAD_S and (s.along == 0 or s.still_cycles >= STILL_CYCLES)
+        if standing or s.timer >= c.stop_cycles_max:
+            s.along = 0
+            s.brake_release = 0
+            change_state(HOLDING, s)
+    elif s.state == HALTED:
+        if s.halt_done == 0 and abs(s.speed) < STANDSTILL_RAD_S and s.speed_reference == 0.0:
+            s.halt_done = 1
+            s.reference = s.sampled_position
+    elif s.state == HOLDING and s.timer >= c.apply_cycles:
+        if s.fault == NO_FAULT:
+            s.reaction = NO_REACTION
+        change_state(READY if s.fault == NO_FAULT else FAULT, s)
+
+
+@kernel
+def _status_word(s):
+    status = 0
+    if s.state in (ENABLED, STOPPING, HOLDING, HALTED):
+        status = STATUS_IN_TORQUE
+    elif s.state in (READY, ENABLING):
+        status = STATUS_READY_TO_ENABLE if s.control & DRIVE_ON else STATUS_READY_FOR_POWER
+    if s.state == ENABLED or (s.state == STOPPING and s.along != 0):
+        status |= STATUS_FOLLOWS
+    if s.fault != NO_FAULT:
+        status |= STATUS_ERROR
+    if s.warning != 0:
+        status |= STATUS_WARNING
+    return status
+
+
+@kernel
+def clear_fault(s, c):
+    """Clear the latched fault (S-0-0099) if its cause is gone and the drive stands; return whether it is clear."""
+    if s.fault == NO_FAULT:
+        return True
+    if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0 or s.winding_short != 0:
+        return False
+    if s.overload > RESET_OVERLOAD * c.overload_time or abs(s.speed) > STANDSTILL_RAD_S:
+        return False
+    if s.losses_in_a_row > 0 or s.dc_link < c.dc_link_min or s.dc_link > c.dc_link_max:
+        return False
+    s.fault = NO_FAULT
+    s.reaction = NO_REACTION
+    s.losses_in_window = 0
+    s.blocked = 0
+    s.state = READY  # the brake stays applied, and watched
+    s.brake_holds = 0
+    return True
+
+
+@kernel
+def leave_bus(s):
+    """Take no part in cyclic operation any more: without torque, brake applied; a fault stays latched."""
+    s.started = 0
+    s.silent = 0
+    s.along = 0
+    s.brake_release = 0
+    s.brake_holds = 0
+    s.control = s.next_control = 0
+    s.losses_in_a_row = s.losses_in_window = 0
+    s.warning = 0
+    s.stage_current = s.current = 0.0
+    if s.fault == NO_FAULT:
+        s.reaction = NO_REACTION
+        change_state(NOT_READY, s)
+    else:
+        change_state(FAULT, s)
+    s.status = _status_word(s)
+
+
+@kernel
+def is_powered(s):
+    """Whether the end stage feeds the motor."""
+    return s.state in (ENABLING, ENABLED, STOPPING, HOLDING, HALTED)
+
+
+@kernel
+def follows(s):
+    """Whether the position loop is closed on the master's commands."""
+    return s.state in (ENABLING, ENABLED) or (s.state == STOPPING and s.along != 0)
+
+
+@kernel
+def stopping_speed(s, c):
+    """Speed reference of a stop, one velocity period later: 0 at once (BD1), or down a ramp (BD2)."""
+    if s.reaction >= BD1:
+        return 0.0
+    step = c.stop_deceleration * c.velocity_period
+    if s.speed_reference > step:
+        return s.speed_reference - step
+    if s.speed_reference < -step:
+        return s.speed_reference + step
+    return 0.0

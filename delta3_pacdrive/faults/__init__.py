@@ -1,0 +1,1 @@
+"""Faults on purpose: what there is, how it is written down, and what it does."""

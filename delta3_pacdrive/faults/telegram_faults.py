@@ -1,0 +1,52 @@
+"""Telegrams on their way to a receiver, which injects the faults that befall them."""
+
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
+
+from delta3_pacdrive.faults.injection import Schedule
+
+Content = TypeVar('Content')
+
+
+class Transit(Generic[Content]):
+    """Of the MDT to one drive, or of the AT to the master.
+
+    Parameters
+    ----------
+    faults
+        Of the receiver.
+    kinds
+        Of faults that befall these telegrams.
+    refuse
+        Called about a telegram that came garbled.
+
+    """
+
+    def __init__(self, faults: Schedule, kinds: frozenset[str], refuse: Callable[[str], None]) -> None:
+        self._faults, self._kinds, self._refuse = faults, kinds, refuse
+        # held back: until which cycle, axis, cycle, content
+        self._held_back: list[tuple[int, str, int, Content]] = []
+
+    def clear(self) -> None:
+        """Forget what is on its way."""
+        self._held_back.clear()
+
+    def arrivals(self, axis: str, cycle: int, content: Content) -> Iterator[tuple[int, Content | None]]:
+        """Return what arrives when an axis' telegram of a bus cycle is due: cycles, and contents or ``None``: lost.
+
+        A telegram that was held back arrives behind the one in whose cycle it is let go, too late for its own.
+        """
+        fault = self._faults.telegram(self._kinds, axis, cycle) if self._faults.disturbs_telegrams else None
+        what, _, telegram = ('', '', '') if fault is None else fault.kind.partition('_')
+        if what == 'delay' and fault is not None:
+            self._held_back.append((cycle + int(fault.value), axis, cycle, content))
+        yield cycle, content if what in ('', 'duplicate') else None
+        if what == 'duplicate':
+            yield cycle, content
+        elif what == 'corrupt':
+            self._refuse(f'{axis}: the {telegram.upper()} of bus cycle {cycle} is garbled')
+        if self._held_back:
+            late = [item for item in self._held_back if item[0] <= cycle and item[1] == axis]
+            self._held_back = [item for item in self._held_back if item not in late]
+            for _, _, late_cycle, late_content in late:
+                yield late_cycle, late_content

@@ -1,0 +1,330 @@
+"""Where the virtual master is in each bus cycle of a plan that is started, held, resumed and overridden.
+
+A course is what happens from one bus cycle on: a table of master phases over the rest of the present move (none at the
+start of a plan), then the following moves at a rate (1 = as planned). To hold is a course whose table ends in
+standstill on the path. Planner and transformation task follow the same courses, so that both know the master in every
+cycle.
+"""
+
+import copy
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
+from delta3_pacdrive.motion.virtual_master import (
+    PHASE_COLUMNS,
+    master_at,
+    master_at_distances,
+    profile_rows,
+    sample_master,
+    slowest,
+)
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.sercos.bus_time import NEVER
+
+RATE_MIN, RATE_MAX = 0.01, 1.5  # of an override
+JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
+HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration
+HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
+SAMPLES, FASTER = (
+    64,
+    1e-3,
+)  # places at which a stop is compared with the present course, and how much faster it may be there
+BACK_M_S = 1e-9  # rounding of a speed that never turns back
+COURSE_HEADER = 4  # cycle, number of the move, rate, whether it ends held
+
+COURSE = np.dtype(
+    [
+        ('cycle', 'i8'),  # bus cycle at which it begins
+        ('number', 'i8'),  # of the move that its table belongs to; later moves follow as planned
+        ('rows', 'i8'),  # of the table
+        ('duration', 'f8'),  # of the table [s]
+        ('time', 'f8'),  # of the plan at the end of the table [s]
+        ('rate', 'f8'),  # plan time per bus time after the table
+        ('held', 'i8'),
+    ],
+    align=True,
+)
+
+
+@kernel
+def course_at(time, number, course, table, tables):
+    """Return number of the move, master distance, speed, acceleration, at a time since the course began [s]."""
+    c = course[0]
+    if time < c.duration or c.held == 1:
+        s, v, a = master_at(time, table, 0, c.rows)
+        return c.number, s, v, a
+    plan_time = c.time + c.rate * (time - c.duration)
+    number = advance_number(plan_time, max(number, c.number), tables)
+    s, v, a = plan_master_at(plan_time, number, tables)
+    return number, s, c.rate * v, c.rate * c.rate * a
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the master does from a bus cycle on.
+
+    Attributes
+    ----------
+    cycle
+        Bus cycle at which it begins.
+    number
+        Number of the move driven then.
+    table
+        Phases (n, 5) over the rest of that move in bus time, from 0 on; the last row is the end, at rest.
+    rate
+        Override of the moves after it, 1 = as planned.
+    held
+        Whether the master stays where the table ends.
+
+    """
+
+    cycle: int
+    number: int
+    table: Floats
+    rate: float = 1.0
+    held: bool = False
+
+    def at_cycle(self, cycle: int) -> 'Course':
+        """Return the same course from another bus cycle on."""
+        return replace(self, cycle=cycle)
+
+    def to_array(self) -> Floats:
+        """Return the course as a row of numbers (for a message)."""
+        header = np.array([self.cycle, self.number, self.rate, float(self.held)])
+        return np.concatenate([header, self.table.ravel()])
+
+    @staticmethod
+    def from_array(values: Any) -> 'Course':
+        """Read back what ``to_array`` wrote; raises ProgramError."""
+        row = np.asarray(values, dtype=np.float64)
+        if row.ndim != 1 or len(row) < COURSE_HEADER + PHASE_COLUMNS or not np.isfinite(row).all():
+            raise ProgramError(
+                'a course must be a row of finite numbers with a header of 4 and at least one phase'
+            )
+        if (
+            (len(row) - COURSE_HEADER) % PHASE_COLUMNS
+            or (row[:2] != np.floor(row[:2])).any()
+            or (row[:2] < 0).any()
+        ):
+            raise ProgramError('a course must hold whole numbers in its header, and phases of 5 numbers')
+        table = row[COURSE_HEADER:].reshape(-1, PHASE_COLUMNS).copy()
+        if (np.diff(table[:, 0]) < 0.0).any() or table[0, 0] != 0.0 or table[-1, 2:].any():
+            raise ProgramError('a course must begin at time 0, go forward and end at rest')
+        if not RATE_MIN <= row[2] <= RATE_MAX or row[3] not in (0.0, 1.0):
+            raise ProgramError(
+                f'a course has a rate of {row[2]:g}, which must be between {RATE_MIN} and {RATE_MAX}'
+            )
+        check_phases(table, 'course')
+        return Course(int(row[0]), int(row[1]), table, float(row[2]), bool(row[3]))
+
+
+@dataclass(frozen=True)
+class MasterState:
+    """The master in one bus cycle: number of the move, distance [m], speed [m/s], acceleration [m/s^2]."""
+
+    number: int
+    distance_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+
+
+class Timeline:
+    """The course of one plan."""
+
+    def __init__(self, plan: Plan, cycle_time_s: float) -> None:
+        self.plan = plan
+        self.cycle_time_s = cycle_time_s
+        self.record: NDArray[Any] = np.zeros(1, COURSE)
+        self.table: Floats = np.zeros((1, PHASE_COLUMNS))
+        self.tables: Tables = plan.tables
+        self.course: Course | None = None
+        self._left_s = 0.0  # plan time left of a dwell in which the master was stopped
+
+    def copy(self) -> 'Timeline':
+        """Return a timeline that goes its own way from here on."""
+        other = copy.copy(self)
+        other.record = self.record.copy()
+        return other
+
+    def start(self, cycle: int, rate: float = 1.0) -> None:
+        """Drive the plan from its beginning from a bus cycle on."""
+        self._follow(Course(cycle, 0, np.zeros((1, PHASE_COLUMNS)), rate), plan_time_s=0.0)
+
+    @property
+    def start_cycle(self) -> int:
+        """Bus cycle at which the present course began; ``NEVER`` before a start."""
+        return NEVER if self.course is None else self.course.cycle
+
+    def check(self, course: Course) -> None:
+        """Refuse a course that does not continue the present one without a jump.
+
+        Raises
+        ------
+        ProgramError
+            It begins before this one, belongs to another move, or would make the master jump or leave the move.
+
+        """
+        if self.course is None:
+            raise ProgramError('no program runs')
+        if course.cycle < self.course.cycle or course.number >= len(self.plan):
+            raise ProgramError(f'a course from bus cycle {course.cycle} on comes too late')
+        now = self.at(course.cycle)
+        first = course.table[0]
+        move = self.plan.move(course.number)
+        gap = max(
+            abs(first[1] - now.distance_m),
+            abs(first[2] - now.speed_m_s),
+            abs(first[3] - now.acceleration_m_s2) * self.cycle_time_s if np.isfinite(move.stop_jerk) else 0.0,
+        )
+        if course.number != now.number or not gap <= JOINED:
+            raise ProgramError(f'a course from bus cycle {course.cycle} on does not continue the motion')
+        if not -JOINED <= course.table[:, 1].min() <= course.table[:, 1].max() <= move.length_m + JOINED:
+            raise ProgramError('a course leaves its move')
+        if not course.held and abs(course.table[-1, 1] - move.length_m) > JOINED:
+            raise ProgramError('a course does not reach the end of its move')
+
+    def change(self, course: Course) -> None:
+        """Go over to another course; raises ProgramError if it does not continue the present one."""
+        self.check(course)
+        if course.held:
+            self._left_s = self.left_of_move_s(course.cycle)
+        self._follow(course, float(self.plan.tables.starts[course.number + 1]))
+
+    def left_of_move_s(self, cycle: int) -> float:
+        """Plan time left of the present move in a bus cycle [s]."""
+        record, course = self.record[0], self.course
+        if course is None or course.held:
+            return self._left_s
+        number = self.at(cycle).number
+        elapsed = (cycle - course.cycle) * self.cycle_time_s - float(record['duration'])
+        if elapsed < 0.0:
+            return -elapsed * course.rate
+        return float(self.plan.tables.starts[number + 1]) - float(record['time']) - course.rate * elapsed
+
+    def rest_of_move(self, cycle: int) -> Floats:
+        """Phases (n, 5) over what is left of the present move, in bus time from 0 on, as the course has it."""
+        record, course = self.record[0], self.course
+        if course is None:
+            raise ProgramError('no program runs')
+        elapsed = (cycle - course.cycle) * self.cycle_time_s
+        if elapsed < float(record['duration']):
+            return remainder(course.table, elapsed, 1.0)
+        number = self.at(cycle).number
+        time = float(record['time']) + course.rate * (elapsed - float(record['duration']))
+        return remainder(
+            self.plan.move(number).master, time - float(self.plan.tables.starts[number]), course.rate
+        )
+
+    def _follow(self, course: Course, plan_time_s: float) -> None:
+        self.course = course
+        self.table = np.ascontiguousarray(course.table)
+        record = self.record[0]
+        record['cycle'], record['number'] = course.cycle, course.number
+        record['rows'], record['duration'] = len(course.table), course.table[-1, 0]
+        record['time'], record['rate'], record['held'] = plan_time_s, course.rate, course.held
+
+    def at(self, cycle: int) -> MasterState:
+        """Return the master in a bus cycle of the present course."""
+        if self.course is None:
+            raise ProgramError('no program runs')
+        time = (cycle - self.course.cycle) * self.cycle_time_s
+        number, s, v, a = course_at(max(time, 0.0), 0, self.record, self.table, self.tables)
+        return MasterState(int(number), float(s), float(v), float(a))
+
+    @property
+    def end_cycle(self) -> int:
+        """First bus cycle in which the master stands at the end of plan or stop; ``NEVER`` before a start."""
+        return NEVER if self.course is None else self.end_cycle_of(self.course, float(self.record['time'][0]))
+
+    def end_cycle_of(self, course: Course, plan_time_s: float | None = None) -> int:
+        """First bus cycle in which the master stands, if it follows a course."""
+        if plan_time_s is None:
+            plan_time_s = float(self.plan.tables.starts[course.number + 1])
+        time = float(course.table[-1, 0])
+        if not course.held:
+            time += (self.plan.duration_s - plan_time_s) / course.rate
+        return course.cycle + math.ceil(time / self.cycle_time_s - 1e-9)
+
+    def stop(self, cycle: int, acceleration_m_s2: float = 0.0) -> Course:
+        """Return the course that stops the master on its path, within the limits of the move where that is possible.
+
+        With an acceleration beyond that of the move it takes that, its jerk rising within ``HARD_RISE_S``. It brakes
+        harder where the present course does so too, or its move would end before: it is nowhere faster.
+        """
+        now = self.at(cycle)
+        rate = 1.0 if self.course is None else self.course.rate
+        move = self.plan.move(now.number)
+        present = self.rest_of_move(cycle)
+        room = max(1.0, rate)
+        acceleration, jerk = move.stop_acceleration * room**2, move.stop_jerk * room**3
+        if acceleration_m_s2 > acceleration:
+            acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
+        for harder in range(HARDER_MAX):
+            table = velocity_stop(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
+            if never_faster(table, present):
+                break
+            if harder == 0:
+                acceleration = max(acceleration, float(np.abs(present[:, 3]).max()))
+                jerk = max(jerk, float(np.abs(present[:, 4]).max()))
+            else:
+                acceleration, jerk = acceleration * HARDER**2, jerk * HARDER**3
+        else:
+            table = present
+        # rounding may carry a stop that ends with the move a little beyond it
+        table[:, 1] = np.minimum(table[:, 1], move.length_m)
+        return Course(cycle, now.number, table, rate, held=True)
+
+
+def never_faster(table: Floats, other: Floats) -> bool:
+    """Whether phases never turn back, end no farther than others, and are nowhere faster at the same place."""
+    if slowest(table) < -BACK_M_S or not table[-1, 1] <= other[-1, 1] + JOINED:
+        return False
+    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
+    allowed = master_at_distances(np.maximum.accumulate(s), other)[:, 2]
+    return bool((v <= allowed * (1.0 + FASTER) + FASTER * other[:, 2].max()).all())
+
+
+def remainder(phases: Floats, time: float, rate: float) -> Floats:
+    """Phases of a master from a time on, at a rate, their times from 0 on."""
+    row = max(int(np.searchsorted(phases[:, 0], time, side='right')) - 1, 0)
+    rest = phases[row:].copy()
+    if row < len(phases) - 1:
+        s, v, a, j = sample_master([time], phases)[0]
+        rest[0] = time, s, v, a, j
+    rest[:, 0] = (rest[:, 0] - time) / rate
+    rest[:, 2:] *= np.array([rate, rate**2, rate**3])
+    rest[0, 0] = 0.0
+    rest[-1, 2:] = 0.0
+    return rest
+
+
+def velocity_stop(
+    distance: float, speed: float, acceleration: float, acceleration_max: float, jerk_max: float
+) -> Floats:
+    """Phases (n, 5) that bring a master to rest as quickly as its limits allow."""
+    if speed <= 0.0 and acceleration == 0.0:
+        return np.array([[0.0, distance, 0.0, 0.0, 0.0]])
+    wish = InputParameter(1)
+    wish.control_interface = ControlInterface.Velocity
+    wish.current_position, wish.current_velocity = [distance], [max(speed, 0.0)]
+    bound = max(acceleration_max, abs(acceleration))
+    wish.current_acceleration = [acceleration] if math.isfinite(jerk_max) else [0.0]
+    wish.target_velocity, wish.target_acceleration = [0.0], [0.0]
+    wish.max_acceleration, wish.max_jerk = [bound], [jerk_max]
+    trajectory = Trajectory(1)
+    result = Ruckig(1).calculate(wish, trajectory)
+    if result not in (Result.Working, Result.Finished):
+        raise ProgramError(
+            f'no stop from {speed} m/s within {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'
+        )
+    rows = profile_rows(trajectory)
+    rows[-1, 2:] = 0.0
+    return rows

@@ -1,0 +1,170 @@
+"""What a path asks of the robot: everything at a place on it is linear in the master's v^2 and acceleration a (4.26).
+
+With theta' and theta'' the derivatives of the arm angles by the distance s, the arm speeds are theta' v, the arm
+accelerations theta'' v^2 + theta' a, and the motor torques without friction
+
+    tau / k_r = m a + c v^2 + g,   m = A theta',   c = A theta'' + C(theta, theta') theta',   g = G(theta)
+
+so that one pass over a path serves every speed at which it may be driven.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.dynamics import inertia, motion_terms, multiply
+from delta3_pacdrive.errors import UnreachableError
+from delta3_pacdrive.kinematics import (
+    Floats,
+    arm_angles,
+    combine,
+    dot,
+    forearms,
+    geometry,
+    inverse_columns,
+    upper_arm,
+)
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.parameters import Parameters
+
+COLUMNS = 25
+THETA, RATE, CURVATURE, INERTIAL, CENTRIFUGAL, WEIGHT, SERIAL, SWING = (
+    slice(3 * n, 3 * n + 3) for n in range(8)
+)
+PARALLEL = 24
+
+
+@kernel
+def _path_demand(samples, payload, out, gear_ratio, geometry_record, inertia_records):
+    """Fill one row of ``out`` per path sample (n, 4, 3); a row of nan where an arm cannot reach."""
+    g = geometry_record[0]
+    for n in range(samples.shape[0]):
+        m = inertia_records[payload[n]]
+        p = (samples[n, 0, 0], samples[n, 0, 1], samples[n, 0, 2])
+        first = (samples[n, 1, 0], samples[n, 1, 1], samples[n, 1, 2])
+        second = (samples[n, 2, 0], samples[n, 2, 1], samples[n, 2, 2])
+        theta = arm_angles(p, g)
+        s, b = forearms(theta, p, g)
+        sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
+        rate = (dot(s[0], first) / sb[0], dot(s[1], first) / sb[1], dot(s[2], first) / sb[2])
+        bend = (
+            _angle_curvature(0, p, first, second, s[0], b[0], sb[0], rate[0], g),
+            _angle_curvature(1, p, first, second, s[1], b[1], sb[1], rate[1], g),
+            _angle_curvature(2, p, first, second, s[2], b[2], sb[2], rate[2], g),
+        )
+        mass, bias = motion_terms(theta, rate, g, m)
+        _, weight = motion_terms(theta, (0.0, 0.0, 0.0), g, m)
+        inertial = multiply(mass, rate)
+        centrifugal = multiply(mass, bend)
+        determinant = inverse_columns(s)[3]
+        for i in range(3):
+            out[n, i] = theta[i]
+            out[n, 3 + i] = rate[i]
+            out[n, 6 + i] = bend[i]
+            out[n, 9 + i] = inertial[i] / gear_ratio
+            out[n, 12 + i] = (centrifugal[i] + bias[i] - weight[i]) / gear_ratio
+            out[n, 15 + i] = weight[i] / gear_ratio
+            out[n, 18 + i] = sb[i] / (g.l_a[i] * g.l_b[i])
+            sideways = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
+            out[n, 21 + i] = np.arcsin(min(abs(sideways) / g.l_b[i], 1.0))
+        out[n, 24] = abs(determinant) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
+
+
+@kernel
+def _angle_curvature(i, p, first, second, s, b, sb, rate, g):
+    """Second derivative of arm angle i by the distance, from that of s.X' = (s.b) theta' (4.9, 4.14)."""
+    s_dot = combine(1.0, first, -rate, b, 0.0, first)
+    arm = upper_arm(i, p, s, g)
+    return (dot(s_dot, first) + dot(s, second) - (dot(s_dot, b) - dot(s, arm) * rate) * rate) / sb
+
+
+def inertia_records(parameters: Parameters, payloads_kg: tuple[float, ...]) -> NDArray[Any]:
+    """Return one record of ``dynamics.INERTIA`` per payload."""
+    records = np.repeat(inertia(parameters), len(payloads_kg))
+    records['plate'] += np.array(payloads_kg) - parameters.dynamics.payload_mass_kg
+    return records
+
+
+def path_demand(
+    samples: Floats, payload: NDArray[np.int64], payloads_kg: tuple[float, ...], parameters: Parameters
+) -> Floats:
+    """Coefficients of the demand at path samples of shape (n, 4, 3): shape (n, 25), columns ``THETA`` ... ``PARALLEL``.
+
+    ``payload`` (n,) is the index into ``payloads_kg`` of the payload carried at each sample.
+
+    Raises
+    ------
+    UnreachableError
+        An arm cannot reach a sample.
+
+    """
+    out = np.empty((len(samples), COLUMNS))
+    records = inertia_records(parameters, payloads_kg)
+    _path_demand(
+        np.ascontiguousarray(samples),
+        payload,
+        out,
+        parameters.dynamics.gear_ratio,
+        geometry(parameters.kinematics),
+        records,
+    )
+    if np.isnan(out[:, THETA]).any():
+        n, i = np.argwhere(np.isnan(out[:, THETA]))[0]
+        x, y, z = samples[n, 0]
+        raise UnreachableError(f'({x:g}, {y:g}, {z:g}) m is out of reach of arm {i + 1}')
+    return out
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a timed motion asks of the robot at its samples; arrays (n,) or (n, 3)."""
+
+    time_s: Floats
+    distance_m: Floats
+    position_m: Floats
+    arm_angle_rad: Floats
+    arm_speed_rad_s: Floats
+    arm_acceleration_rad_s2: Floats
+    motor_speed_rad_s: Floats
+    motor_current_a: Floats
+    standing_current_a: Floats  # share of weight and friction in it, which no slowness takes away
+    phase_voltage_v: Floats
+    tcp_speed_m_s: Floats
+    tcp_acceleration_m_s2: Floats
+    tcp_jerk_m_s3: Floats
+
+
+def timed_demand(
+    time_s: Floats, master: Floats, samples: Floats, coefficients: Floats, parameters: Parameters
+) -> Demand:
+    """Evaluate coefficients for a master (n, 4): distance, speed, acceleration, jerk; friction included (4.27)."""
+    motor = parameters.motor
+    s, v, a, j = (column[:, None] for column in master.T)
+    rate = coefficients[:, RATE] * v
+    acceleration = coefficients[:, CURVATURE] * v**2 + coefficients[:, RATE] * a
+    torque = coefficients[:, INERTIAL] * a + coefficients[:, CENTRIFUGAL] * v**2
+    motor_speed = rate * parameters.dynamics.gear_ratio
+    friction = motor.static_friction_n_m * np.tanh(motor_speed / motor.friction_smoothing_rad_s)
+    friction += motor.viscous_friction_n_m_s_rad * motor_speed
+    standing = (coefficients[:, WEIGHT] + friction) / motor.torque_constant_n_m_a
+    current = torque / motor.torque_constant_n_m_a + standing
+    # per phase, rms: resistance and back-EMF; the inductance adds below 1 V at the currents' rates of change here
+    voltage = motor.winding_resistance_ohm / 2.0 * current + motor.torque_constant_n_m_a / 3.0 * motor_speed
+    p, first, second, third = np.moveaxis(samples, 1, 0)
+    return Demand(
+        time_s,
+        s[:, 0],
+        p,
+        coefficients[:, THETA],
+        rate,
+        acceleration,
+        motor_speed,
+        current,
+        standing,
+        voltage,
+        np.linalg.norm(first * v, axis=1),
+        np.linalg.norm(first * a + second * v**2, axis=1),
+        np.linalg.norm(first * j + 3.0 * second * (v * a) + third * v**3, axis=1),
+    )

@@ -1,0 +1,154 @@
+"""Ways back to a plan: courses after a stop or at another override, and what is left of a plan after a fault."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion.execution import BACK_M_S, Course, Timeline, remainder
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.plan import Move, MoveKind
+from delta3_pacdrive.motion.virtual_master import master_at_distances, profile_rows, sample_master, slowest
+
+CANDIDATES = 200  # places of a move at which the plan may be joined
+SAMPLES = 64  # places at which a way to the plan is compared with it
+OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
+ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
+END_M = 1e-7  # a master this close to the end of its move is there
+# times after which the way back may begin; until then the present course goes on [s]
+DELAYS_S = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 8.0)
+GENTLE = (1.0, 0.5, 0.25, 0.1)  # shares of the move's limits, for a start from standstill
+
+
+def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
+    """Return a course from a bus cycle on that goes over to the plan at a rate as early as the limits allow.
+
+    Where a moving master cannot do so before the end of its move, the rate counts from the next move on.
+
+    Raises
+    ------
+    ProgramError
+        A standing master finds no way back to the plan within the limits of its move.
+
+    """
+    now = timeline.at(cycle)
+    move = timeline.plan.move(now.number)
+    if move.kind == MoveKind.DWELL:
+        left = max(timeline.left_of_move_s(cycle), 0.0)
+        return Course(cycle, now.number, np.array([[0.0] * 5, [left / rate, 0.0, 0.0, 0.0, 0.0]]), rate)
+    held = timeline.course is not None and timeline.course.held
+    if held and move.length_m - now.distance_m < END_M:
+        return Course(cycle, now.number, np.array([[0.0, move.length_m, 0.0, 0.0, 0.0]]), rate)
+    before = timeline.course.rate if timeline.course else 1.0
+    room = max(1.0, rate, before)
+    limits = (move.stop_acceleration * room**2, move.stop_jerk * room**3)
+    if held:
+        for gentle in GENTLE:
+            state = (now.distance_m, now.speed_m_s, now.acceleration_m_s2)
+            table = _join(move, state, rate, room, (limits[0] * gentle, limits[1] * gentle))
+            if table is not None:
+                return Course(cycle, now.number, table, rate)
+        raise ProgramError(
+            f'no way back to the plan from s = {now.distance_m:.4f} m of move {now.number + 1}'
+        )
+    present = timeline.rest_of_move(cycle)
+    for delay in DELAYS_S:
+        if delay >= present[-1, 0]:
+            break
+        s, v, a, _ = sample_master([delay], present)[0].tolist()
+        table = _join(move, (s, v, a), rate, room, limits)
+        if table is not None:
+            return Course(cycle, now.number, _after(present, delay, table), rate)
+    return Course(cycle, now.number, present, rate)
+
+
+def _after(present: Floats, delay: float, table: Floats) -> Floats:
+    """Phases of the present course for a while, then those of a table."""
+    kept = present[present[:, 0] < delay]
+    later = table.copy()
+    later[:, 0] += delay
+    return np.vstack([kept, later])
+
+
+def _join(
+    move: Move, state: tuple[float, float, float], rate: float, room: float, limits: tuple[float, float]
+) -> Floats | None:
+    """Phases from a state (s, v, a) to the first place where the plan, at its rate, can be joined; None: nowhere."""
+    s0, v0, _ = state
+    times = np.linspace(0.0, move.duration_s, CANDIDATES + 1)
+    planned = sample_master(times, move.master)
+    planned[-1] = move.length_m, move.master[-1, 2], 0.0, 0.0
+    speed_max = room * float(planned[:, 1].max())
+    s, v = planned[:, 0], planned[:, 1] * rate
+    # what cannot be reached with all the acceleration there is need not be tried
+    near = np.abs(v**2 - v0**2) <= 2.0 * limits[0] * OVER_PLAN * (s - s0)
+    for n in np.flatnonzero((s > s0 + END_M) & near):
+        target = (float(s[n]), float(v[n]), float(planned[n, 2]) * rate**2)
+        table = _connection(state, target, limits, speed_max)
+        if table is not None and _stays_under(table, move.master, max(room, rate), speed_max):
+            rest = remainder(move.master, float(times[n]), rate)
+            rest[:, 0] += table[-1, 0]
+            return np.vstack([table[:-1], rest])
+    return None
+
+
+def _connection(
+    start: tuple[float, float, float],
+    end: tuple[float, float, float],
+    limits: tuple[float, float],
+    speed_max: float,
+) -> Floats | None:
+    """Phases from state to state; None if there are none within the limits."""
+    wish = InputParameter(1)
+    wish.current_position, wish.current_velocity, wish.current_acceleration = ([value] for value in start)
+    wish.target_position, wish.target_velocity, wish.target_acceleration = ([value] for value in end)
+    if not math.isfinite(limits[1]):
+        wish.current_acceleration = wish.target_acceleration = [0.0]
+    acceleration_max = max(limits[0], abs(wish.current_acceleration[0]), abs(wish.target_acceleration[0]))
+    wish.max_velocity = [max(speed_max, start[1], end[1]) * ROUNDING]
+    wish.max_acceleration, wish.max_jerk = [acceleration_max * ROUNDING], [limits[1]]
+    trajectory = Trajectory(1)
+    try:
+        result = Ruckig(1).calculate(wish, trajectory)
+    except RuckigError:
+        return None
+    return profile_rows(trajectory) if result in (Result.Working, Result.Finished) else None
+
+
+def _stays_under(table: Floats, master: Floats, factor: float, speed_max: float) -> bool:
+    """Whether the phases never turn back nor exceed the planned speed, times a factor, at the same place."""
+    if slowest(table) < -BACK_M_S:
+        return False
+    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
+    allowed = master_at_distances(np.maximum.accumulate(s), master)[:, 2] * factor
+    return bool((v <= allowed * OVER_PLAN + 1e-4 * speed_max).all())
+
+
+def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
+    """Return the point at which a stopped program stands on its path [m], and the moves that are left of it.
+
+    The first of them begins inside its path; outputs that were switched before are not switched again.
+
+    Raises
+    ------
+    ProgramError
+        The program was not stopped, or is at its end.
+
+    """
+    if timeline.course is None or not timeline.course.held:
+        raise ProgramError('where the program was stopped on its path is not known; it can only be restarted')
+    course = rejoin(timeline, timeline.end_cycle, 1.0)
+    plan, number = timeline.plan, course.number
+    move = plan.move(number)
+    later = [plan.move(n) for n in range(number + 1, len(plan))]
+    place = float(course.table[0, 1])
+    here = np.asarray(sample_path([place], move.segments)[0, 0])
+    if len(course.table) > 1:
+        ahead = move.events[move.events[:, 0] > place] if move.kind != MoveKind.DWELL else move.events
+        later.insert(0, replace(move, master=course.table, events=ahead))
+    if not later:
+        raise ProgramError('the program was at its end')
+    return here, later

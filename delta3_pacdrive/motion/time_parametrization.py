@@ -1,0 +1,265 @@
+"""When the master is where: the fastest master over a path within limits that depend on the place (6, 6.1).
+
+Where nothing but speed, acceleration and jerk of the master matters, it is ruckig's. Where the path's curvature or a
+motor forbids that, the master is planned in two steps: the time-optimal speed over the distance with limited
+acceleration, by the backward and forward pass of path parametrisation over the controllable speeds (Pham and Pham,
+TOPP-RA, 2018), and a moving average over the time, which turns steps of acceleration into ramps of limited jerk.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS
+from delta3_pacdrive.numerics.kernel import kernel
+
+HALVINGS = 26  # of the square of the speed: its relative error is 1e-8
+SAMPLE_S, PHASES_MAX = 4e-3, 50_000  # longest phase of a smoothed master, but for very slow ones: how many
+TINY = 1e-12
+MERGED = 1e-10  # largest jump of distance and speed, of their largest values, where phases are merged
+
+
+@dataclass(frozen=True)
+class PlaceLimits:
+    """Limits over a grid of distances, arrays (n,) or (n, 3) in the last four.
+
+    The TCP's acceleration a_t and speed v keep v <= speed and hypot(a_t, curvature v^2) <= acceleration, the motors
+    -torque <= inertial a_t + centrifugal v^2 + weight <= torque.
+    """
+
+    distance_m: Floats
+    speed_m_s: Floats
+    acceleration_m_s2: Floats
+    curvature_1_m: Floats
+    inertial: Floats
+    centrifugal: Floats
+    weight: Floats
+    torque_n_m: Floats
+
+
+@kernel
+def _acceleration_bounds(n, x, acceleration, curvature, inertial, centrifugal, weight, torque):
+    """Smallest and largest acceleration at grid point ``n`` for the square of the speed ``x``."""
+    radial = curvature[n] * x
+    square = acceleration[n] * acceleration[n] - radial * radial
+    if square < 0.0:
+        return 1.0, -1.0
+    high = np.sqrt(square)
+    low = -high
+    for i in range(3):
+        m = inertial[n, i]
+        rest = centrifugal[n, i] * x + weight[n, i]
+        up, down = torque[n, i] - rest, -torque[n, i] - rest
+        if m > 1e-9:
+            high, low = min(high, up / m), max(low, down / m)
+        elif m < -1e-9:
+            high, low = min(high, down / m), max(low, up / m)
+        elif up < 0.0 or down > 0.0:
+            return 1.0, -1.0
+    return low, high
+
+
+@kernel
+def _fastest(distance, square_max, acceleration, curvature, inertial, centrifugal, weight, torque, x):
+    """Fill ``x`` with the largest square of the speed, rest to rest; return a grid point where none is, or -1."""
+    last = distance.shape[0] - 1
+    # backward: the largest speed from which the rest of the path can still be driven
+    x[last] = 0.0
+    for n in range(last - 1, -1, -1):
+        step = 2.0 * (distance[n + 1] - distance[n])
+        good, bad = 0.0, min(square_max[n], x[n + 1] + step * acceleration[n])
+        low, high = _acceleration_bounds(
+            n, 0.0, acceleration, curvature, inertial, centrifugal, weight, torque
+        )
+        if low > high:
+            return n
+        low, high = _acceleration_bounds(
+            n, bad, acceleration, curvature, inertial, centrifugal, weight, torque
+        )
+        if low <= high and bad + step * low <= x[n + 1]:
+            good = bad
+        else:
+            for _ in range(HALVINGS):
+                middle = 0.5 * (good + bad)
+                low, high = _acceleration_bounds(
+                    n, middle, acceleration, curvature, inertial, centrifugal, weight, torque
+                )
+                if low <= high and middle + step * low <= x[n + 1]:
+                    good = middle
+                else:
+                    bad = middle
+        x[n] = good
+    # forward: as fast as that allows
+    x[0] = 0.0
+    for n in range(last):
+        step = 2.0 * (distance[n + 1] - distance[n])
+        low, high = _acceleration_bounds(
+            n, x[n], acceleration, curvature, inertial, centrifugal, weight, torque
+        )
+        reached = x[n] + step * high
+        if reached < x[n + 1]:
+            x[n + 1] = max(reached, 0.0)
+    return -1
+
+
+@kernel
+def _erode(distance, square_max, x, window, out):
+    """Smallest limit within the way that the TCP makes in half a window before and after each grid point.
+
+    ``x`` is the square of the speed that this way is made at.
+    """
+    count = distance.shape[0]
+    for n in range(count):
+        lowest = square_max[n]
+        reach = 0.5 * window * np.sqrt(x[n])
+        k = n - 1
+        while k >= 0 and distance[n] - distance[k] <= reach:
+            lowest = min(lowest, square_max[k])
+            k -= 1
+        k = n + 1
+        while k < count and distance[k] - distance[n] <= reach:
+            lowest = min(lowest, square_max[k])
+            k += 1
+        out[n] = lowest
+
+
+@kernel
+def _flatten_peaks(distance, x, window, times):
+    """Lower each peak of the speed so far that it lasts as long as the window."""
+    last = distance.shape[0] - 1
+    times[0] = 0.0
+    for n in range(1, last + 1):
+        mean = 0.5 * (np.sqrt(x[n]) + np.sqrt(x[n - 1]))
+        times[n] = times[n - 1] + (distance[n] - distance[n - 1]) / max(mean, 1e-12)
+    for n in range(1, last):
+        if x[n] < x[n - 1] or x[n] <= x[n + 1]:
+            continue
+        left, right = n, n
+        while times[right] - times[left] < window and left > 0 and right < last:
+            if x[left - 1] >= x[right + 1]:
+                left -= 1
+            else:
+                right += 1
+        level = max(x[left], x[right])
+        for k in range(left, right + 1):
+            x[k] = min(x[k], level)
+
+
+def fastest(limits: PlaceLimits, window_s: float = 0.0) -> Floats:
+    """Return the fastest speed [m/s] at each grid point, rest to rest, shape (n,); jerk is free.
+
+    For a window of a moving average, valleys and peaks of the speed last as long as it, so that the limits of speed
+    hold for the average too and acceleration never changes its sign at once. An empty array means that a motor cannot
+    even hold the arm somewhere.
+    """
+    square_max = limits.speed_m_s**2
+    x = _solve(limits, square_max)
+    if window_s > 0.0 and len(x):
+        eroded = np.empty_like(square_max)
+        _erode(limits.distance_m, square_max, x, window_s, eroded)
+        x = _solve(limits, eroded)
+        _flatten_peaks(limits.distance_m, x, window_s, np.empty_like(x))
+    return np.asarray(np.sqrt(x))
+
+
+def widened(distance_m: Floats, values: Floats, speed_m_s: Floats, window_s: float) -> Floats:
+    """Return the largest of the values that a moving average over a window mixes at each place."""
+    out = np.empty_like(values)
+    _erode(distance_m, -values, speed_m_s**2, window_s, out)
+    return -out
+
+
+def _solve(limits: PlaceLimits, square_max: Floats) -> Floats:
+    x = np.empty_like(square_max)
+    bad = _fastest(
+        limits.distance_m,
+        square_max,
+        limits.acceleration_m_s2,
+        limits.curvature_1_m,
+        limits.inertial,
+        limits.centrifugal,
+        limits.weight,
+        limits.torque_n_m,
+        x,
+    )
+    return x if bad < 0 else np.empty(0)
+
+
+def duration(distance_m: Floats, speed_m_s: Floats) -> float:
+    """Time [s] of a speed over the distance with constant acceleration between grid points."""
+    return float((2.0 * np.diff(distance_m) / np.maximum(speed_m_s[1:] + speed_m_s[:-1], TINY)).sum())
+
+
+def smoothed(distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: float) -> tuple[Floats, float]:
+    """Phases (k, 5) of the master that a moving average over ``window_s`` makes, and its largest jerk.
+
+    Without a window the accelerations keep their steps.
+    """
+    length = float(distance_m[-1])
+    steps = 2.0 * np.diff(distance_m) / np.maximum(speed_m_s[1:] + speed_m_s[:-1], TINY)
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    if window_s <= 0.0:
+        return _phases(times, speed_m_s, np.diff(speed_m_s) / steps, np.zeros(len(steps)), length), 0.0
+    window_s = max(window_s, float(times[-1]) / PHASES_MAX)
+    taps = int(np.ceil(window_s / max(SAMPLE_S, float(times[-1]) / PHASES_MAX)))
+    step = window_s / taps
+    count = int(np.ceil(times[-1] / step))
+    speed = np.interp(step * np.arange(count + 1), times, speed_m_s, right=0.0)
+    speed[0] = speed[-1] = 0.0
+    padded = np.concatenate([np.zeros(taps), speed, np.zeros(taps)])
+    # a moving average of a piecewise linear speed has a piecewise linear acceleration
+    acceleration = (padded[taps:] - padded[:-taps]) / window_s
+    jerk = np.diff(acceleration) / step
+    way = np.concatenate([[0.0], np.cumsum(0.5 * step * (padded[1:] + padded[:-1]))])
+    averaged = np.asarray((way[taps:] - way[:-taps]) / window_s, dtype=np.float64)
+    averaged[0] = averaged[-1] = 0.0
+    grid = np.asarray(step * np.arange(len(averaged)), dtype=np.float64)
+    phases = _phases(grid, averaged, acceleration[:-1], jerk, length)
+    return phases, float(np.abs(phases[:, 4]).max())
+
+
+def _phases(times: Floats, speed: Floats, acceleration: Floats, jerk: Floats, length: float) -> Floats:
+    """Phases from speeds at times and the acceleration and jerk that begin there, stretched to the exact length."""
+    steps = np.diff(times)
+    way = np.concatenate(
+        [[0.0], np.cumsum(steps * (speed[:-1] + steps * (acceleration / 2.0 + steps * jerk / 6.0)))]
+    )
+    scale = length / way[-1]
+    rows = np.zeros((len(times), PHASE_COLUMNS))
+    rows[:, 0] = times
+    rows[:, 1] = way * scale
+    rows[:, 2] = speed * scale
+    rows[:-1, 3] = acceleration * scale
+    rows[:-1, 4] = jerk * scale
+    rows[-1, 1:] = length, 0.0, 0.0, 0.0
+    return _merged(rows)
+
+
+@kernel
+def _mark_joints(rows, distance_tolerance, speed_tolerance, joint):
+    """Mark every row whose phase does not just go on as the last one marked began."""
+    start = 0
+    for n in range(1, rows.shape[0] - 1):
+        for end in (n, n + 1):
+            t = rows[end, 0] - rows[start, 0]
+            a, j = rows[start, 3], rows[start, 4]
+            way = rows[start, 1] + t * (rows[start, 2] + t * (a / 2.0 + t * j / 6.0)) - rows[end, 1]
+            speed = rows[start, 2] + t * (a + t * j / 2.0) - rows[end, 2]
+            if abs(way) > distance_tolerance or abs(speed) > speed_tolerance:
+                joint[n] = True
+        if joint[n]:
+            start = n
+
+
+def _merged(rows: Floats) -> Floats:
+    """Leave out the start of every phase that only goes on as the one before it did."""
+    joint = np.zeros(len(rows), dtype=np.bool_)
+    joint[0] = joint[-1] = True
+    _mark_joints(rows, MERGED * rows[-1, 1], MERGED * rows[:, 2].max(), joint)
+    return rows[joint]
+
+
+def slowed(phases: Floats, factor: float) -> Floats:
+    """Return the same master ``factor`` times as slow."""
+    return np.asarray(phases * np.array([factor, 1.0, factor**-1, factor**-2, factor**-3]))

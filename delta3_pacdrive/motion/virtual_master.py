@@ -1,0 +1,160 @@
+"""The virtual master: distance along the path over time, rest to rest within speed, acceleration and jerk (6, 6.1)."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.kernel import kernel, row_at
+
+PHASE_COLUMNS = (
+    5  # time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]
+)
+
+
+def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:
+    """Time-optimal phases of constant jerk over ``length_m``, shape (n, 5); the last row is the end, at rest.
+
+    An infinite ``jerk_max`` gives constant-acceleration phases.
+
+    Raises
+    ------
+    ProgramError
+        The length or a limit is not a positive number.
+
+    """
+    named = {'length_m': length_m, 'speed_m_s': speed_max, 'acceleration_m_s2': acceleration_max}
+    for name, value in named.items():
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ProgramError(f'{name} is {value}, but must be a positive number')
+    if not jerk_max > 0.0:
+        raise ProgramError(f'jerk_m_s3 is {jerk_max}, but must be positive (.inf for infinite jerk)')
+    wish = InputParameter(1)
+    wish.current_position, wish.target_position = [0.0], [length_m]
+    wish.max_velocity, wish.max_acceleration, wish.max_jerk = [speed_max], [acceleration_max], [jerk_max]
+    trajectory = Trajectory(1)
+    try:
+        result = Ruckig(1).calculate(wish, trajectory)
+    except RuckigError:
+        result = Result.Error
+    if result not in (Result.Working, Result.Finished):
+        raise ProgramError(
+            f'no profile over {length_m} m within {speed_max} m/s, {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'
+        )
+    rows = profile_rows(trajectory)
+    rows[-1] = rows[-1, 0], length_m, 0.0, 0.0, 0.0
+    return rows
+
+
+def profile_rows(trajectory: Trajectory) -> Floats:
+    """Phases (n, 5) of a calculated profile, those without duration left out; the last row is the end, without jerk."""
+    profile = trajectory.profiles[0][0]
+    rows = []
+    time = 0.0
+    for part in (profile.brake, profile):
+        for n, duration in enumerate(part.t):
+            if duration > 0.0:
+                rows.append((time, part.p[n], part.v[n], part.a[n], part.j[n]))
+                time += duration
+    rows.append((time, profile.p[-1], profile.v[-1], profile.a[-1], 0.0))
+    return np.array(rows)
+
+
+def rest(duration_s: float) -> Floats:
+    """Phases of a master that stands for ``duration_s``."""
+    return np.array([[0.0] * 5, [duration_s, 0.0, 0.0, 0.0, 0.0]])
+
+
+def end_acceleration(phases: Floats) -> float:
+    """Acceleration with which a master reaches its end."""
+    time, _, _, acceleration, jerk = phases[-2]
+    return float(acceleration + jerk * (phases[-1, 0] - time))
+
+
+@kernel
+def master_at(time, phases, first, count):
+    """Master position, speed and acceleration at a time after the start of a move; at rest after its end."""
+    last = first + count - 1
+    n = row_at(time, phases, first, last)
+    t = time - phases[n, 0]
+    if n == last or t < 0.0:
+        return phases[n, 1], 0.0, 0.0
+    a, j = phases[n, 3], phases[n, 4]
+    s = phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0))
+    return s, phases[n, 2] + t * (a + t * j / 2.0), a + t * j
+
+
+@kernel
+def _sample(times, phases, out):
+    last = phases.shape[0] - 1
+    for n in range(times.shape[0]):
+        out[n, 0], out[n, 1], out[n, 2] = master_at(times[n], phases, 0, phases.shape[0])
+        row = row_at(times[n], phases, 0, last)
+        out[n, 3] = phases[row, 4] if times[n] >= phases[0, 0] else 0.0
+
+
+def sample_master(times_s: ArrayLike, phases: Floats) -> Floats:
+    """Master position, speed, acceleration and jerk at times of shape (n,): shape (n, 4)."""
+    times = np.ascontiguousarray(times_s, dtype=np.float64)
+    out = np.empty((len(times), 4))
+    _sample(times, phases, out)
+    return out
+
+
+@kernel
+def _sample_at_distances(distances, phases, out):
+    last = phases.shape[0] - 1
+    n = 0
+    for i in range(distances.shape[0]):
+        s = distances[i]
+        while n < last and phases[n + 1, 1] <= s:
+            n += 1
+        if n == last:
+            out[i, 0] = phases[last, 0]
+            out[i, 1] = phases[last, 1]
+            out[i, 2] = out[i, 3] = out[i, 4] = 0.0
+            continue
+        a, j = phases[n, 3], phases[n, 4]
+        low, high = 0.0, phases[n + 1, 0] - phases[n, 0]
+        way = phases[n + 1, 1] - phases[n, 1]
+        t = high * (s - phases[n, 1]) / way if way > 0.0 else 0.0
+        # Newton's steps, and halvings where they would leave the bracket
+        for _ in range(60):
+            error = phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0)) - s
+            if error < 0.0:
+                low = t
+            else:
+                high = t
+            speed = phases[n, 2] + t * (a + t * j / 2.0)
+            step = error / speed if speed > 0.0 else high - low
+            if error == 0.0 or high - low <= 1e-15 * (1.0 + t):
+                break
+            if abs(step) <= 1e-15 * (1.0 + t):
+                break
+            t = t - step
+            if not low < t < high:
+                t = 0.5 * (low + high)
+        out[i, 0] = phases[n, 0] + t
+        out[i, 1] = s
+        out[i, 2] = phases[n, 2] + t * (a + t * j / 2.0)
+        out[i, 3] = a + t * j
+        out[i, 4] = j
+
+
+def master_at_distances(distances_m: ArrayLike, phases: Floats) -> Floats:
+    """Time and master (distance, speed, acceleration, jerk) where it passes distances in rising order: shape (n, 5)."""
+    distances = np.ascontiguousarray(distances_m, dtype=np.float64)
+    out = np.empty((len(distances), 5))
+    _sample_at_distances(distances, phases, out)
+    return out
+
+
+def slowest(phases: Floats) -> float:
+    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
+    _, _, v, a, j = phases[:-1].T
+    with np.errstate(divide='ignore', invalid='ignore'):
+        turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
+    return float((v + turn * (a + 0.5 * turn * j)).min(initial=float(phases[:, 2].min())))

@@ -1,0 +1,1 @@
+"""What numbers are computed with: compiled kernels."""

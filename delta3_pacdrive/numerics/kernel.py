@@ -1,0 +1,353 @@
+"""Compilation of the hot scalar loops, cached on disk under a key of their own sources.
+
+Numba's disk cache notices a change of the file that holds a function, but not of the functions it calls, and it knows a
+file by its path. Ours knows it by its content: the folder of a module's kernels is named after a digest of the module
+and of all modules that it imports, directly or not. A changed formula or constant never meets an old binary, an edit of
+a report compiles nothing again, and a second copy of the same sources finds what the first one has compiled.
+Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
+"""
+
+import fcntl
+import hashlib
+import math
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.registry import cpu_target
+
+from delta3_pacdrive.errors import KernelError
+
+_PACKAGE = Path(__file__).parents[1]
+_NAME = _PACKAGE.name
+_IMPORT = re.compile(
+    rf'^[ \t]*(?:from[ \t]+({_NAME}[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+({_NAME}[\w.]*))',
+    re.M,
+)
+POLL_S = 0.1
+MARK = 'complete-'  # beginning of the names of files that mark versions as compiled
+VERSIONS_KEPT, DAY_S = 4, 86_400.0
+TURN_S, TURN_MAX_S = 5e-3, 20.0  # between two looks for another process's kernel; how long they go on
+
+_Function = TypeVar('_Function', bound=Callable[..., Any])
+
+
+def sources_digest() -> str:
+    """Return a short digest of all source files."""
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob('*.py')):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def modules_behind(module: str) -> set[str]:
+    """Return the modules of this package that a module imports, directly or not, and itself."""
+    found: set[str] = set()
+    new = {module}
+    while new:
+        found |= new
+        new = {other for name in new for other in _imports(name)} - found
+    return found
+
+
+@cache
+def _source(module: str) -> bytes | None:
+    """Return what stands in a module's file, None if there is no such module."""
+    path = _PACKAGE.joinpath(*module.split('.')[1:])
+    for file in (path / '__init__.py', path.with_suffix('.py')):
+        with suppress(OSError):
+            return file.read_bytes()
+    return None
+
+
+@cache
+def _imports(module: str) -> frozenset[str]:
+    found = {
+        module.rsplit('.', depth)[0] for depth in range(1, module.count('.'))
+    }  # the rooms around it are loaded first
+    for origin, names, plain in _IMPORT.findall((_source(module) or b'').decode()):
+        found.add(origin or plain)
+        words = [word.split()[0] for word in names.strip('()').split(',') if word.strip()]
+        found.update(f'{origin}.{word}' for word in words)
+    return frozenset(name for name in found if _source(name) is not None)
+
+
+@cache
+def digest_behind(module: str) -> str:
+    """Return a short digest of a module and all that it imports."""
+    digest = hashlib.sha256()
+    for name in sorted(modules_behind(module)):
+        content = _source(name) or b''
+        digest.update(f'{name} {len(content)}\n'.encode() + content)
+    return digest.hexdigest()[:16]
+
+
+def _maker() -> str:
+    """Return a digest of all that turns sources into binaries, and of the processor that runs them."""
+    versions = ' '.join([sys.version, *(metadata.version(name) for name in ('numba', 'llvmlite', 'numpy'))])
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    return hashlib.sha256(f'{versions} {processor}'.encode()).hexdigest()[:16]
+
+
+def cache_directory() -> Path:
+    """Return the writable folder of the kernels that this interpreter compiles for this processor.
+
+    It lies in ``$NUMBA_CACHE_DIR``, else in the user's cache folder, else in the folder for temporary files.
+
+    Raises
+    ------
+    KernelError
+        Nothing of this can be written.
+
+    """
+    roots = []
+    if configured := os.environ.get('NUMBA_CACHE_DIR'):
+        roots.append(Path(configured))
+    elif user_cache := os.environ.get('XDG_CACHE_HOME'):
+        roots.append(Path(user_cache) / _NAME)
+    else:
+        with suppress(RuntimeError):  # a user without a home
+            roots.append(Path.home() / '.cache' / _NAME)
+    roots.append(Path(tempfile.gettempdir()) / f'{_NAME}_{os.getuid()}')
+    for root in roots:
+        folder = root / _maker()
+        with suppress(OSError):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            # what lies in there is executed: nobody else may have put it there
+            if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
+                return folder
+    raise KernelError(f'no folder for compiled kernels can be written: tried {", ".join(map(str, roots))}')
+
+
+CACHE_DIRECTORY = cache_directory()
+
+
+@cache
+def modules_with_kernels() -> tuple[str, ...]:
+    """Return the names of the modules that have kernels."""
+    names = (path.relative_to(_PACKAGE.parent).with_suffix('') for path in _PACKAGE.rglob('*.py'))
+    modules = sorted('.'.join(path.parts) for path in names)
+    return tuple(name for name in modules if b'\n@kernel\n' in (_source(name) or b''))
+
+
+def _folder(module: str) -> Path:
+    """Return the folder of a module's kernels."""
+    return CACHE_DIRECTORY / f'{module.removeprefix(_NAME + ".")}-{digest_behind(module)}'
+
+
+def compiled() -> int:
+    """Return how many kernels have been compiled, by whichever process."""
+    done = 0
+    for module in modules_with_kernels():
+        with suppress(FileNotFoundError):
+            done += sum(name.endswith('.nbi') for name in os.listdir(_folder(module)))
+    return done
+
+
+def _complete() -> tuple[Path, str]:
+    """Return the file that marks these sources as compiled, and what stands in it: the folders that it stands for."""
+    folders = ' '.join(_folder(module).name for module in modules_with_kernels())
+    return CACHE_DIRECTORY / f'{MARK}{hashlib.sha256(folders.encode()).hexdigest()[:16]}', folders
+
+
+def all_compiled() -> bool:
+    """Whether every kernel of these sources has been compiled on this machine."""
+    mark, _ = _complete()
+    try:
+        os.utime(mark)  # still in use
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return mark.exists()
+    return True
+
+
+def mark_compiled() -> None:
+    """Note that every kernel has been compiled, and remove those that no version of late has used."""
+    mark, folders = _complete()
+    with suppress(OSError):  # then it is found out anew each time
+        mark.write_text(folders, encoding='utf-8')
+        _remove_old()
+
+
+def _remove_old() -> None:
+    """Remove the kernels of all but the last ``VERSIONS_KEPT`` versions, unless they are younger than a day."""
+    marks = sorted(CACHE_DIRECTORY.glob(f'{MARK}*'), key=lambda mark: mark.stat().st_mtime)
+    kept = {name for mark in marks[-VERSIONS_KEPT:] for name in mark.read_text(encoding='utf-8').split()}
+    yesterday = time.time() - DAY_S
+    for mark in marks[:-VERSIONS_KEPT]:
+        mark.unlink()
+    for folder in CACHE_DIRECTORY.iterdir():
+        # another version may be at work on a younger one
+        if folder.is_dir() and folder.name not in kept and folder.stat().st_mtime < yesterday:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+COMPILING = 'compiling the numerical kernels, once for this version'
+LINE_S = 5.0
+
+
+class Lines:
+    """Tells on standard error how far the compilation is, by a line at its begin and now and then."""
+
+    def __init__(self) -> None:
+        self._next_s = -math.inf
+
+    def show(self, done: int, total: int) -> None:
+        """Tell it if the last time is long ago."""
+        if time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + LINE_S
+            sys.stderr.write(f'{COMPILING}: {done} of {total}\n')
+            sys.stderr.flush()
+
+
+@contextmanager
+def alone(wait: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Keep other processes from compiling the same kernels meanwhile; ``wait`` is called now and then while they do."""
+    with (CACHE_DIRECTORY / 'lock').open('w') as file:
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                wait()
+                time.sleep(POLL_S)
+            else:
+                break
+        yield
+
+
+class _Locator(_CacheLocator):  # type: ignore[misc]
+    """Finds the files of a kernel by the content of its sources, wherever they lie."""
+
+    def __init__(self, function: Any) -> None:
+        self._line = function.__code__.co_firstlineno
+        self._folder = _folder(function.__module__)
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> '_Locator':
+        return cls(py_func)
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return self._folder.name
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """Cache of one kernel that several processes fill at once; files that cannot be read are made again."""
+
+    _impl_class = _Implementation
+    saved: Callable[[], None] = staticmethod(lambda: None)
+    shares = False
+    _turn: IO[str] | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = self._load(sig, target_context)
+        if found is None and self.shares:
+            # what another process is compiling need not be compiled here; no two wait for each other, because a
+            # kernel that waits is one that the other one does not call
+            self._take_turn()
+            found = self._load(sig, target_context)
+            if found is not None:
+                self._end_turn()
+        return found
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # noqa: BLE001 (a damaged pickle raises whatever it likes)
+            self.flush()
+            return None
+
+    def _take_turn(self) -> None:
+        folder = Path(self.cache_path)
+        with suppress(OSError):
+            folder.mkdir(exist_ok=True)
+            self._turn = (folder / f'{self._impl.filename_base}.lock').open('w')
+            deadline = time.monotonic() + TURN_MAX_S
+            while time.monotonic() < deadline:
+                with suppress(BlockingIOError):
+                    fcntl.flock(self._turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return
+                time.sleep(TURN_S)
+
+    def _end_turn(self) -> None:
+        if self._turn is not None:
+            self._turn.close()
+            self._turn = None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        # numba reads the index, adds a number and writes: two writers would take the same number. Without space on
+        # the disk the kernel lasts as long as this process.
+        with suppress(OSError):
+            Path(self.cache_path).mkdir(exist_ok=True)
+            with (CACHE_DIRECTORY / 'index_lock').open('w') as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                super().save_overload(sig, data)
+        self._end_turn()
+        _Cache.saved()
+
+
+@contextmanager
+def shared() -> Iterator[None]:
+    """Share the work with other processes: none compiles what another one is compiling."""
+    _Cache.shares = True
+    try:
+        yield
+    finally:
+        _Cache.shares = False
+
+
+@contextmanager
+def watched(saved: Callable[[], None]) -> Iterator[None]:
+    """Have a function called whenever this process has compiled a kernel."""
+    before, _Cache.saved = _Cache.saved, staticmethod(saved)
+    try:
+        yield
+    finally:
+        _Cache.saved = staticmethod(before)
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile ``function`` with numba, strict IEEE arithmetic, binaries cached in ``CACHE_DIRECTORY``."""
+    compiled = numba.njit(error_model='numpy')(function)
+    if compiled is not function:  # it is where numba is switched off
+        compiled._cache = _Cache(function)
+    return compiled  # type: ignore[no-any-return]
+
+
+def interpreted(function: _Function) -> _Function:
+    """Return the Python function of a kernel, for plain objects instead of records."""
+    return getattr(function, 'py_func', function)  # itself where numba is switched off
+
+
+@kernel
+def row_at(value, table, first, last):
+    """Last row of a table, between two rows, whose first column does not exceed a value; bisection."""
+    low, high = first, last
+    while low < high:
+        middle = (low + high + 1) // 2
+        if table[middle, 0] <= value:
+            low = middle
+        else:
+            high = middle - 1
+    return low

@@ -1,0 +1,305 @@
+"""What the thesis leaves out between current and arm: elastic gears with backlash, friction that sticks, torque ripple.
+
+A motor drives its rotor and one side of its gear, at ``shaft`` = theta_m / k_r; the arm is the other side, at theta:
+
+    J_m thetaddot_m = K_m I (1 + a_6 cos 6 z_p theta_m) + T_c sin n theta_m - friction - tau_gear / k_r
+    tau_gear = c e + d edot   where the flanks touch, e = twist less half the backlash
+    A thetaddot + C thetadot + G = tau_gear - end stop          (4.26, A without rotors)
+
+The friction is that of LuGre (Canudas de Wit et al. 1995) on the motor side: bristles of stiffness s0 and deflection z,
+
+    zdot = w - s0 |w| / g z,   g = F_s + (F_b - F_s) exp(-(w/w_st)^2),   F = s0 z + s1 exp(-(w/w_st)^2) zdot + F_v w
+
+A shaft that stands is held like by a spring up to the break-away torque F_b; at speed the friction falls to F_s and
+rises with F_v again (Stribeck). zdot is integrated exactly for the speed of a step.
+
+The step is the one of ``mechanism``, but predicts the middle from position and speed alone (position Verlet), so that
+springs keep their energy; it is divided where a spring is too stiff for it.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.dynamics import motion_terms, multiply, rotor_inertia, solve
+from delta3_pacdrive.motor import friction_torque
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.brake import acceleration_under_brakes, advance_brake, caught_speed
+from delta3_pacdrive.plant.contact import contact_torque, end_stop_torque, take_payload
+
+STEP_ANGLE = 0.1  # [rad] that the stiffest spring may swing in a step: its period is right within 1e-3
+STEP_DECAY = 0.2  # of the speed that its damping may take in a step
+SETTLING = 30  # iterations; each makes the error some thousand times smaller
+
+RICH_STATE = np.dtype(
+    [
+        ('shaft', 'f8', (3,)),  # [rad], motor shaft over k_r
+        ('rate', 'f8', (3,)),  # [rad/s]
+        ('acceleration', 'f8', (3,)),  # [rad/s^2], of the last step
+        ('bristle', 'f8', (3,)),  # z [rad], motor
+    ],
+    align=True,
+)
+
+RICH = np.dtype(
+    [
+        ('substeps', 'i8'),
+        ('elastic', 'i8'),
+        ('rotor', 'f8'),  # J_m [kg m^2], arm side
+        ('stiffness', 'f8'),  # [N m/rad], arm side
+        ('damping', 'f8'),  # [N m s/rad]
+        ('backlash', 'f8'),  # [rad]
+        ('bristle_stiffness', 'f8'),  # s0 [N m/rad], motor side; 0: friction of the thesis
+        ('bristle_damping', 'f8'),  # s1 [N m s/rad]
+        ('stiction', 'f8'),  # F_b - F_s [N m]
+        ('stribeck_speed', 'f8'),  # w_st [rad/s]
+        ('cogging', 'f8'),  # T_c [N m]
+        ('cogging_periods', 'f8'),
+        ('ripple', 'f8'),  # a_6
+    ],
+    align=True,
+)
+
+
+def rich_constants(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``RICH``; neutral where an effect is off."""
+    effects, motor, gear_ratio = parameters.rich.effects, parameters.motor, parameters.dynamics.gear_ratio
+    record = np.zeros(1, RICH)
+    rotor = rotor_inertia(parameters)
+    step = parameters.drive.current_period_s
+    stiffness = decay = 0.0
+    record['rotor'] = rotor
+    if effects.gear:
+        record['elastic'] = 1
+        record['stiffness'] = stiffness = effects.gear_stiffness_n_m_rad
+        record['damping'] = effects.gear_damping_n_m_s_rad
+        record['backlash'] = effects.gear_backlash_rad
+        decay = effects.gear_damping_n_m_s_rad / rotor
+    if effects.friction:
+        bristles = effects.break_away_torque_n_m / effects.presliding_rad
+        record['bristle_stiffness'] = bristles
+        record['bristle_damping'] = math.sqrt(bristles * rotor) / gear_ratio
+        record['stiction'] = effects.break_away_torque_n_m - motor.static_friction_n_m
+        record['stribeck_speed'] = effects.stribeck_speed_rad_s
+        stiffness += bristles * gear_ratio**2
+    if effects.ripple:
+        record['cogging'] = effects.cogging_torque_n_m
+        record['cogging_periods'] = effects.cogging_periods
+        record['ripple'] = effects.torque_ripple
+    swing = math.sqrt(stiffness / rotor)
+    record['substeps'] = max(1, math.ceil(step * swing / STEP_ANGLE), math.ceil(step * decay / STEP_DECAY))
+    return record
+
+
+@kernel
+def motor_torque(current, angle, m, r):
+    """Torque of a motor at a shaft angle, with ripple and cogging."""
+    ripple = 1.0 + r.ripple * math.cos(6.0 * m.pole_pairs * angle)
+    return m.torque_constant * current * ripple + r.cogging * math.sin(r.cogging_periods * angle)
+
+
+@kernel
+def bristle_after(bristle, speed, duration, m, r):
+    """Deflection of the bristles after a time at constant speed: the exact solution."""
+    ratio = speed / r.stribeck_speed
+    level = m.static_friction + r.stiction * math.exp(-ratio * ratio)
+    steady = math.copysign(level, speed) / r.bristle_stiffness
+    return bristle + (bristle - steady) * math.expm1(-r.bristle_stiffness * abs(speed) / level * duration)
+
+
+@kernel
+def bristle_friction(bristle, speed, m, r):
+    """Friction torque at the shaft."""
+    ratio = speed / r.stribeck_speed
+    share = math.exp(-ratio * ratio)
+    torque = r.bristle_stiffness * bristle + m.viscous_friction * speed
+    if share != 0.0:
+        level = m.static_friction + r.stiction * share
+        slip = r.bristle_stiffness * abs(speed) / level * bristle
+        torque += r.bristle_damping * share * (speed - slip)
+    return torque
+
+
+@kernel
+def shaft_torque(i, current, shaft, rate, bristle, s, c, m, r):
+    """Torque [N m, motor side] of motor ``i`` less friction and load, and how much less that is than the model's."""
+    speed = c.gear_ratio * rate
+    modelled = friction_torque(speed, m)
+    friction = modelled if r.bristle_stiffness == 0.0 else bristle_friction(bristle, speed, m, r)
+    torque = motor_torque(current, c.gear_ratio * shaft, m, r) - friction - s.load_torque[i]
+    return torque, m.torque_constant * current - modelled - torque
+
+
+@kernel
+def gear_torque(twist, rate, r):
+    """Torque [N m, arm side] that a gear passes on to its arm."""
+    if r.backlash == 0.0:
+        return r.stiffness * twist + r.damping * rate
+    half = 0.5 * r.backlash
+    if abs(twist) <= half:
+        return 0.0
+    return contact_torque(twist - math.copysign(half, twist), rate, r.stiffness, r.damping)
+
+
+@kernel
+def _accelerations(theta, thetadot, shaft, rate, bristle, current, s, c, g, n, m, r):
+    """Accelerations of arms and shafts [rad/s^2, arm side], and coupling torques d [N m, motor side] (4.31)."""
+    mass, bias = motion_terms(theta, thetadot, g, n)
+    t1, less1 = shaft_torque(0, current[0], shaft[0], rate[0], bristle[0], s, c, m, r)
+    t2, less2 = shaft_torque(1, current[1], shaft[1], rate[1], bristle[1], s, c, m, r)
+    t3, less3 = shaft_torque(2, current[2], shaft[2], rate[2], bristle[2], s, c, m, r)
+    k = c.gear_ratio
+    held = (
+        bias[0] + end_stop_torque(theta[0], thetadot[0], c),
+        bias[1] + end_stop_torque(theta[1], thetadot[1], c),
+        bias[2] + end_stop_torque(theta[2], thetadot[2], c),
+    )
+    if r.elastic != 0:
+        gear = (
+            gear_torque(shaft[0] + c.angle_error[0] - theta[0], rate[0] - thetadot[0], r),
+            gear_torque(shaft[1] + c.angle_error[1] - theta[1], rate[1] - thetadot[1], r),
+            gear_torque(shaft[2] + c.angle_error[2] - theta[2], rate[2] - thetadot[2], r),
+        )
+        arms = solve(mass, (gear[0] - held[0], gear[1] - held[1], gear[2] - held[2]))
+        rotors = (r.rotor, r.rotor, r.rotor, 0.0, 0.0, 0.0)
+        net = (k * t1 - gear[0], k * t2 - gear[1], k * t3 - gear[2])
+        shafts = acceleration_under_brakes(rotors, net, rate, s, c)
+        felt = (
+            r.rotor * shafts[0] + gear[0],
+            r.rotor * shafts[1] + gear[1],
+            r.rotor * shafts[2] + gear[2],
+        )
+    else:
+        net = (k * t1 - held[0], k * t2 - held[1], k * t3 - held[2])
+        arms = shafts = acceleration_under_brakes(mass, net, rate, s, c)
+        product = multiply(mass, arms)
+        felt = (product[0] + bias[0], product[1] + bias[1], product[2] + bias[2])
+    coupling = (
+        (felt[0] - c.linear_inertia * shafts[0]) / k + less1,
+        (felt[1] - c.linear_inertia * shafts[1]) / k + less2,
+        (felt[2] - c.linear_inertia * shafts[2]) / k + less3,
+    )
+    return arms, shafts, coupling
+
+
+@kernel
+def _plus(x, h, v):
+    """Return x + h v of 3-tuples and a number."""
+    return (x[0] + h * v[0], x[1] + h * v[1], x[2] + h * v[2])
+
+
+@kernel
+def _middle(a, b):
+    """Mean of two 3-tuples."""
+    return (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]))
+
+
+@kernel
+def _tuple3(a):
+    return (a[0], a[1], a[2])
+
+
+@kernel
+def _bristles(bristle, rate, h, c, m, r):
+    """Deflections after a step; none without bristles."""
+    if r.bristle_stiffness == 0.0:
+        return bristle
+    k = c.gear_ratio
+    return (
+        bristle_after(bristle[0], k * rate[0], h, m, r),
+        bristle_after(bristle[1], k * rate[1], h, m, r),
+        bristle_after(bristle[2], k * rate[2], h, m, r),
+    )
+
+
+@kernel
+def advance_rich(
+    currents,
+    brakes,
+    payload_kg,
+    shafts,
+    state,
+    constants,
+    geometry_record,
+    inertia_record,
+    motor_record,
+    rich_state,
+    rich_record,
+):
+    """Integrate through ``currents`` as ``mechanism.advance_plant`` does, with the effects of this module."""
+    s, c, q, r = state[0], constants[0], rich_state[0], rich_record[0]
+    for i in range(3):
+        s.brake_command[i] = brakes[i]
+    g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
+    take_payload(payload_kg, s, n)
+    h = c.step / r.substeps
+    theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
+    shaft, rate, turning, bristle = (
+        _tuple3(q.shaft),
+        _tuple3(q.rate),
+        _tuple3(q.acceleration),
+        _tuple3(q.bristle),
+    )
+    before = _tuple3(s.current)
+    for k in range(currents.shape[0]):
+        for i in range(3):
+            advance_brake(i, rate[i], s, c)
+        now = (currents[k, 0], currents[k, 1], currents[k, 2])
+        rise = (now[0] - before[0], now[1] - before[1], now[2] - before[2])
+        for part in range(r.substeps):
+            mean = _plus(before, (part + 0.5) / r.substeps, rise)
+            middle_rate = _plus(rate, 0.5 * h, turning)
+            last, turning, _ = _accelerations(
+                _plus(theta, 0.5 * h, thetadot),
+                _plus(thetadot, 0.5 * h, last),
+                _plus(shaft, 0.5 * h, rate),
+                middle_rate,
+                _bristles(bristle, middle_rate, 0.5 * h, c, m, r),
+                mean,
+                s,
+                c,
+                g,
+                n,
+                m,
+                r,
+            )
+            after = (
+                caught_speed(0, rate[0], rate[0] + h * turning[0], s),
+                caught_speed(1, rate[1], rate[1] + h * turning[1], s),
+                caught_speed(2, rate[2], rate[2] + h * turning[2], s),
+            )
+            mean_rate = _middle(rate, after)
+            shaft = _plus(shaft, h, mean_rate)
+            bristle = _bristles(bristle, mean_rate, h, c, m, r)
+            rate = after
+            if r.elastic != 0:
+                arms = _plus(thetadot, h, last)
+                theta = _plus(theta, h, _middle(thetadot, arms))
+                thetadot = arms
+            else:
+                theta, thetadot = _plus(shaft, 1.0, c.angle_error), rate
+        before = now
+    _, _, coupling = _accelerations(theta, thetadot, shaft, rate, bristle, before, s, c, g, n, m, r)
+    for i in range(3):
+        s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
+        q.shaft[i], q.rate[i], q.acceleration[i], q.bristle[i] = shaft[i], rate[i], turning[i], bristle[i]
+        s.current[i], s.coupling[i] = before[i], coupling[i]
+        shafts[i], shafts[3 + i], shafts[6 + i] = shaft[i] * c.gear_ratio, rate[i] * c.gear_ratio, coupling[i]
+
+
+@kernel
+def settle(state, constants, geometry_record, inertia_record, rich_state, rich_record):
+    """Let shafts and arms stand still: the arms hang on gears that their weight has wound up."""
+    s, c, q, r = state[0], constants[0], rich_state[0], rich_record[0]
+    for i in range(3):
+        q.shaft[i] = s.theta[i] - c.angle_error[i]
+    if r.elastic == 0:
+        return
+    for _ in range(SETTLING):
+        _, weight = motion_terms(_tuple3(s.theta), (0.0, 0.0, 0.0), geometry_record[0], inertia_record[0])
+        for i in range(3):
+            twist = weight[i] / r.stiffness + math.copysign(0.5 * r.backlash, weight[i])
+            s.theta[i] = q.shaft[i] + c.angle_error[i] - twist

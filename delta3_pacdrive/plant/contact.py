@@ -1,0 +1,32 @@
+"""What the arms meet from outside: end stops, and the payload at the plate."""
+
+from delta3_pacdrive.numerics.kernel import kernel
+
+
+@kernel
+def contact_torque(depth, rate, stiffness, damping):
+    """Torque with which a damped spring resists being pressed in; it pushes, it never pulls."""
+    torque = stiffness * depth + damping * rate
+    return torque if torque * depth > 0.0 else 0.0
+
+
+@kernel
+def end_stop_torque(theta, thetadot, c):
+    """Torque [N m] of an arm against its end stop, 0 between the two."""
+    if theta < c.stop_min:
+        return contact_torque(theta - c.stop_min, thetadot, c.stop_stiffness, c.stop_damping)
+    if theta > c.stop_max:
+        return contact_torque(theta - c.stop_max, thetadot, c.stop_stiffness, c.stop_damping)
+    return 0.0
+
+
+@kernel
+def take_payload(payload_kg, s, n):
+    """Hang what is gripped at the plate, unless it has fallen off; a gripped part takes the plate's speed at once."""
+    if payload_kg != s.gripped:
+        s.gripped = payload_kg
+        s.payload_lost = 0
+    carried = 0.0 if s.payload_lost != 0 else s.gripped
+    if carried != s.carried:
+        n.plate += carried - s.carried
+        s.carried = carried

@@ -1,0 +1,265 @@
+"""Bags: the topics and the metadata of a folder of rosbag2, whole or cut off, before its messages are read."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+from rosbags.rosbag2 import Reader
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.parameters import CYCLE_TIMES_S
+from delta3_pacdrive.parameters import load as load_parameters
+from delta3_pacdrive.recording.bag_recovery import recover
+from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
+from delta3_pacdrive.recording.trace import reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+    from delta3_pacdrive.recording.bag_recovery import Channel, Recovered
+
+    Take = Callable[[bytes], None]
+
+COURSE = 'motion/course'
+COURSE_ROW = 6  # numbers that tell a start of a program from a change of its course
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag that is known to be one of a robot.
+
+    Attributes
+    ----------
+    names
+        Relative names of its cyclic topics, by topic.
+    robot
+        What stands before them.
+    meta
+        Checked metadata of the recorder.
+    read
+        Calls functions with the data of the messages of topics.
+
+    """
+
+    names: dict[str, str]
+    robot: str
+    meta: dict[str, Any]
+    read: Callable[[Mapping[str, Take]], None]
+
+    @staticmethod
+    def of(
+        channels: Iterable[Connection | Channel], types: Mapping[str, str], meta: dict[str, Any], read: Any
+    ) -> Bag:
+        """Return the bag with these topics; raises TraceError."""
+        names = _cyclic_topics(channels, types)
+        topic, name = next(iter(names.items()))
+        return Bag(names, topic.removesuffix(name), meta, read)
+
+
+def open_bag(path: Path, types: Mapping[str, str]) -> Bag:
+    """Look at the topics and the metadata of a bag, whole or cut; raises TraceError.
+
+    ``types`` are those of the cyclic topics, by relative name.
+    """
+    if not path.is_dir():
+        raise TraceError('there is no such folder')
+    files = sorted(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+    if not files and not (path / 'metadata.yaml').exists():
+        raise TraceError('it is no bag, metadata.yaml is missing')
+    try:
+        return _open_whole(path, types)
+    except TraceError:
+        raise
+    except Exception as error:  # what readers and decompressors trip over in a damaged file is not bounded
+        if any(file.suffix == '.db3' for file in files) or not files:
+            raise _damage(error) from error
+        return _open_cut(path, files, types, error)
+
+
+def _damage(error: Exception) -> TraceError:
+    return TraceError(f'it was cut off or is damaged ({reason(error)})')
+
+
+class _NotClosedError(Exception):
+    """Nobody has closed the bag: what its metadata counts is not what it holds."""
+
+
+def _open_whole(path: Path, types: Mapping[str, str]) -> Bag:
+    """Look at a bag with index and metadata; raises TraceError, and whatever the readers trip over."""
+    with Reader(path) as reader:
+        custom = reader.storage.metadata.custom
+        if isinstance(custom, dict) and OPEN_KEY in custom:
+            raise _NotClosedError('nobody has closed it')
+        channels = list(reader.connections)
+        meta = _metadata(custom)
+        if isinstance(custom, dict) and STOPPED_KEY in custom:
+            meta['cut'] = f'the recorder stopped writing: {custom[STOPPED_KEY]}'
+
+    def read(add: Mapping[str, Take]) -> None:
+        try:
+            with Reader(path) as reader:
+                wanted = [connection for connection in reader.connections if connection.topic in add]
+                for connection, _, data in reader.messages(wanted) if wanted else ():
+                    add[connection.topic](data)
+        except TraceError:
+            raise
+        except Exception as error:
+            raise _damage(error) from error
+
+    return Bag.of(channels, types, meta, read)
+
+
+def _open_cut(path: Path, files: list[Path], types: Mapping[str, str], error: Exception) -> Bag:
+    """Look at what is left of a bag; raises TraceError."""
+    try:
+        left = [recover(file) for file in files]
+    except (TraceError, ValueError):
+        raise _damage(error) from error
+    channels = [channel for file in left for channel in file.channels.values()]
+    counted = sum(channel.msgcount for channel in channels)
+    if not counted:
+        raise _damage(error) from error
+    information = _information(path, left)
+    custom = information.get('custom_data')
+    if isinstance(custom, dict) and METADATA_KEY in custom:
+        meta, borrowed = _metadata(custom), ''
+    else:
+        robot = load_parameters()
+        meta = {
+            'gear_ratio': robot.dynamics.gear_ratio,
+            'torque_constant_n_m_a': robot.motor.torque_constant_n_m_a,
+        }
+        borrowed = (
+            'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
+        )
+    missing = '' if all(file.ended for file in left) else _missing(information, counted, left)
+    if missing or borrowed:
+        meta['cut'] = '; '.join(filter(None, [missing, borrowed]))
+
+    def read(add: Mapping[str, Take]) -> None:
+        def take(channel: Channel, data: bytes) -> None:
+            if channel.topic in add:
+                add[channel.topic](data)
+
+        for file in files:
+            recover(file, take)
+
+    return Bag.of(channels, types, meta, read)
+
+
+def _missing(information: Mapping[str, Any], counted: int, left: Iterable[Recovered]) -> str:
+    """Say what a bag lacks of which ``counted`` messages are left; '' if that is its index only."""
+    total, custom = information.get('message_count'), information.get('custom_data')
+    if isinstance(total, int) and total >= counted and OPEN_KEY not in (custom or {}):
+        return f'it was cut off: {total - counted} of {total} messages are missing' if total > counted else ''
+    lost = sum(file.lost_bytes for file in left)
+    return (
+        f'it was cut off: {counted} messages are left, what was not yet on the disk is missing, '
+        f'and {lost} bytes at its end are no whole message'
+    )
+
+
+def _information(path: Path, left: Iterable[Recovered]) -> dict[str, Any]:
+    """Return the first metadata of rosbag2 that can be read: of the folder, or what a file keeps of it."""
+    try:
+        texts = [(path / 'metadata.yaml').read_text(encoding='utf-8')]
+    except (OSError, UnicodeDecodeError):
+        texts = []
+    for text in (*texts, *(file.metadata for file in left)):
+        try:
+            document = yaml.safe_load(text)
+        except (yaml.YAMLError, RecursionError, ValueError):
+            continue
+        if isinstance(document, dict):
+            document = document.get('rosbag2_bagfile_information', document)
+        if isinstance(document, dict) and isinstance(document.get('custom_data'), dict):
+            return document
+    return {}
+
+
+class Courses:
+    """Notes the bus cycles at which programs started."""
+
+    def __init__(self, typestore: Typestore) -> None:
+        self._typestore = typestore
+        self._starts: set[int] = set()
+
+    def add(self, data: bytes) -> None:
+        """Take a message of ``motion/course``: cycle, move, override, held, and phases (t, s, v, a, jerk)."""
+        from rosbags.serde import SerdeError
+
+        try:
+            message: Any = self._typestore.deserialize_cdr(data, 'std_msgs/msg/Float64MultiArray')
+        except SerdeError:
+            return
+        row = np.asarray(message.data)
+        if len(row) < COURSE_ROW or not np.isfinite(row[:COURSE_ROW]).all():
+            return
+        cycle, number, _, held, _, distance = row[:COURSE_ROW].tolist()
+        # a change of override, a stop and a resume begin further on
+        if number == 0.0 and not held and distance == 0.0 and 0.0 <= cycle < 2**53:
+            self._starts.add(int(cycle))
+
+    @property
+    def starts(self) -> list[int]:
+        """In their order."""
+        return sorted(self._starts)
+
+
+def _cyclic_topics(connections: Iterable[Connection | Channel], types: Mapping[str, str]) -> dict[str, str]:
+    """Return the relative names of the cyclic topics of the one robot, by topic."""
+    names: dict[str, str] = {}
+    robots: set[str] = set()
+    for connection in connections:
+        topic = '/' + connection.topic.lstrip('/')
+        name = next((name for name in types if topic.endswith('/' + name)), None)
+        if name is None or not connection.msgcount:
+            continue
+        if connection.msgtype != types[name]:
+            raise TraceError(f'{topic} is of type {connection.msgtype}, not {types[name]}')
+        names[connection.topic] = name
+        robots.add(topic.removesuffix('/' + name) or '/')
+    if not names:
+        raise TraceError('it holds no cyclic topic of a robot (sercos/mdt, sercos/at/axis1, ...)')
+    if len(robots) > 1:
+        raise TraceError(f'it holds {len(robots)} robots, in the namespaces {", ".join(sorted(robots))}')
+    return names
+
+
+def _metadata(custom: Any) -> dict[str, Any]:
+    """Return the checked metadata of the recorder."""
+    if not isinstance(custom, dict) or METADATA_KEY not in custom:
+        raise TraceError(f'its metadata is missing, metadata.yaml has no custom_data {METADATA_KEY}')
+    try:
+        meta = json.loads(custom[METADATA_KEY])
+        items = dict(meta.items())
+    except (AttributeError, RecursionError, TypeError, ValueError):
+        raise TraceError(f'its metadata, custom_data {METADATA_KEY}, is no JSON object') from None
+    for key in ('gear_ratio', 'torque_constant_n_m_a', 'cycle_time_s'):
+        value = items.get(key)
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not 0.0 < value <= sys.float_info.max
+        ):
+            raise TraceError(f'its metadata gives no positive {key}')
+    if items['cycle_time_s'] not in CYCLE_TIMES_S:
+        raise TraceError(
+            f'its metadata says cycle_time_s is {items["cycle_time_s"]:g}, not 0.001, 0.002 or 0.004'
+        )
+    for key in ('start_cycle', 'end_cycle'):
+        value = items.pop(key, None)
+        if value is not None and type(value) is not int:
+            raise TraceError(f'its metadata says {key} is {value!r:.40}, not a whole number')
+        if value is not None and value >= 0:
+            items[key] = value
+    return items

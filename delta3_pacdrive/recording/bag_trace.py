@@ -1,0 +1,375 @@
+"""Recordings: a rosbag2 folder read back as a trace, every message in the bus cycle that its stamp names."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.parameters import CYCLE_TIMES_S
+from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+    from rosbags.typesys.store import Typestore
+
+    from delta3_pacdrive.kinematics import Floats
+
+    Table = tuple[
+        NDArray[np.int64], Floats
+    ]  # stamps [ns] or cycles, and the numbers of a message in each row
+
+SUFFIXES = ('.npz', '.csv')  # of trace files
+LITTLE_ENDIAN = b'\0\1'  # how a message begins that this reads without a parser
+BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
+
+AXES = ('axis1', 'axis2', 'axis3')
+SHAFTS = 'plant/motor_shafts'
+_LOG = logging.getLogger(__name__)
+_JOINT_STATE = 'sensor_msgs/msg/JointState'
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """A cyclic topic: message type, joint names, lengths of its arrays of doubles, the signals in these."""
+
+    type: str
+    names: tuple[str, ...]
+    lengths: tuple[int, ...]
+    signals: tuple[str, ...]
+
+    def spans(self, size: int) -> list[slice]:
+        """Return where the numbers of the arrays stand in a message of ``size`` bytes.
+
+        Counted from the end, this depends on no name and no frame: between two arrays stand the length of the
+        second and its padding, 8 bytes; behind the last one the lengths, zero, of the empty ones, 4 bytes each.
+        """
+        spans: list[slice] = []
+        stop = size - 4 * self.lengths.count(0)
+        for length in filter(None, reversed(self.lengths)):
+            spans.insert(0, slice(stop - 8 * length, stop))
+            stop -= 8 * length + 8
+        return spans
+
+
+TOPICS = {
+    'sercos/mdt': _Topic(_JOINT_STATE, AXES, (3, 0, 0), ('motor_command',)),
+    **{
+        f'sercos/at/{axis}': _Topic(
+            _JOINT_STATE, (axis,), (1, 1, 1), ('motor_position', 'motor_speed', 'current')
+        )
+        for axis in AXES
+    },
+    'following_error': _Topic(_JOINT_STATE, AXES, (3, 0, 0), ('following_error',)),
+    'tcp/command': _Topic('geometry_msgs/msg/PointStamped', (), (3,), ('tcp_command',)),
+    'tcp/actual': _Topic('geometry_msgs/msg/PointStamped', (), (3,), ('tcp_actual',)),
+    'tcp/error': _Topic('geometry_msgs/msg/Vector3Stamped', (), (3,), ('tcp_error',)),
+    SHAFTS: _Topic(_JOINT_STATE, AXES, (3, 3, 3), ('shaft_position', 'shaft_speed', 'coupling_torque')),
+}
+
+TYPES = {name: topic.type for name, topic in TOPICS.items()}
+
+
+def load(path: str | Path) -> Trace:
+    """Read a trace file (``.npz``, ``.csv``) or the folder of a bag.
+
+    Raises
+    ------
+    TraceError
+        There is no such recording, or it cannot be read.
+
+    """
+    path = Path(path)
+    try:
+        folder, there = path.is_dir(), path.exists()
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
+    if folder:
+        return read_bag(path)
+    if not there:
+        raise TraceError(f'there is no recording {path}')
+    if path.suffix.lower() == '.csv':
+        return trace_csv.read(path)
+    if path.suffix.lower() != '.npz':
+        raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
+    return Trace.load(path)
+
+
+def save(trace: Trace, path: str | Path) -> None:
+    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError for any other end."""
+    if refusal := suffix_refusal(path):
+        raise TraceError(f'cannot write trace {path}: {refusal}')
+    if Path(path).suffix.lower() == '.csv':
+        trace_csv.write(trace, path)
+    else:
+        trace.save(path)
+
+
+def suffix_refusal(path: str | Path) -> str | None:
+    """Return why no trace can be written to a file of this name, None if one can."""
+    suffix = Path(path).suffix
+    if suffix.lower() in SUFFIXES:
+        return None
+    told = f'ends in {suffix}' if suffix else 'has no ending'
+    return f'the name {told}, but must end in {" or ".join(SUFFIXES)}'
+
+
+def missing(path: Path) -> dict[str, int]:
+    """Return how many messages the recorder of a bag has found missing, by relative name of the topic.
+
+    Raises
+    ------
+    TraceError
+        There is no such bag, or none of a robot.
+
+    """
+    return dict(_about(path).get('lost', {}))
+
+
+def cut(path: Path) -> str:
+    """Return a sentence if a bag ends before its robot, cut off or for want of space; '' for a whole one.
+
+    Raises
+    ------
+    TraceError
+        There is no such bag, or none of a robot.
+
+    """
+    return str(_about(path).get('cut', ''))
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """Return the metadata of a bag whose messages nobody asks for; raises TraceError."""
+    from delta3_pacdrive.recording.bag_reader import open_bag
+
+    try:
+        return open_bag(path, TYPES).meta
+    except (OSError, TraceError) as error:
+        raise TraceError(f'cannot read recording {path}: {error}') from error
+
+
+def read_bag(path: str | Path) -> Trace:
+    """Read the folder of a bag of one robot, whatever its namespace.
+
+    Every message belongs to the bus cycle of its stamp; the order in the bag does not matter. Left out are
+    messages from before cyclic operation, and those that the nodes refuse as well (other names or lengths, numbers
+    that are not finite): ``meta['refused']`` counts these by topic. Of ``plant/motor_shafts``, which may come more
+    often, the messages at cycle starts are taken.
+
+    Returns
+    -------
+    Trace
+        All bus cycles that every recorded cyclic topic has, with the signals whose topics are recorded; ``meta``
+        is what the recorder wrote, without a ``start_cycle`` or ``end_cycle`` that it did not know.
+
+    A bag that was cut off is read up to the cut; ``meta['cut']`` says then how much is missing, and so does the log.
+
+    Raises
+    ------
+    TraceError
+        There is no such folder, it is no bag, or nothing can be read of it; it holds no cyclic topic, more than
+        one robot or more than one run; its metadata is missing or contradicts the stamps; no cycle is complete.
+
+    """
+    path = Path(path)
+    try:
+        return _read_bag(path)
+    except TraceError as error:
+        raise TraceError(f'cannot read recording {path}: {error}') from error
+    except OSError as error:
+        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
+
+
+def _read_bag(path: Path) -> Trace:
+    # what only bags need takes longer to import than everything else here
+    from rosbags.typesys import Stores, get_typestore
+
+    from delta3_pacdrive.recording.bag_reader import COURSE, Courses, open_bag
+
+    bag = open_bag(path, TYPES)
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    columns = {name: _Column(TOPICS[name], typestore) for name in TOPICS if name in bag.names.values()}
+    courses = Courses(typestore)
+    add = {topic: columns[name].add for topic, name in bag.names.items()}
+    bag.read(add | {bag.robot + COURSE: courses.add})
+    meta = bag.meta
+    if 'cycle_time_s' not in meta:
+        meta['cycle_time_s'] = _cycle_time(
+            column.table()[0] for name, column in columns.items() if name != SHAFTS
+        )
+    clock = Clock(meta['cycle_time_s'])
+    tables = {}
+    for name, column in columns.items():
+        if len((table := _by_cycle(name, column.table(), clock))[0]):
+            tables[name] = table
+    if not tables:
+        raise TraceError('it holds no message of cyclic operation')
+    cycles = reduce(np.intersect1d, (table[0] for table in tables.values()))
+    if not len(cycles):
+        raise TraceError(f'no bus cycle is in all of its topics {", ".join(tables)}')
+    if len(cycles) > 1 and (step := int(np.diff(cycles).min())) > 1:
+        raise TraceError(
+            f'its messages are {step * meta["cycle_time_s"]:g} s apart, '
+            f'but its metadata says cycle_time_s is {meta["cycle_time_s"]:g}'
+        )
+    if refused := {name: column.refused for name, column in columns.items() if column.refused}:
+        meta['refused'] = refused
+    if courses.starts:
+        meta['starts'] = courses.starts
+        heard = [start for start in courses.starts if start >= cycles[0]]
+        # who joined in the middle of a program knows when it began
+        meta['start_cycle'] = heard[0] if heard else courses.starts[-1]
+    if 'cut' in meta:
+        meta['cut'] += f'; it ends at bus time {cycles[-1] * meta["cycle_time_s"]:.3f} s'
+        _LOG.warning('note: recording %s: %s', path, meta['cut'])
+    signals = _signals(tables, cycles)
+    if 'current' in signals:
+        signals['current'] /= meta['torque_constant_n_m_a']
+    return Trace(cycles * meta['cycle_time_s'], signals, meta)
+
+
+def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
+    """Return the smallest distance [s] of stamps [ns], which is one bus cycle; raises TraceError."""
+    steps = [int(step.min()) for own in stamps if len(step := np.diff(np.unique(own)))]
+    found = min(steps, default=0) / NANOSECONDS
+    if found not in CYCLE_TIMES_S:
+        raise TraceError(f'its metadata is missing, and stamps {found:g} s apart tell no cycle time')
+    return found
+
+
+class _Column:
+    """Takes the messages of one topic as bytes; keeps stamps and numbers."""
+
+    def __init__(self, topic: _Topic, typestore: Typestore) -> None:
+        self._topic = topic
+        self._typestore = typestore
+        self._batch: list[bytes] = []
+        self._tables: list[Table] = []
+        self.refused = 0
+
+    def add(self, data: bytes) -> None:
+        """Take a message."""
+        self._batch.append(data)
+        if len(self._batch) == BATCH:
+            self._decode_batch()
+
+    def table(self) -> Table:
+        """Stamps [ns] of the messages of cyclic operation, shape (n,), and their numbers, (n, numbers)."""
+        self._decode_batch()
+        if not self._tables:
+            return np.empty(0, np.int64), np.empty((0, sum(self._topic.lengths)))
+        stamps, values = zip(*self._tables, strict=True)
+        return np.concatenate(stamps), np.concatenate(values)
+
+    def _decode_batch(self) -> None:
+        by_size: dict[int, list[bytes]] = {}
+        for data in self._batch:
+            by_size.setdefault(len(data), []).append(data)
+        self._batch = []
+        for messages in by_size.values():
+            others = self._decode_like_first(messages)
+            parsed = [self._parse(data) for data in others]
+            self.refused += parsed.count(None)
+            if rows := [row for row in parsed if row is not None]:
+                table = np.array(rows)
+                self._append(table[:, 0], table[:, 1], table[:, 2:])
+
+    def _append(self, sec: NDArray[Any], nanosec: NDArray[Any], values: Floats) -> None:
+        """Keep the messages of cyclic operation that are well formed."""
+        cyclic = sec >= 0
+        good = cyclic & (nanosec < NANOSECONDS) & np.isfinite(values).all(axis=1)
+        self.refused += int(cyclic.sum() - good.sum())
+        stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
+        self._tables.append((stamps, values[good]))
+
+    def _decode_like_first(self, messages: list[bytes]) -> list[bytes]:
+        """Decode all messages that differ from the first in stamp, frame and numbers only; return the others.
+
+        The robot writes the same names and lengths into every message: this takes all of them, in a fraction of
+        the time of parsing each. What it finds in the first one must be what the parser finds.
+        """
+        first = messages[0]
+        if (parsed := self._parse(first)) is None or not first.startswith(LITTLE_ENDIAN):
+            return messages
+        octets = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), len(first))
+        spans = self._topic.spans(len(first))
+        values = np.concatenate([_view(octets[:, span], '<f8') for span in spans], axis=1)
+        sec, nanosec = _view(octets[:, 4:8], '<i4')[:, 0], _view(octets[:, 8:12], '<u4')[:, 0]
+        if (sec[0], nanosec[0], *values[0]) != parsed:
+            return messages
+        frame = slice(16, 16 + int.from_bytes(first[12:16], 'little'))
+        constant = np.ones(len(first), dtype=bool)
+        for span in (slice(4, 12), frame, *spans):
+            constant[span] = False
+        alike = (octets[:, constant] == octets[0, constant]).all(axis=1)
+        self._append(sec[alike], nanosec[alike], values[alike])
+        return [messages[i] for i in np.flatnonzero(~alike)]
+
+    def _parse(self, data: bytes) -> tuple[float, ...] | None:
+        """Return sec, nanosec and the numbers of any message; None if it is not what the topic carries."""
+        from rosbags.serde import SerdeError
+
+        try:
+            message: Any = self._typestore.deserialize_cdr(data, self._topic.type)
+        except SerdeError:
+            return None
+        if self._topic.type == _JOINT_STATE:
+            arrays = (message.position, message.velocity, message.effort)
+            if tuple(message.name) != self._topic.names or tuple(map(len, arrays)) != self._topic.lengths:
+                return None
+            numbers = np.concatenate(arrays).tolist()
+        else:
+            vector = message.point if hasattr(message, 'point') else message.vector
+            numbers = [vector.x, vector.y, vector.z]
+        return (message.header.stamp.sec, message.header.stamp.nanosec, *numbers)
+
+
+def _by_cycle(name: str, table: Table, clock: Clock) -> Table:
+    """Return the bus cycles of a topic, in order, and the numbers of each."""
+    stamps, values = table
+    in_cycle = stamps % clock.period_ns
+    if name == SHAFTS:
+        stamps, values = stamps[in_cycle == 0], values[in_cycle == 0]
+    elif in_cycle.any():
+        first = stamps[np.flatnonzero(in_cycle)[0]]
+        raise TraceError(
+            f'{name} has a message at bus time {first / NANOSECONDS:.9f} s, '
+            f'where no cycle of {clock.period_ns / NANOSECONDS:g} s begins'
+        )
+    cycles, first_rows, rows = np.unique(stamps // clock.period_ns, return_index=True, return_inverse=True)
+    differing = np.flatnonzero((values != values[first_rows][rows]).any(axis=1))
+    if len(differing):
+        time_s = stamps[differing[0]] / NANOSECONDS
+        raise TraceError(
+            f'it holds more than one run, {name} has different messages at bus time {time_s:g} s'
+        )
+    return cycles, values[first_rows]
+
+
+def _signals(tables: dict[str, Table], cycles: NDArray[np.int64]) -> dict[str, Floats]:
+    """Return the signals of all topics in common cycles, in the order of ``SIGNALS``."""
+    rows = {name: values[np.searchsorted(own, cycles)] for name, (own, values) in tables.items()}
+    found: dict[str, Floats] = {}
+    for name, values in rows.items():
+        if not name.startswith('sercos/at/'):
+            for i, signal in enumerate(TOPICS[name].signals):
+                found[signal] = np.ascontiguousarray(values[:, 3 * i : 3 * i + 3])
+    answers = [rows[f'sercos/at/{axis}'] for axis in AXES if f'sercos/at/{axis}' in rows]
+    if len(answers) == len(AXES):
+        for i, signal in enumerate(TOPICS['sercos/at/axis1'].signals):
+            found[signal] = np.stack([answer[:, i] for answer in answers], axis=1)
+    return {signal: found[signal] for signal in SIGNALS if signal in found}
+
+
+def _view(octets: NDArray[np.uint8], number: str) -> NDArray[Any]:
+    return np.ascontiguousarray(octets).view(number)

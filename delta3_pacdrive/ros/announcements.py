@@ -1,0 +1,89 @@
+"""Announcement of bus participants, ``sercos/participants``: who is there, and what they were configured with."""
+
+import secrets
+from collections.abc import Callable
+from dataclasses import asdict, fields
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.faults.injection import UNIT_ROBOT
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.ros.qos import LATCHED, LATCHED_FROM_MANY
+from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
+from delta3_pacdrive.sercos.participants import Announcement, Occasion
+
+TOPIC = 'sercos/participants'
+CYCLE_DIGITS_MAX = 15
+INSTANCE_DIGITS = 8
+
+
+class Participant:
+    """Announces one participant, for latecomers as well.
+
+    Attributes
+    ----------
+    instance
+        Eight hexadecimal digits, others after each start.
+
+    """
+
+    def __init__(self, node: Node, name: str, parameters: Parameters) -> None:
+        self._publisher = node.create_publisher(DiagnosticStatus, TOPIC, LATCHED)
+        self._name = name
+        self._identity = Identity.of(parameters)
+        self.instance = secrets.token_hex(INSTANCE_DIGITS // 2)
+
+    def announce(
+        self,
+        session: bytes,
+        occasion: Occasion = Occasion.CALLED,
+        links: tuple[str, ...] = (),
+        bus_cycle: int = 0,
+    ) -> None:
+        """Publish the identity in a session, the partners heard in it and the bus time that is over [cycles]."""
+        facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
+        facts['session'] = session.decode()
+        message = DiagnosticStatus(name=self._name, message=str(occasion), hardware_id=self.instance)
+        message.values = [KeyValue(key=key, value=value) for key, value in facts.items()]
+        self._publisher.publish(message)
+
+
+def read_announcement(message: DiagnosticStatus) -> Announcement:
+    """Read what ``Participant`` has published; raises TelegramError."""
+    facts = {item.key: item.value for item in message.values}
+    links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
+    if message.name not in (*PARTICIPANTS, UNIT_ROBOT) or facts.keys() != {f.name for f in fields(Identity)}:
+        raise TelegramError(f'{shown(message.name)} announces itself without what the bus asks for')
+    if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
+        raise TelegramError(f'{shown(message.name)} announces bus cycle {shown(bus_cycle)}')
+    try:
+        occasion = Occasion(message.message)
+    except ValueError:
+        raise TelegramError(
+            f'{shown(message.name)} announces itself for no known reason: {shown(message.message)}'
+        ) from None
+    return Announcement(
+        message.name,
+        message.hardware_id,
+        session,
+        occasion,
+        Identity(**facts),
+        tuple(links.split()),
+        int(bus_cycle),
+    )
+
+
+def hear_announcements(
+    node: RobotNode, take: Callable[[Announcement], None], refuse: Callable[[str], None]
+) -> None:
+    """Subscribe to the announcements of all participants."""
+    node.create_bounded_subscription(
+        DiagnosticStatus,
+        TOPIC,
+        lambda message: take(read_announcement(message)),
+        LATCHED_FROM_MANY,
+        refuse=refuse,
+    )

@@ -1,0 +1,90 @@
+"""The master's end of ``sercos/at/axisN``: takes AT off the wire and refuses what is none of its session."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.polling import PollingNode, Taken
+from delta3_pacdrive.ros.qos import CYCLIC_SUBSCRIPTION
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.statistics import BusStatistics
+
+Content = tuple[Any, int, int]  # position, speed, torque; status word; word of the service channel
+
+
+class AtReceiver:
+    """Of one master.
+
+    Parameters
+    ----------
+    node
+        Subscribes.
+    cycles
+        Bus time.
+    polled
+        Whether telegrams are read by ``poll`` alone; else they come by themselves, as soon as they are there.
+    statistics
+        Counts what is refused.
+    receive
+        Called with number of the axis, bus cycle (negative before cyclic operation), content and time of arrival [ns],
+        0 if nobody knows it.
+
+    Attributes
+    ----------
+    session
+        Of the bus; without one nothing is taken.
+
+    """
+
+    def __init__(
+        self,
+        node: PollingNode,
+        cycles: Clock,
+        polled: bool,
+        statistics: BusStatistics,
+        receive: Callable[[int, int, Content, int], None],
+    ) -> None:
+        self.session = cdr.NO_SESSION
+        self._cycles, self._statistics, self._receive = cycles, statistics, receive
+        self._log = node.get_logger()
+        self._codecs = [cdr.at_codec(axis) for axis in DRIVES]
+        self._takes: list[Callable[[], Taken | None]] = []
+        for index, axis in enumerate(DRIVES):
+            topic = f'sercos/at/{axis}'
+            if polled:
+                # The clock drives the task, so that an answer need not wake it: it is read at the next tick.
+                self._takes.append(node.create_polled_subscription(JointState, topic, CYCLIC_SUBSCRIPTION))
+            else:
+                callback = partial(self._on_at, index, received_ns=0)
+                node.create_subscription(JointState, topic, callback, CYCLIC_SUBSCRIPTION, raw=True)
+
+    def poll(self, due: Callable[[int], bool]) -> None:
+        """Read what has come, from each axis as long as anything is due."""
+        for index, take in enumerate(self._takes):
+            while due(index):
+                taken = take()
+                if taken is None:
+                    break
+                self._on_at(index, taken[0], taken[1]['received_timestamp'])
+
+    def _on_at(self, index: int, data: bytes, received_ns: int) -> None:
+        if self.session is cdr.NO_SESSION:
+            return
+        try:
+            sec, nanosec, frame, values = self._codecs[index].decode(data)
+            cycle = self._cycles.count(sec, nanosec)
+            status, service = cdr.parse_at_frame(frame, self.session)
+        except TelegramError as error:
+            self.refuse(f'{DRIVES[index]}: {error}')
+            return
+        self._receive(index, cycle, (values, status, service), received_ns)
+
+    def refuse(self, reason: str) -> None:
+        """Count a telegram that is none, and say so."""
+        self._statistics.refused += 1
+        self._log.warning(reason, throttle_duration_sec=1.0)

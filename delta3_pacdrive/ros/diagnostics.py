@@ -1,0 +1,34 @@
+"""``/diagnostics`` of a node: level, sentence, and facts by name."""
+
+import json
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from delta3_pacdrive.ros.publishers import Output
+from delta3_pacdrive.ros.qos import REPORT
+
+
+class Health(Output):
+    """Publishes when it is told to; what is no text is told as JSON."""
+
+    def __init__(self, node: Node, hardware_id: str = '') -> None:
+        super().__init__(node, DiagnosticArray, '/diagnostics', REPORT)
+        self._node, self._hardware_id = node, hardware_id
+
+    def send(self, level: bytes, sentence: str, facts: dict[str, Any]) -> None:
+        """Publish."""
+        status = DiagnosticStatus(
+            level=level,
+            name=self._node.get_fully_qualified_name(),
+            message=sentence,
+            hardware_id=self._hardware_id,
+        )
+        status.values = [
+            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
+            for key, value in facts.items()
+        ]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self.publish(array)

@@ -1,0 +1,85 @@
+"""ROS parameters of a drive that may change in cyclic operation: the values of its IDNs under their ROS names."""
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE, Register, refusal, writing_error
+from delta3_pacdrive.parameters import Parameters, flatten
+from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation
+from delta3_pacdrive.sercos.words import Phase
+
+WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in}  # IDN by name
+
+
+class DriveParameters:
+    """Of one drive: what ROS sets is written into the register, which knows what is allowed, and the other way round.
+
+    Parameters
+    ----------
+    node, axis
+        The drive.
+    register
+        Its values by IDN.
+
+    """
+
+    def __init__(self, node: Node, axis: str, register: Register) -> None:
+        self._node, self._axis, self._register = node, axis, register
+        self._setting = False
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def accepted(self, given: list[Parameter]) -> tuple[list[Parameter], str]:
+        """Return what ROS may set, whole numbers as numbers, and what forbids it: refusals of the service channel."""
+        read = [_as_float(parameter) for parameter in given]
+        return read, next(filter(None, (self._refusal(parameter) for parameter in read)), '')
+
+    def _refusal(self, parameter: Parameter) -> str:
+        """Say what forbids to set a parameter, whatever the others are; empty if nothing, or if ROS can tell."""
+        if not self._node.has_parameter(parameter.name):
+            return f'{self._axis} has no parameter {parameter.name}'
+        idn = OF_PARAMETER.get(parameter.name)
+        if idn is None or parameter.type_ != Parameter.Type.DOUBLE:
+            return ''
+        access = Access(idn, Operation.WRITE, parameter.value)
+        return refusal(access, Answer(idn, writing_error(access, Phase.CP4)))
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        if self._setting:
+            return SetParametersResult(successful=True)
+        before = self._register.parameters
+        self._setting = True
+        try:
+            for parameter in parameters:
+                if parameter.name not in WRITABLE:
+                    continue
+                answer = self._register.write(WRITABLE[parameter.name], float(parameter.value), Phase.CP4)
+                if answer.error:
+                    self._register.restore(before)  # all of them or none
+                    return SetParametersResult(successful=False, reason=self._register.refusal)
+        finally:
+            self._setting = False
+        return SetParametersResult(successful=True)
+
+    def follow(self, parameters: Parameters, cycle: int) -> None:
+        """Keep the ROS parameters equal to those that were written in a bus cycle."""
+        values = flatten(parameters)
+        changed = [
+            Parameter(name, value=values[name])
+            for name in WRITABLE
+            if self._node.get_parameter(name).value != values[name]
+        ]
+        for parameter in changed:
+            self._node.get_logger().info(
+                f'{self._axis}: {parameter.name} = {parameter.value:g} from bus cycle {cycle} on'
+            )
+        if not self._setting:
+            self._setting = True
+            self._node.set_parameters(changed)
+            self._setting = False
+
+
+def _as_float(parameter: Parameter) -> Parameter:
+    if parameter.name in WRITABLE and parameter.type_ == Parameter.Type.INTEGER:
+        return Parameter(parameter.name, value=float(parameter.value))
+    return parameter

@@ -1,0 +1,170 @@
+"""Injected faults on the graph: the master's desk that accepts them, and what every node does about its own.
+
+Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
+in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
+(String, JSON), from the transformation task to all nodes, one message for each accepted fault, with the session of the
+bus and its number in it: what is heard a second time, or in another session, befalls nobody.
+"""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from diagnostic_msgs.srv import AddDiagnostics
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.controller.messages import Numbering
+from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
+from delta3_pacdrive.faults.injection import OF_PROCESSES, Fault, Schedule, Scheduled, befalls, parse
+from delta3_pacdrive.ros import cdr, node_process
+from delta3_pacdrive.ros.qos import FAULTS
+from delta3_pacdrive.ros.robot_node import RobotNode
+
+SCHEDULE = 'faults/schedule'
+LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard of it by then
+REQUEST_MAX = 10_000  # characters
+
+
+class FaultDesk:
+    """Accepts faults and tells all nodes.
+
+    Parameters
+    ----------
+    node
+        Of the transformation task.
+    closed
+        Returns why nothing can be injected, empty while it can.
+    next_cycle
+        Returns the next bus cycle that is not under way.
+    session
+        Returns the session of the bus.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        cycle_time_s: float,
+        closed: Callable[[], str],
+        next_cycle: Callable[[], int],
+        session: Callable[[], bytes],
+    ) -> None:
+        self._node, self._cycle_time_s = node, cycle_time_s
+        self._closed, self._next_cycle, self._session = closed, next_cycle, session
+        self.accepted = 0
+        self._schedule = node.create_publisher(String, SCHEDULE, FAULTS)
+        node.create_service(AddDiagnostics, 'inject_fault', self._on_request)
+
+    def _on_request(
+        self, request: AddDiagnostics.Request, response: AddDiagnostics.Response
+    ) -> AddDiagnostics.Response:
+        try:
+            text = request.load_namespace
+            if len(text) > REQUEST_MAX:
+                raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
+            fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
+            closed = self._closed()
+            if closed:
+                raise ProgramError(f'a fault needs cyclic operation, {closed}')
+            (scheduled,) = self.inject([fault], self._next_cycle() + LEAD_CYCLES)
+            response.success = True
+            response.message = f'{fault.text} from bus cycle {scheduled.first} on'
+        except Delta3Error as error:
+            response.message = str(error)
+            self._node.get_logger().error(f'fault refused: {error}')
+        return response
+
+    def check(self, faults: Sequence[Fault]) -> None:
+        """Refuse faults that cannot be carried out; raises ProgramError."""
+        for fault in faults:
+            if fault.kind in OF_PROCESSES and not node_process.is_separate():
+                raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
+
+    def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
+        """Announce faults whose times count from a bus cycle; raises ProgramError."""
+        self.check(faults)
+        placed = [Scheduled.of(fault, cycle, self._cycle_time_s) for fault in faults]
+        for scheduled in placed:
+            self.accepted += 1
+            origin = {'session': self._session().decode(), 'serial': self.accepted}
+            self._schedule.publish(String(data=json.dumps(origin | scheduled.to_document())))
+            self._node.get_logger().warning(
+                f'injected fault: {scheduled.fault.text} from bus cycle {scheduled.first} on'
+            )
+        return placed
+
+
+def read_schedule(text: str) -> tuple[str, Any, Scheduled]:
+    """Return (session, its number in it, fault) of a message of ``faults/schedule``; raises ProgramError."""
+    try:
+        document = json.loads(text)
+        if not isinstance(document, dict):
+            raise ProgramError(f'{shown(document)} is no fault')
+        session, serial = document.pop('session', ''), document.pop('serial', 0)
+        return session, serial, Scheduled.from_document(document)
+    except (ValueError, RecursionError, OverflowError) as error:
+        raise ProgramError(f'no fault: {shown(str(error))}') from None
+
+
+class Faults(Schedule):
+    """Faults that befall one node.
+
+    Parameters
+    ----------
+    node, name
+        The node, and its name as a target of faults.
+    cycle
+        Returns the bus cycle that the node is in.
+    session
+        Returns the session that the node belongs to; without one nothing befalls it.
+
+    Attributes
+    ----------
+    late
+        Faults that were heard of after their first cycle.
+
+    """
+
+    def __init__(
+        self, node: RobotNode, name: str, cycle: Callable[[], int], session: Callable[[], bytes]
+    ) -> None:
+        super().__init__()
+        self._node, self._name, self._cycle, self._session = node, name, cycle, session
+        self._serials = Numbering()
+        self.late = 0
+        node.create_bounded_subscription(String, SCHEDULE, self._on_schedule, FAULTS, REQUEST_MAX)
+
+    def _on_schedule(self, message: String) -> None:
+        session, serial, scheduled = read_schedule(message.data)
+        own = self._session().decode()
+        if own == cdr.NO_SESSION.decode() or session != own:
+            raise ProgramError(f'a fault of session {shown(session)} is not for {self._name}, in {own}')
+        if not isinstance(serial, int) or not self._serials.is_new(own, serial):
+            raise ProgramError(f'fault {shown(serial)} of session {own} was heard before')
+        if not befalls(scheduled.fault, self._name):
+            return
+        if scheduled.first < self._cycle():
+            self.late += 1
+            self._node.get_logger().warning(
+                f'{self._name}: heard of {scheduled.fault.text} after bus cycle {scheduled.first}'
+            )
+        self.forget_telegrams_before(self._cycle() - LEAD_CYCLES)
+        self.add(scheduled)
+
+    def begin_and_end(self, cycle: int) -> list[tuple[Fault, bool]]:
+        """Return what begins or ends by a cycle; a fault of this process befalls it at once."""
+        changes = self.due(cycle)
+        for fault, begins in changes:
+            self._node.get_logger().warning(
+                f'{self._name}: {fault.text} {"begins" if begins else "ends"} in bus cycle {cycle}'
+            )
+            if fault.kind == 'kill':
+                os.kill(os.getpid(), signal.SIGKILL)
+            elif fault.kind == 'freeze':
+                time.sleep(fault.value)
+        return changes

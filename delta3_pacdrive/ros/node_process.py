@@ -1,0 +1,123 @@
+"""Start, spin and stop of a process of nodes."""
+
+import gc
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.ros import domain
+
+_separate = False
+
+
+def is_separate() -> bool:
+    """Whether this process is that of a single node."""
+    return _separate
+
+
+SPIN_S = 0.1  # how long a signal may wait for the main thread
+
+
+class Process:
+    """Spins nodes on one executor until SIGINT, SIGTERM or ``stop``."""
+
+    def __init__(self, context: rclpy.Context | None = None) -> None:
+        self._stop = Future()
+        self._executor = EventsExecutor(context=context)
+        self._nodes: list[Node] = []
+
+    def stop(self, *_: Any) -> None:
+        """End ``spin``; also the signal handler."""
+        if not self._stop.done():
+            self._stop.set_result(None)
+
+    def add(self, node: Node) -> None:
+        """Take a node in."""
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def spin(self) -> None:
+        """Run callbacks until ``stop``."""
+        # one call runs many callbacks: spin_once would return after each, which costs as much again
+        while not self._stop.done():
+            self._executor.spin_until_future_complete(self._stop, timeout_sec=SPIN_S)
+
+    def spin_for(self, seconds: float) -> None:
+        """Run callbacks for a while."""
+        self._executor.spin_until_future_complete(self._stop, timeout_sec=seconds)
+
+    def close(self) -> None:
+        """Destroy the nodes; the last words of a node still reach the graph."""
+        for node in self._nodes:
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self._executor.shutdown()
+
+
+def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = None) -> int:
+    """Be the main function of a process: build the nodes, spin, clean up; return the exit status."""
+    global _separate  # noqa: PLW0603 (a fact about the process)
+    _separate = len(factories) == 1
+    process: Process | None = None
+    try:
+        domain.check()
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        process = Process()
+        for stopping in interrupts.NUMBERS:
+            # a bring-up in the background, or under nohup, ignores signals but sends them to its children
+            if stopping != signal.SIGHUP or signal.getsignal(stopping) is not signal.SIG_IGN:
+                signal.signal(stopping, process.stop)
+        for factory in factories:
+            process.add(factory())
+        # long-lived objects need not be walked again by the collector in the middle of a cycle
+        gc.collect()
+        gc.freeze()
+        process.spin()
+    except Delta3Error as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if process is not None:
+            process.close()
+        rclpy.try_shutdown()
+    return 0
+
+
+def run_single(factory: Callable[[], Node]) -> int:
+    """Be the main function of a node that was started by itself; return the exit status.
+
+    The kernels are compiled, or loaded from the cache, before the node shows itself: in cyclic operation the bus would
+    take the silence of a drive that compiles for its end.
+    """
+    # an operator's process has no use for the robot's core
+    from delta3_pacdrive import parameters, simulation
+    from delta3_pacdrive.numerics.kernel import Lines
+    from delta3_pacdrive.ros import discovery
+
+    # an exception would be lost where the compiler calls back; whatever the node is to leave behind comes later
+    interrupts.install()
+    discovery.keep_to_this_machine()
+    try:
+        domain.check()
+        simulation.compile_kernels(
+            Lines().show
+        )  # nodes that are started together compile once, not each for itself
+        simulation.rehearse(parameters.load())
+    except Delta3Error as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    status = run([factory])
+    interrupts.ignore()
+    return status

@@ -1,0 +1,1 @@
+"""The nodes of a robot, each with its main function."""

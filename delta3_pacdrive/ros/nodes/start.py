@@ -1,0 +1,39 @@
+"""Main functions of the executables: Ctrl-C is answered before ROS and numba are loaded, which takes a second."""
+
+import importlib
+import sys
+
+from delta3_pacdrive import interrupts, memory
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.ros import domain
+
+
+def unit_robot() -> int:
+    """Run the planner's process."""
+    return _start('unit_robot')
+
+
+def transformation_task() -> int:
+    """Run the task's process."""
+    return _start('transformation_task')
+
+
+def mc4_drive() -> int:
+    """Run a drive's process."""
+    return _start('mc4_drive')
+
+
+def plant() -> int:
+    """Run the plant's process."""
+    return _start('plant')
+
+
+def _start(module: str) -> int:
+    interrupts.install()
+    try:
+        memory.require(in_a_graph=True)
+        domain.check()
+    except RunError as error:
+        sys.stderr.write(f'error: {error}\n')
+        return 1
+    return int(importlib.import_module(f'delta3_pacdrive.ros.nodes.{module}').main())

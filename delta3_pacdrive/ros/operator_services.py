@@ -1,0 +1,187 @@
+"""What operators ask of the transformation task: control, enabling, stops, reset.
+
+Services for every client: ``hold``, ``abort``, ``emergency_stop``, ``reset`` (Trigger), ``enable`` (SetBool). The same
+by requests that say who asks: ``control/request`` and ``control/reply`` (String, JSON), where control of the robot is
+taken and released, too; ``control/alive`` is the heartbeat of whoever has it, ``control/operator`` (String, latched)
+his name. Reading and stopping are free for all; who enables or resets needs control, if anybody has it.
+"""
+
+import time
+from collections.abc import Callable
+
+from std_msgs.msg import Header, String
+from std_srvs.srv import SetBool, Trigger
+
+from delta3_pacdrive.controller.control import Control, Operator
+from delta3_pacdrive.controller.messages import (
+    ABORT,
+    DISABLE,
+    EMERGENCY_STOP,
+    ENABLE,
+    HOLD,
+    RELEASE,
+    RESET,
+    TAKE,
+    TAKE_OVER,
+    LastReplies,
+    Numbering,
+    Reply,
+    Request,
+    refuse_recording,
+)
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.reason import Code, Reason
+from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
+from delta3_pacdrive.ros.qos import LATCHED, REPORT, REQUEST
+from delta3_pacdrive.ros.robot_node import RobotNode
+
+REQUEST_BYTES_MAX = 4096
+Tell = Callable[[Reason | None, str], None]  # why something was refused, or None and what has happened
+NEEDS_CONTROL = frozenset({ENABLE, RESET})
+
+
+class OperatorServices:
+    """Services of one transformation task.
+
+    Parameters
+    ----------
+    node
+        Has the services.
+    state, control
+        Of the same transformation task.
+    session
+        Returns the session of the bus.
+    changed
+        Called when the state has been asked to change: whatever it wants done has to be done.
+    told
+        Called when control has changed hands.
+
+    """
+
+    def __init__(
+        self,
+        node: RobotNode,
+        state: RobotState,
+        control: Control,
+        session: Callable[[], bytes],
+        changed: Callable[[], None],
+        told: Callable[[], None],
+    ) -> None:
+        self._log, self._state, self._control = node.get_logger(), state, control
+        self._session, self._changed, self._told = session, changed, told
+        self._numbers = Numbering()
+        self._last_replies = LastReplies()
+        self._replies = node.create_publisher(String, 'control/reply', REQUEST)
+        self._operator = node.create_publisher(String, 'control/operator', LATCHED)
+        node.create_bounded_subscription(
+            String, 'control/request', self._on_request, REQUEST, REQUEST_BYTES_MAX
+        )
+        node.create_bounded_subscription(Header, 'control/alive', self._on_alive, REPORT)
+        for name, action in (
+            ('hold', HOLD),
+            ('abort', ABORT),
+            ('emergency_stop', EMERGENCY_STOP),
+            ('reset', RESET),
+        ):
+            create_deferred_service(node, Trigger, name, self._service(action))
+        create_deferred_service(node, SetBool, 'enable', self._on_enable)
+
+    def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
+        return lambda _, answer: self._do('', action, '', _told_by(answer))
+
+    def _on_enable(self, request: SetBool.Request, answer: Answer) -> None:
+        self._do('', ENABLE if request.data else DISABLE, '', _told_by(answer))
+
+    # control --------------------------------------------------------------------------------------------------------
+
+    def _on_alive(self, message: Header) -> None:
+        self._control.heard(message.frame_id, message.stamp.sec, time.monotonic())
+
+    def look(self) -> None:
+        """Look whether who has control is still there; else the robot stops on its path."""
+        lost = self._control.lost(time.monotonic())
+        if not lost:
+            return
+        self._log.error(f'{lost} has control no longer: no word for too long')
+        if self._state.motion == MotionState.MOVING:
+            self._state.hold()
+            self._changed()
+        self._tell_control()
+
+    def _tell_control(self) -> None:
+        operator = self._control.operator
+        self._operator.publish(String(data=operator.name if operator else ''))
+        self._told()
+
+    # requests -------------------------------------------------------------------------------------------------------
+
+    def _on_request(self, message: String) -> None:
+        request = Request.from_json(message.data)
+        if request.receiver != self._session().decode():
+            self._replies.publish(String(data=refuse_recording(request).to_json()))
+            raise TelegramError(f'a request in session {shown(request.receiver)}, which is not this one')
+        if not self._numbers.is_new(request.operator, request.number):
+            if (last := self._last_replies.to(request)) is not None:
+                self._replies.publish(String(data=last.to_json()))
+            return
+
+        def reply(reason: Reason | None, sentence: str) -> None:
+            code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
+            answer = Reply(
+                request.operator, request.number, True, reason is None, code, text, self._control.changes
+            )
+            self._replies.publish(String(data=answer.to_json()))
+            self._last_replies.keep(answer)
+
+        self._do(request.operator, request.action, request.text, reply)
+
+    def _do(self, operator: str, action: str, text: str, tell: Tell) -> None:
+        """Do what an operator (empty: without an identity) asks for, and answer him, now or later."""
+        outcome: Reason | str | None = None
+        if action in NEEDS_CONTROL:
+            outcome = self._control.refusal(operator)
+        if outcome is None:
+            if action in (TAKE, TAKE_OVER, RELEASE):
+                outcome = self._change_control(operator, action, text)
+            elif action == RESET:
+                outcome = self._state.reset(tell)
+            else:
+                outcome = self._act(action)
+        self._changed()
+        self._told()  # before the answer: who acts on it finds everybody informed
+        if isinstance(outcome, Reason):
+            self._log.info(f'{action} refused: {outcome}')
+            tell(outcome, '')
+        elif outcome is not None:
+            tell(None, outcome)
+
+    def _act(self, action: str) -> Reason | str:
+        state = self._state
+        acts: dict[str, Callable[[], Reason | str]] = {
+            HOLD: state.hold,
+            ABORT: state.abort,
+            EMERGENCY_STOP: state.emergency_stop,
+            ENABLE: state.enable,
+            DISABLE: state.disable,
+        }
+        if action not in acts:
+            return Reason(Code.CONTENT, f'there is no action {shown(action)}')
+        return acts[action]()
+
+    def _change_control(self, identity: str, action: str, name: str) -> Reason | str:
+        if action == RELEASE:
+            reason = self._control.release(identity)
+        else:
+            operator = Operator(identity, name)
+            reason = self._control.take(operator, action == TAKE_OVER, time.monotonic())
+        if reason is not None:
+            return reason
+        self._tell_control()
+        return 'control released' if action == RELEASE else f'{name} has control'
+
+
+def _told_by(answer: Answer) -> Tell:
+    """Return what answers a service."""
+    return lambda reason, sentence: answer(reason is None, reason.sentence if reason else sentence)

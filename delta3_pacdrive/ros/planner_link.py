@@ -1,0 +1,115 @@
+"""The transformation task's link to the planner: plans and courses in, verdicts and status out.
+
+In: ``motion/plan`` (moves, faults and the order that ends them), ``motion/change`` (courses), ``unit_robot/alive``
+(heartbeat of the planner: its identity and the session that it knows of, numbered in ``stamp.sec``). Out:
+``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON: what became of an order
+or of a change), ``motion/refusal`` (the same for people, if it was refused), ``motion/course`` (latched: what the
+master follows).
+"""
+
+import time
+from collections.abc import Callable
+
+from std_msgs.msg import Float64MultiArray, Header, String
+
+from delta3_pacdrive.controller.orders import Orders
+from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.ros.numbers import numbers, row_of
+from delta3_pacdrive.ros.qos import LATCHED, PLAN, REPORT, REQUEST
+from delta3_pacdrive.ros.robot_node import RobotNode
+
+SLICE_S, SLICE_EVERY_S = 0.5e-3, 2e-3  # time that checking a plan may take, and how often
+ROW_BYTES_MAX = 16 * 1024 * 1024
+STATUS_EVERY = 500  # checked rows
+
+
+class PlannerLink:
+    """Link of one transformation task.
+
+    Parameters
+    ----------
+    node
+        Publishes and subscribes.
+    orders
+        Decides.
+    bus
+        Returns the name of the bus phase and the next cycle.
+    changed
+        Called when the state of the robot may have changed: what that asks for has to be done.
+
+    """
+
+    def __init__(
+        self,
+        node: RobotNode,
+        orders: Orders,
+        bus: Callable[[], tuple[str, int]],
+        changed: Callable[[], None],
+    ) -> None:
+        self._log, self._orders, self._bus, self._changed = node.get_logger(), orders, bus, changed
+        self._told = 0  # checked rows in the last status
+        self._status = node.create_publisher(String, 'motion/status', LATCHED)
+        self._verdicts = node.create_publisher(String, 'motion/verdict', REQUEST)
+        self._refusals = node.create_publisher(String, 'motion/refusal', REQUEST)
+        self._course = node.create_publisher(Float64MultiArray, 'motion/course', LATCHED)
+        for topic, receive in (('motion/plan', self._on_row), ('motion/change', self._on_course)):
+            node.create_bounded_subscription(
+                Float64MultiArray, topic, receive, PLAN, ROW_BYTES_MAX, self._refuse_stranger
+            )
+        node.create_bounded_subscription(Header, 'unit_robot/alive', self._on_alive, REPORT)
+        self._slices = node.create_timer(SLICE_EVERY_S, self._check_rows)
+        self._slices.cancel()
+
+    def _on_alive(self, message: Header) -> None:
+        planner, _, session = message.frame_id.partition(' ')
+        if self._orders.heard_planner(planner, session, message.stamp.sec, time.monotonic()):
+            self._log.info(f'planner {planner}')
+            self.tell_status()
+
+    def tell_status(self) -> None:
+        """Publish all that the planner has to know."""
+        self._told = self._orders.checked
+        self._status.publish(String(data=self._orders.status(*self._bus()).to_json()))
+
+    def tell_course(self, course: Course) -> None:
+        """Publish what the master follows."""
+        self._course.publish(numbers(course.to_array(), self._orders.course_label()))
+
+    def _on_row(self, message: Float64MultiArray) -> None:
+        self._orders.take_row(*row_of(message))
+        self._changed()
+        if self._orders.waiting:
+            self._slices.reset()
+
+    def _check_rows(self) -> None:
+        """Check rows of a plan for a slice of time."""
+        end = time.monotonic() + SLICE_S
+        while self._orders.waiting and time.monotonic() < end:
+            self._orders.check_row()
+        if not self._orders.waiting:
+            self._slices.cancel()
+        if self._orders.checked >= self._told + STATUS_EVERY:
+            self.tell_status()
+        self._changed()
+        self._tell_verdicts()
+
+    def _on_course(self, message: Float64MultiArray) -> None:
+        self._orders.take_course(*row_of(message))
+        self._changed()
+        self._tell_verdicts()
+
+    def _tell_verdicts(self) -> None:
+        verdicts, self._orders.verdicts = self._orders.verdicts, []
+        for what, verdict in verdicts:
+            self._verdicts.publish(String(data=verdict.to_json()))
+            if not verdict.accepted:
+                self._refuse(f'{what} refused: {verdict.sentence}')
+
+    def _refuse(self, sentence: str) -> None:
+        self._log.error(sentence)
+        self._refusals.publish(String(data=sentence))
+
+    def _refuse_stranger(self, sentence: str) -> None:
+        """Say that something was refused that is nobody's order; in the log at most once a second."""
+        self._log.error(f'refused: {sentence}', throttle_duration_sec=1.0)
+        self._refusals.publish(String(data=f'refused: {sentence}'))

@@ -1,0 +1,44 @@
+"""Nodes that read cyclic topics when they have time, instead of being woken by every message.
+
+A wake-up and a callback cost several times as much as taking a message that is already there.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from delta3_pacdrive.ros.robot_node import RobotNode
+
+Taken = tuple[bytes, dict[str, int]]  # the serialised message, and its info with received_timestamp [ns]
+
+
+class PollingNode(RobotNode):
+    """A node some of whose subscriptions the executor does not see."""
+
+    def __init__(self, name: str, **node_options: Any) -> None:
+        self._polled: set[Subscription] = set()
+        super().__init__(name, **node_options)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions that the executor looks after."""
+        return iter([item for item in super().subscriptions if item not in self._polled])
+
+    def create_polled_subscription(
+        self, message_type: Any, topic: str, qos: QoSProfile
+    ) -> Callable[[], Taken | None]:
+        """Subscribe; the returned call takes the next serialised message, or None if there is none."""
+        subscription = self.create_subscription(message_type, topic, _unused, qos, raw=True)
+        self._polled.add(subscription)
+
+        def take() -> Taken | None:
+            taken: Taken | None = subscription.handle.take_message(message_type, True)
+            return taken
+
+        return take
+
+
+def _unused(_: bytes) -> None:
+    """Stand in for the callback that a subscription must have."""

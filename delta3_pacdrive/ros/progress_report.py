@@ -1,0 +1,90 @@
+"""The transformation task's reports for people and tools: ``motion/progress`` and ``/diagnostics``."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from delta3_pacdrive.ros.diagnostics import Health
+from delta3_pacdrive.ros.phase_up import doubled
+from delta3_pacdrive.ros.publishers import Output
+from delta3_pacdrive.ros.qos import REPORT
+
+DIAGNOSTICS_S = 1.0
+# what ``motion/progress`` tells at least
+_TEXTS = ('session', 'phase', 'waiting', 'fault', 'state', 'operator', 'operator_identity')
+_FLAGS = ('finished', 'in_torque', 'enabled')
+_NUMBERS = (
+    'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s', 'master_m',
+    'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
+    'lost_telegrams', 'repeated_telegrams', 'control',
+)  # fmt: skip
+_TYPES: dict[str, tuple[type, ...]] = (
+    dict.fromkeys(_TEXTS, (str,)) | dict.fromkeys(_FLAGS, (bool,)) | dict.fromkeys(_NUMBERS, (int, float))
+)
+
+
+def read_progress(text: str) -> dict[str, Any] | None:
+    """Read a report of ``motion/progress``; None if it is none, whoever may have published it."""
+    try:
+        facts = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(facts, dict):
+        return None
+    place = facts.get('tcp_m')
+    if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, (int, float)) for x in place):
+        return None
+    return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None
+
+
+class ProgressReport:
+    """Publishes when it is told to.
+
+    Parameters
+    ----------
+    node
+        Publishes.
+    period_s
+        Time between two reports [s]; diagnostics come once a second.
+    progress, statistics
+        Return the facts of the present state, and of all that was so far.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        period_s: float,
+        progress: Callable[[], dict[str, Any]],
+        statistics: Callable[[], dict[str, Any]],
+    ) -> None:
+        self._node, self._facts, self._statistics = node, progress, statistics
+        self._progress = Output(node, String, 'motion/progress', REPORT)
+        self._health = Health(node)
+        self._health_every = round(DIAGNOSTICS_S / period_s)
+        self._reports = 0
+
+    def publish(self) -> None:
+        """Publish to those who listen; statistics go with the end of a program and with a fault."""
+        if self._progress.wanted:
+            facts = self._facts()
+            if facts['finished'] or facts['fault']:
+                facts |= self._statistics()
+            self._progress.publish(String(data=json.dumps(facts)))
+        self._reports += 1
+        if self._reports % self._health_every == 0 and self._health.wanted:
+            self._send_health()
+
+    def _send_health(self) -> None:
+        facts = self._facts()
+        level = DiagnosticStatus.ERROR if facts['fault'] else DiagnosticStatus.OK
+        twice = doubled(self._node)
+        if twice:
+            self._node.get_logger().warning(twice, throttle_duration_sec=10.0)
+            level = max(level, DiagnosticStatus.WARN)
+        sentence = facts['fault'] or facts['waiting'] or twice or facts['phase']
+        self._health.send(level, sentence, facts | self._statistics() | {'strangers': twice})

@@ -1,0 +1,332 @@
+"""Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
+
+import json
+import os
+import secrets
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.srv import AddDiagnostics
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Header, String
+
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.controller import messages
+from delta3_pacdrive.controller.messages import Reply, Request
+from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, TelegramError
+from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.progress_report import read_progress
+from delta3_pacdrive.ros.qos import LATCHED, REPORT, REQUEST
+from delta3_pacdrive.ros.service_requests import split_mark
+
+LOOK_S = 0.02
+PATIENCE_S = 10.0  # without a word
+AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
+ALIVE_S = 0.2
+NAME_MAX = 90
+# what is asked of the transformation task, and how it calls that; the rest is asked of the planner
+OF_THE_TASK = {
+    'hold': messages.HOLD,
+    'abort': messages.ABORT,
+    'emergency_stop': messages.EMERGENCY_STOP,
+    'reset': messages.RESET,
+}
+OF_THE_PLANNER = ('start', 'resume', 'clear')
+SERVICES = (*OF_THE_PLANNER, *OF_THE_TASK)
+
+
+class RefusedError(ProgramError):
+    """A request that was refused, with the code of the reason."""
+
+    def __init__(self, sentence: str, code: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class OperatorNode(PollingNode):
+    """Client of one robot; every wait is bounded.
+
+    Attributes
+    ----------
+    progress, progress_s
+        The newest ``motion/progress``, and when it came [s].
+    queue
+        The newest ``unit_robot/queue``.
+    state, state_changes
+        The newest ``motion/state``, and how many there were.
+    identity
+        What this operator is known by.
+    in_control
+        Whether he has control of the robot, as far as he knows.
+    interruptible
+        Whether a signal that asks for the end ends his waiting.
+    show
+        Called with a sentence that tells how far a request is that takes long.
+
+    """
+
+    def __init__(self, spin_for: Callable[[float], None], **node_options: Any) -> None:
+        super().__init__('operator', **node_options)
+        self.spin_for = spin_for
+        self.show: Callable[[str], None] = lambda _: None
+        self.identity = secrets.token_hex(8)
+        self.in_control = False
+        self.interruptible = True
+        self.progress: dict[str, Any] = {}
+        self.progress_s = time.monotonic()
+        self.queue = ''
+        self.state = ''
+        self.state_changes = 0
+        self._numbers = self._beats = self._control = 0
+        self._awaited = 0  # number of the request whose reply is
+        self._reply: Reply | None = None
+        self._said = ''  # of a request that is being worked on
+        self._heard_s = 0.0
+        self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
+        self.create_subscription(String, 'motion/state', self._on_state, LATCHED)
+        self.create_subscription(String, 'unit_robot/queue', self._on_queue, LATCHED)
+        self._requests = {}
+        for whom in ('unit_robot', 'control'):
+            self._requests[whom] = self.create_publisher(String, f'{whom}/request', REQUEST)
+            self.create_subscription(String, f'{whom}/reply', self._on_reply, REQUEST)
+        self._alive = self.create_publisher(Header, 'control/alive', REPORT)
+        self._inject = self.create_client(AddDiagnostics, 'inject_fault')
+        self._request = self.create_publisher(String, 'sercos/service/request', REQUEST)
+        self._service_answers: dict[str, str] = {}  # by the mark of the request
+        self.create_subscription(String, 'sercos/service/answer', self._on_service_answer, REQUEST)
+        self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
+        self.create_timer(ALIVE_S, self._beat)
+
+    def _on_progress(self, message: String) -> None:
+        progress = read_progress(message.data)
+        if progress is None:
+            return
+        self.progress, self.progress_s = progress, time.monotonic()
+        if self.progress['control'] >= self._control and self.progress['operator_identity'] != self.identity:
+            self.in_control = False
+
+    def _on_queue(self, message: String) -> None:
+        self.queue = message.data
+
+    def _on_service_answer(self, message: String) -> None:
+        mark, answer = split_mark(message.data)
+        self._service_answers[mark] = answer
+
+    def _on_state(self, message: String) -> None:
+        self.state = message.data
+        self.state_changes += 1
+
+    def _on_reply(self, message: String) -> None:
+        try:
+            reply = Reply.from_json(message.data)
+        except TelegramError:
+            return
+        if (reply.operator, reply.number) != (self.identity, self._awaited):
+            return
+        self._heard_s = time.monotonic()
+        if reply.done:
+            self._reply = reply
+        else:
+            self._said = reply.sentence
+
+    def _beat(self) -> None:
+        if self.in_control:
+            self._beats += 1
+            message = Header(frame_id=self.identity)
+            message.stamp.sec = self._beats
+            self._alive.publish(message)
+
+    def wait_until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> None:
+        """Spin until a condition holds; raises RunError after a while."""
+        deadline = time.monotonic() + patience_s
+        while not condition():
+            if time.monotonic() > deadline:
+                raise RunError(
+                    f'no {what} within {patience_s:g} s: is a robot up in namespace {self.get_namespace()}?'
+                )
+            self.spin_for(LOOK_S)
+
+    # requests ---------------------------------------------------------------------------------------------------------
+
+    def ask(
+        self, whom: str, action: str, text: str = '', caps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> str:
+        """Ask ``unit_robot`` or ``control`` for something; return the sentence that it is answered with.
+
+        Whoever works on it for longer says so; who gives up waiting, or is interrupted, takes the request back.
+
+        Raises
+        ------
+        RefusedError
+            It was refused.
+        RunError
+            Nobody has answered.
+
+        """
+        try:
+            return self._ask_once(whom, action, text, caps)
+        except RefusedError as error:
+            if error.code != Code.STRANGER:
+                raise
+        # planner or bus have started anew: by now they have said so
+        self.progress, self.queue = {}, ''
+        return self._ask_once(whom, action, text, caps)
+
+    def _receiver(self, whom: str) -> str:
+        """Return whom a request is meant for, empty as long as he has not said who he is."""
+        if whom == 'control':
+            return str(self.progress.get('session', ''))
+        try:
+            return str(json.loads(self.queue)['identity'])
+        except (ValueError, KeyError, TypeError):
+            return ''
+
+    def _ask_once(self, whom: str, action: str, text: str, caps: tuple[float, float, float]) -> str:
+        publisher = self._requests[whom]
+        self.wait_until(
+            lambda: (
+                self._receiver(whom)
+                and publisher.get_subscription_count()
+                and self.count_publishers(f'{whom}/reply')
+            ),
+            'UnitRobot' if whom == 'unit_robot' else 'transformation task',
+        )
+        self._numbers += 1
+        receiver = self._receiver(whom)
+        request = Request(receiver, self.identity, self._numbers, self._control, action, text, caps)
+        self._awaited, self._reply, self._said = self._numbers, None, ''
+        message = String(data=request.to_json())
+        publisher.publish(message)
+        asked = self._heard_s = time.monotonic()
+        said = ''
+        try:
+            while self._reply is None:
+                now = time.monotonic()
+                if now - self._heard_s > PATIENCE_S:
+                    raise RunError(
+                        f'no answer of {whom} to "{action}" within {PATIENCE_S:g} s: is a robot up in namespace '
+                        f'{self.get_namespace()}?'
+                    )
+                if now - asked > AGAIN_S and self._heard_s < asked + AGAIN_S:
+                    publisher.publish(message)
+                    asked = now
+                if self._said != said:
+                    said = self._said
+                    self.show(said)
+                self.spin_for(LOOK_S)
+        except (RunError, KeyboardInterrupt):
+            self._take_back(whom, request)
+            raise
+        reply = self._reply
+        self._control = max(self._control, reply.control)
+        if not reply.accepted:
+            raise RefusedError(reply.sentence, reply.code)
+        return reply.sentence
+
+    def _take_back(self, whom: str, request: Request) -> None:
+        """Withdraw a request that nobody waits for any more."""
+        if whom != 'unit_robot':
+            return
+        self._numbers += 1
+        withdrawal = Request(
+            request.receiver, self.identity, self._numbers, 0, 'withdraw', str(request.number)
+        )
+        self._requests[whom].publish(String(data=withdrawal.to_json()))
+
+    def take_control(self, name: str, by_force: bool = False) -> None:
+        """Take control of the robot, and keep it until it is released; raises RefusedError if somebody else has it."""
+        host = f'process {os.getpid()} on {socket.gethostname()}'
+        self.ask('control', messages.TAKE_OVER if by_force else messages.TAKE, f'{name}, {host}'[:NAME_MAX])
+        self.in_control = True
+        self._beat()
+
+    def release_control(self) -> None:
+        """Give control up; what is under way goes on."""
+        if self.in_control:
+            self.in_control = False
+            self.ask('control', messages.RELEASE)
+
+    def send_program(self, text: str, caps: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+        """Append a program in YAML, or a packaged one by its name, to the queue."""
+        return self.ask('unit_robot', 'program', text, caps)
+
+    def override(self, percent: float) -> str:
+        """Set the override."""
+        return self.ask('unit_robot', 'override', repr(percent))
+
+    def call(self, name: str) -> str:
+        """Ask for one of ``SERVICES``; raises RefusedError if it is refused."""
+        if name in OF_THE_TASK:
+            return self.ask('control', OF_THE_TASK[name])
+        return self.ask('unit_robot', name)
+
+    def enable(self, on: bool) -> str:
+        """Enable or disable the drives."""
+        return self.ask('control', messages.ENABLE if on else messages.DISABLE)
+
+    def drive(self, request: str) -> str:
+        """Ask a drive through its service channel ("axis1 read S-0-0104"); raises ProgramError if it refuses."""
+        self.wait_until(
+            lambda: self._request.get_subscription_count() and self.count_publishers('sercos/service/answer'),
+            'transformation task',
+        )
+        mark = f'#{secrets.token_hex(4)}'  # others ask as well, and everybody hears every answer
+        self._service_answers.clear()
+        self._request.publish(String(data=f'{mark} {request}'))
+        self.wait_until(lambda: mark in self._service_answers, 'answer of the service channel')
+        verdict, _, text = self._service_answers[mark].partition(': ')
+        if verdict == 'refused':
+            raise ProgramError(text)
+        return text
+
+    def inject(self, fault: str) -> str:
+        """Inject a fault, in YAML as in program files; raises ProgramError if it is refused."""
+        self.wait_until(self._inject.service_is_ready, 'service inject_fault')
+        future = self._inject.call_async(AddDiagnostics.Request(load_namespace=fault))
+        self.wait_until(future.done, 'answer of service inject_fault')
+        response = future.result()
+        if not response.success:
+            raise ProgramError(response.message)
+        return str(response.message)
+
+
+@contextmanager
+def operating(namespace: str) -> Iterator[OperatorNode]:
+    """Be an operator of the robot in a namespace, in a process that does nothing else with ROS.
+
+    A signal that asks for the end raises RunInterruptedError where the operator waits, once; he can still act after it.
+    """
+    discovery.keep_to_this_machine()
+    signals: list[int] = []
+    before = {
+        number: signal.signal(number, lambda n, _: signals.append(n))
+        for number in interrupts.NUMBERS
+        if signal.getsignal(number) != signal.SIG_IGN
+    }
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    process = node_process.Process()
+
+    def spin_for(seconds: float) -> None:
+        process.spin_for(seconds)
+        if signals and operator.interruptible:
+            number = signals[0]
+            signals.clear()
+            interrupts.note(number)
+            raise RunInterruptedError(interrupts.sentence(number))
+
+    operator = OperatorNode(spin_for, namespace='/' + namespace.strip('/'))
+    process.add(operator)
+    try:
+        yield operator
+    finally:
+        process.close()
+        rclpy.try_shutdown()
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,60 @@
+"""What the transformation task publishes of every cycle, packed only for those who listen."""
+
+from typing import Any
+
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.controller.transformation import (
+    FOLLOWING_ERROR,
+    TCP_ACTUAL,
+    TCP_COMMAND,
+    TCP_ERROR,
+    THETA,
+)
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.publishers import TelegramOutput
+from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
+
+JOINT_STATES_S = 0.01  # of bus time
+ACYCLIC = (ACYCLIC_SEC, 0)
+
+
+class TaskOutputs:
+    """``following_error``, ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states``, ``motion/master``."""
+
+    def __init__(self, node: Node, parameters: Parameters) -> None:
+        def triple(message_type: Any, topic: str) -> TelegramOutput:
+            codec = cdr.StampedTripleCodec(message_type, len(cdr.BASE_FRAME))
+            return TelegramOutput(node, message_type, topic, codec)
+
+        errors = TelegramOutput(node, JointState, 'following_error', cdr.following_error_codec())
+        self._answers = [
+            (errors, FOLLOWING_ERROR),
+            (triple(PointStamped, 'tcp/command'), TCP_COMMAND),
+            (triple(PointStamped, 'tcp/actual'), TCP_ACTUAL),
+            (triple(Vector3Stamped, 'tcp/error'), TCP_ERROR),
+        ]
+        self._joint_states = TelegramOutput(node, JointState, 'joint_states', cdr.joint_states_codec())
+        self.master = triple(Vector3Stamped, 'motion/master')
+        self._ratio = parameters.dynamics.gear_ratio
+        self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
+
+    def greet(self) -> None:
+        """Publish once outside cyclic operation: who records knows by it that nothing of that will pass him by."""
+        for output, _ in self._answers:
+            output.send(ACYCLIC, [0.0] * 3)
+        self.master.send(ACYCLIC, [0.0] * 3)
+
+    def send(self, cycle: int, stamp: tuple[int, int], answer: Floats, master: Master) -> None:
+        """Publish what the answers of a cycle say."""
+        for output, columns in self._answers:
+            if output.wanted:
+                output.send(stamp, answer[columns].tolist())
+        if self._joint_states.wanted and cycle % self._joint_states_every == 0:
+            speeds = [speed / self._ratio for speed in master.speeds]
+            self._joint_states.send(stamp, [*answer[THETA].tolist(), *speeds, *master.torques.tolist()])

@@ -1,0 +1,117 @@
+"""The master's side of the cyclic telegrams: answers of the drives, their losses, and the faults they tell of.
+
+Knows bus cycles, no clock and no messages. What it finds in the answers of cycle k is answered with a stop from cycle
+k + ``outstanding_cycles_max`` on: by then no command has gone out yet, however many answers are on their way, so that
+the course of events depends on bus time alone.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.kernel import interpreted
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos import losses
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.losses import LOSSES_IN_A_ROW, Losses
+from delta3_pacdrive.sercos.words import Status, in_torque
+
+FOLLOWS = int(Status.FOLLOWS_COMMAND)
+ERROR = int(Status.ERROR)  # operations on flags are 20 times slower
+count_telegram, count_loss, too_many = (
+    interpreted(function) for function in (losses.count_telegram, losses.count_loss, losses.too_many)
+)
+
+
+class Master:
+    """What is known of the three drives.
+
+    Attributes
+    ----------
+    positions, speeds, torques
+        Of the motor shafts [rad, rad/s, N m], as the last answers said, or extrapolated.
+    status
+        Status words S-0-0135.
+    losses
+        Answers that were missing, per axis.
+    absent
+        Axes that do not take part any more; their answers are neither expected nor counted.
+    limp
+        Whether the last fault that was judged has left an axis that does not follow its commands any more.
+    reaction_cycles
+        How many cycles after the one whose answers tell of a fault a stop begins.
+
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._cycle_time_s = parameters.bus.cycle_time_s
+        self.reaction_cycles = parameters.bus.outstanding_cycles_max
+        self.positions: Floats = np.zeros(3)
+        self.torques: Floats = np.zeros(3)
+        self.speeds = [0.0] * 3
+        self.status = [0] * 3
+        self.losses = [0] * 3
+        self.absent: set[int] = set()
+        self.limp = False
+        self._recent = [Losses() for _ in DRIVES]
+        self._judged: list[int] = []
+
+    def begin(self) -> None:
+        """Begin cyclic operation: everybody takes part."""
+        self.absent.clear()
+        self.speeds = [0.0] * 3
+        self.status = [0] * 3
+        self._recent = [Losses() for _ in DRIVES]
+        self._judged = []
+
+    def forgive_losses(self) -> None:
+        """Begin a new window."""
+        for recent in self._recent:
+            recent.losses_in_window = 0
+
+    def take(self, axis: int, values: Sequence[float], status: int) -> None:
+        """Take the answer of an axis: position, speed, torque."""
+        self.positions[axis], self.speeds[axis], self.torques[axis] = values
+        self.status[axis] = status
+        count_telegram(self._recent[axis])
+
+    def bridge(self, axis: int) -> None:
+        """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
+        if axis in self.absent:
+            return
+        self.losses[axis] += 1
+        count_loss(self._recent[axis])
+        self.positions[axis] += self.speeds[axis] * self._cycle_time_s
+
+    def lose(self, axis: int) -> None:
+        """Go on without an axis until the bus is phased up again: it is as good as without power."""
+        self.absent.add(axis)
+        self.status[axis] = 0
+        self.speeds[axis] = self.torques[axis] = 0.0
+
+    def faulty(self) -> list[int]:
+        """Numbers of the axes that report a fault."""
+        return [index for index, status in enumerate(self.status) if status & ERROR]
+
+    def judge(self, cycle: int, program_starts: int) -> str:
+        """Return what is wrong in a cycle whose answers are all there, as a sentence; empty if nothing is."""
+        self.limp = False
+        for index, axis in enumerate(DRIVES):
+            if too_many(self._recent[index]):
+                in_a_row = self._recent[index].losses_in_a_row >= LOSSES_IN_A_ROW
+                many = 'two AT lost in a row' if in_a_row else 'ten AT lost in a window'
+                return f'{axis}: {many} in bus cycle {cycle} (8506)'
+        if self.status == self._judged and cycle != program_starts:
+            return ''
+        self._judged = list(self.status)
+        for index, axis in enumerate(DRIVES):
+            status = self.status[index]
+            if index in self.absent:
+                continue
+            if status & ERROR:
+                self.limp = not status & FOLLOWS
+                return f'{axis} reports a fault in bus cycle {cycle}'
+            if cycle >= program_starts and not in_torque(status):
+                return f'{axis} is not enabled in bus cycle {cycle}, in which a program runs'
+        return ''

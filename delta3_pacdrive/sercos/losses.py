@@ -1,0 +1,46 @@
+"""When lost telegrams are a fault: two in a row, or ten in a window (Schneider, diagnostic message 8112); both ways.
+
+One loss of the window is forgotten with every ``FORGIVING_CYCLES`` telegrams in a row that come: ten losses in less
+than a thousand cycles, evenly spread, are a fault. Drives and master count alike: ``s`` is the record of a drive, or
+the ``Losses`` of one axis at the master.
+"""
+
+from dataclasses import dataclass
+
+from delta3_pacdrive.numerics.kernel import kernel
+
+LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
+FORGIVING_CYCLES = 100
+
+
+@dataclass
+class Losses:
+    """Of the telegrams of one partner."""
+
+    losses_in_a_row: int = 0
+    losses_in_window: int = 0
+    good_cycles: int = 0  # since the last loss, or since one was forgotten
+
+
+@kernel
+def count_telegram(s):
+    """Count a telegram that came."""
+    s.losses_in_a_row = 0
+    s.good_cycles += 1
+    if s.good_cycles >= FORGIVING_CYCLES:
+        s.good_cycles = 0
+        s.losses_in_window = max(0, s.losses_in_window - 1)
+
+
+@kernel
+def count_loss(s):
+    """Count a telegram that did not come."""
+    s.losses_in_a_row += 1
+    s.losses_in_window += 1
+    s.good_cycles = 0
+
+
+@kernel
+def too_many(s):
+    """Whether the losses are a fault."""
+    return s.losses_in_a_row >= LOSSES_IN_A_ROW or s.losses_in_window >= LOSSES_IN_WINDOW

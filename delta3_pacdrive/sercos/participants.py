@@ -1,0 +1,89 @@
+"""Who takes part in the bus, as the master knows it from announcements.
+
+An announcement says to which session it belongs: it answers a call of this master. One of another session, out of a
+bag that is played back for example, is of somebody who is not there. In cyclic operation nobody is called any more; who
+announces itself then has come later, or has left the bus.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
+
+
+class Occasion(StrEnum):
+    """Why a participant announces itself."""
+
+    CALLED = 'answers the call'
+    STARTED = 'has started in cyclic operation'
+    LEFT = 'has left the bus'
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """What a participant says of itself.
+
+    Attributes
+    ----------
+    instance
+        Identity of its process, other than that of any before.
+    links
+        Partners that it has heard in the session.
+    bus_cycle
+        First bus cycle that it has not seen yet.
+
+    """
+
+    name: str
+    instance: str
+    session: str
+    occasion: Occasion
+    identity: Identity
+    links: tuple[str, ...] = ()
+    bus_cycle: int = 0
+
+
+class Participants:
+    """Table of participants of one master.
+
+    Attributes
+    ----------
+    identities, links
+        Of those that have answered the call of this session: identities, and the partners that they have heard.
+    bus_cycle
+        First bus cycle that nobody has seen yet.
+
+    """
+
+    def __init__(self) -> None:
+        self.identities: dict[str, Identity] = {}
+        self.links: dict[str, tuple[str, ...]] = {}
+        self.bus_cycle = 0
+        self._session = ''
+        self._cyclic = False
+        self._told: set[tuple[str, str, Occasion]] = set()
+
+    def begin(self, session: str) -> None:
+        """Call everybody anew."""
+        self._session, self._cyclic = session, False
+        self.identities, self.links = {}, {}
+        self._told.clear()
+
+    def close(self) -> None:
+        """Begin cyclic operation."""
+        self._cyclic = True
+
+    def announced(self, announcement: Announcement) -> str:
+        """Take an announcement; returns the name of a participant that has come or gone in cyclic operation."""
+        if announcement.session != self._session or announcement.name not in PARTICIPANTS:
+            return ''
+        self.bus_cycle = max(self.bus_cycle, announcement.bus_cycle)
+        if not self._cyclic:
+            self.identities[announcement.name] = announcement.identity
+            self.links[announcement.name] = announcement.links
+            return ''
+        key = (announcement.name, announcement.instance, announcement.occasion)
+        if announcement.occasion == Occasion.CALLED or key in self._told:
+            return ''
+        self._told.add(key)
+        return announcement.name

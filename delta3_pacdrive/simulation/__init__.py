@@ -1,0 +1,12 @@
+"""All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
+
+from delta3_pacdrive.simulation.loop import placed, run
+from delta3_pacdrive.simulation.warm_up import (
+    KERNELS,
+    compile_kernels,
+    load_kernels,
+    rehearse,
+    rehearse_parts,
+)
+
+__all__ = ['KERNELS', 'compile_kernels', 'load_kernels', 'placed', 'rehearse', 'rehearse_parts', 'run']

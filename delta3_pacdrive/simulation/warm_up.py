@@ -1,0 +1,187 @@
+"""Every kernel compiled and loaded before it is needed: a cycle has no time for that."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
+from delta3_pacdrive.numerics.kernel import (
+    all_compiled,
+    alone,
+    compiled,
+    mark_compiled,
+    shared,
+    watched,
+)
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.sercos.words import CONTROL_ON
+from delta3_pacdrive.simulation.loop import run
+from delta3_pacdrive.simulation.robot import Robot
+
+
+def load_kernels(parameters: Parameters) -> None:
+    """Load what ``run`` needs, so that no later one waits for it; if nothing is compiled yet, compile every kernel."""
+    if all_compiled():
+        _stand(parameters)
+    else:
+        rehearse(parameters)
+
+
+# that a robot without the effects of ``rich`` needs; the others are compiled when they are called
+KERNELS = 107
+Show = Callable[[int, int], None]
+
+
+def compile_kernels(show: Show = lambda done, total: None) -> None:
+    """Compile what no process has compiled yet, on all cores; ``show`` is told how many kernels are done, of how many.
+
+    A process that comes while another one compiles waits for it.
+    """
+
+    def tell() -> None:
+        show(min(compiled(), KERNELS), KERNELS)
+
+    if all_compiled():
+        return
+    tell()
+    with alone(tell), watched(tell):
+        if not all_compiled():
+            _compile()
+            mark_compiled()
+
+
+def _compile() -> None:
+    """Compile the parts side by side, one process for each core, and at last what needs all of them.
+
+    Processes, not threads: the compiler holds a lock. New interpreters, not forked ones: who calls may have threads.
+    """
+    processes = min(len(_ORDERS), len(os.sched_getaffinity(0)))
+    helpers = [
+        subprocess.Popen(
+            [sys.executable, '-P', '-c', _HELPER, str(Path(__file__).parents[2]), str(number)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for number in range(1, processes)
+    ]
+    try:
+        rehearse_parts(0)  # what helpers have not done, for whatever reason, is done here
+    finally:
+        for helper in helpers:
+            helper.kill()
+            helper.wait()
+
+
+# a helper dies with its parent
+_HELPER = """\
+import ctypes, signal, sys
+ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+sys.path.insert(0, sys.argv[1])
+from delta3_pacdrive import simulation
+simulation.rehearse_parts(int(sys.argv[2]))
+"""
+
+
+def rehearse_parts(number: int) -> None:
+    """Call the kernels of all parts of the machine, in an order of one's own, as one of several processes."""
+    parameters = core.load()
+    with shared():
+        for part in _ORDERS[number]:
+            part(parameters)
+        _call_all(parameters)
+
+
+def _stand(parameters: Parameters) -> None:
+    run(
+        Program('rehearsal', (Dwell(parameters.bus.cycle_time_s),)),
+        parameters.replace(motion__enable_cycle=20, motion__start_cycle=120),
+    )
+
+
+def rehearse(parameters: Parameters) -> None:
+    """Run every kernel once, so that none is compiled or loaded in the middle of a cycle."""
+    compile_kernels()
+    _call_all(parameters)
+
+
+def _call_all(parameters: Parameters) -> None:
+    quick = parameters.replace(motion__enable_cycle=-1)
+    robot, task = Robot(quick), Transformation(quick)
+    tcp = task.locate(robot.encoder_positions())
+    task.load(program_planner.plan(_rehearsal(parameters), tcp, quick).plan)
+    task.start(0)
+    answers = np.empty((3, 3))
+    robot.cycle(task.command(0), task.control(0), answers, task.payload)
+    task.receive(0, answers[0], answers[2])
+    _rehearse_plant(parameters)
+    _rehearse_drive(parameters)
+    _stand(parameters)
+    task.hold()
+    robot.drives[0].phase_currents()
+
+
+def _rehearse_plant(parameters: Parameters) -> None:
+    """Call the plant as its node does."""
+    samples = round(parameters.bus.exchange_period_s / parameters.drive.current_period_s)
+    Plant(parameters).advance(np.zeros((samples, 3)), [False] * 3)
+
+
+def _rehearse_drive(parameters: Parameters) -> None:
+    """Call a drive as its node does."""
+    drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
+    drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
+    drive.run_period(*shaft)
+    drive.clear_fault()
+    drive.bridge_cycle(*shaft)
+    drive.leave_bus()
+
+
+def _rehearse_planning(parameters: Parameters) -> None:
+    program_planner.plan(_rehearsal(parameters), np.array(parameters.motion.home_m), parameters)
+
+
+def _rehearse_task(parameters: Parameters) -> None:
+    quick = parameters.replace(motion__enable_cycle=-1)
+    task = Transformation(quick)
+    tcp = task.locate(Robot(quick).encoder_positions())
+    task.load(program_planner.plan(Program('rehearsal', (Dwell(1.0),)), tcp, quick).plan)
+    task.start(0)
+    task.command(0)
+    task.receive(0, np.zeros(3), np.zeros(3))
+
+
+def _rehearse_robot(parameters: Parameters) -> None:
+    """Call drives and plant as the simulation does."""
+    robot = Robot(parameters)
+    robot.cycle(np.zeros(3), CONTROL_ON, np.empty((3, 3)))
+
+
+# One for each process. What takes longest comes first, one part with each process; who has done his own helps with that
+# of another one, since none compiles what another one is compiling. The robot takes what plant and drive have done.
+_ORDERS = (
+    (_rehearse_plant, _rehearse_drive, _rehearse_robot, _rehearse_planning, _rehearse_task),
+    (_rehearse_drive, _rehearse_plant, _rehearse_task, _stand, _rehearse_planning),
+    (_rehearse_task, _rehearse_planning, _rehearse_drive, _rehearse_plant, _stand),
+    (_rehearse_planning, _rehearse_task, _rehearse_plant, _rehearse_drive, _rehearse_robot),
+)
+
+
+def _rehearsal(parameters: Parameters) -> Program:
+    """Return a program that asks for everything the planner knows."""
+    limits = Limits(1.0, 10.0, 500.0)
+    up, along = Target((0.0, 0.0, -0.01), relative=True), Target((0.02, 0.0, 0.0), relative=True)
+    return Program(
+        'rehearsal',
+        (MoveL(up, limits, blend_m=0.004), MoveL(along, limits), MoveC(along, up, limits), Dwell(0.01)),
+    )

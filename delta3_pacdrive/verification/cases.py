@@ -1,0 +1,241 @@
+"""The catalogue: every fault in every state, and what each has to lead to."""
+
+import re
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.faults.injection import KINDS, NODES, OF_PROCESSES, TASK, UNIT_ROBOT
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+
+
+class State(StrEnum):
+    """What the robot does when the fault befalls it."""
+
+    DISABLED = 'disabled'  # brakes applied
+    ENABLING = 'enabling'  # in torque, the brakes about to open
+    STANDING = 'standing'  # enabled
+    MOVING = 'moving'
+    STOPPING = 'stopping'  # on its path, towards a hold
+    HELD = 'held'  # stopped on its path
+    STOPPED_BY_FAULT = 'stopped by fault'  # by an emergency stop
+    STARTING = 'starting'  # in CP0, while the plant is started again
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault in a state.
+
+    Attributes
+    ----------
+    fault
+        As a request, without its time.
+    expected
+        Part of the sentence about the fault that it has to lead to; empty: the robot goes on.
+
+    """
+
+    fault: dict[str, Any]
+    state: State
+    expected: str = ''
+
+    @property
+    def kind(self) -> str:
+        """Kind of the fault."""
+        return str(self.fault['fault'])
+
+    @property
+    def target(self) -> str:
+        """Axis or node, empty for the robot."""
+        return str(self.fault.get('axis') or self.fault.get('node', ''))
+
+    @property
+    def text(self) -> str:
+        """The fault in words."""
+        words = [self.kind, self.target]
+        for key, value in self.fault.items():
+            if key == 'cycles':
+                words.append(f'x{value}')
+            elif key == 'for_s':
+                words.append(f'for {value:g} s')
+            elif key not in ('fault', 'axis', 'node'):
+                words.append(f'{value:g}')
+        return ' '.join(word for word in words if word)
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the fault is there until it is cleared."""
+        kind = KINDS[self.kind]
+        return not kind.telegram and not kind.at_once and 'for_s' not in self.fault
+
+    @property
+    def line(self) -> str:
+        """Fault and state, by which a case is chosen."""
+        return f'{self.text} {self.state}'
+
+
+@dataclass
+class Outcome:
+    """What became of a case.
+
+    Attributes
+    ----------
+    detected_s
+        Bus time from the fault to its detection; None: nothing was detected, or a process was frozen or killed.
+    silent_s
+        Wall time from the last telegram before a process was frozen or killed to the detection.
+    reported
+        Sentence about the fault.
+    exercised
+        Whether the fault showed itself only in the exercise: disable, enable, away and back.
+    evidence
+        What else shows that the fault was there.
+    deviation_m
+        Largest distance of the true TCP from its path.
+    recovered_s
+        Wall time from the first action of the operator until the robot stands enabled where it began; None: never.
+    reference_m
+        Largest distance of the true TCP from its path in the reference move after the recovery.
+
+    """
+
+    case: Case
+    detected_s: float | None = None
+    silent_s: float | None = None
+    reported: str = ''
+    exercised: bool = False
+    evidence: str = ''
+    deviation_m: float = 0.0
+    recovered_s: float | None = None
+    reference_m: float | None = None
+    problem: str = ''
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether it led to what it has to lead to, was seen, and was overcome."""
+        expected = self.case.expected
+        right = expected in self.reported if expected else not self.reported
+        seen = bool(self.reported or self.evidence)
+        return right and seen and self.recovered_s is not None and not self.problem
+
+    @property
+    def reaction(self) -> str:
+        """Message number and reaction of the sentence, or what happened else, in two words."""
+        if not self.reported:
+            return 'goes on'
+        if self.reported.startswith('emergency stop'):
+            return 'emergency stop'
+        number = re.search(r'\b8\d{3}\b', re.sub(r'cycle \d+', '', self.reported))
+        reaction = re.search(r'reaction (\w+)', self.reported)
+        return f'{number.group() if number else ""} {reaction.group(1) if reaction else "stop"}'.strip()
+
+    def to_row(self) -> dict[str, Any]:
+        """Return it for a table."""
+        row = asdict(self)
+        row['case'] = self.case.text
+        return row | {
+            'state': str(self.case.state),
+            'reaction': self.reaction,
+            'expected': self.case.expected,
+            'ok': self.as_expected,
+        }
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A fault, what it leads to, and in which states it leads to something else."""
+
+    fault: dict[str, Any]
+    expected: str = ''
+    otherwise: dict[State, str] = field(default_factory=dict)
+
+
+TWO = {'cycles': 2}
+# of each axis in turn
+_OF_AXES: list[tuple[dict[str, Any], str]] = [
+    ({'fault': 'drop_mdt'}, ''),
+    ({'fault': 'drop_mdt'} | TWO, '8112'),
+    ({'fault': 'delay_mdt', 'by_cycles': 1}, ''),
+    ({'fault': 'delay_mdt', 'by_cycles': 3} | TWO, '8112'),
+    ({'fault': 'duplicate_mdt', 'cycles': 20}, ''),
+    ({'fault': 'corrupt_mdt'}, ''),
+    ({'fault': 'corrupt_mdt'} | TWO, '8112'),
+    ({'fault': 'drop_at'}, ''),
+    ({'fault': 'drop_at'} | TWO, '8506'),
+    ({'fault': 'delay_at', 'by_cycles': 2}, ''),
+    ({'fault': 'duplicate_at', 'cycles': 20}, ''),
+    ({'fault': 'corrupt_at'}, ''),
+    ({'fault': 'corrupt_at'} | TWO, '8506'),
+    ({'fault': 'encoder_failure'}, '8171'),
+    ({'fault': 'encoder_jump', 'jump_rad': 2.0}, '8171'),
+    ({'fault': 'encoder_jump', 'jump_rad': 0.1}, ''),
+    ({'fault': 'encoder_drift', 'drift_rad_s': 2.0}, '8911'),  # as if the shaft turned through its brake
+    ({'fault': 'encoder_noise', 'noise_rad': 0.0005}, ''),
+    ({'fault': 'winding_short'}, '8905'),
+    ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
+    ({'fault': 'dc_link', 'voltage_v': 800.0}, '8910'),
+    ({'fault': 'brake_worn', 'lost_share': 1.0, 'for_s': 0.1}, '8911'),
+    ({'fault': 'brake_stuck'}, ''),
+    ({'fault': 'overload', 'torque_n_m': 2.0}, ''),
+]
+HUNG_S = 4.5  # longer than others wait
+_STARTS = {State.STARTING: '8506'}  # of the plant that hangs: the first cause
+_ROWS = [
+    *(
+        _Row({**fault, 'axis': DRIVES[number % len(DRIVES)]}, expected)
+        for number, (fault, expected) in enumerate(_OF_AXES)
+    ),
+    _Row({'fault': 'payload_lost'}),
+    _Row({'fault': 'emergency_stop'}, 'emergency stop'),
+    *(_Row({'fault': 'freeze', 'node': node, 'seconds': 0.2}, '', _STARTS) for node in NODES),
+    *(
+        _Row({'fault': 'freeze', 'node': node, 'seconds': HUNG_S}, expected, _STARTS)
+        for node, expected in (('axis2', 'axis2'), (PLANT, 'plant'), (TASK, '8506'))
+    ),
+    _Row(
+        {'fault': 'freeze', 'node': UNIT_ROBOT, 'seconds': HUNG_S},
+        '',
+        _STARTS | {State.MOVING: 'unit_robot silent for'},
+    ),
+    *(_Row({'fault': 'kill', 'node': node}, node, _STARTS) for node in (*DRIVES, PLANT)),
+    _Row({'fault': 'kill', 'node': TASK}, '8506', {State.STOPPED_BY_FAULT: '8506', State.STARTING: ''}),
+    _Row(
+        {'fault': 'kill', 'node': UNIT_ROBOT},
+        '',
+        _STARTS | {State.MOVING: 'unit_robot'},  # silent, or started again, whichever comes first
+    ),
+]
+# a load that is over before the brake, which could not hold it, is applied
+I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
+SHORT = (
+    'drop_mdt axis2 x2 enabling',
+    'drop_at axis3 x2 stopping',
+    'encoder_jump axis1 0.1 standing',
+    'winding_short axis1 disabled',
+    'dc_link axis2 250 held',
+    'payload_lost moving',
+    'emergency_stop stopped by fault',
+    'kill transformation_task starting',
+)
+
+
+def _of_row(row: _Row) -> list[Case]:
+    cases = []
+    for state in State:
+        if state == State.STARTING and row.fault['fault'] not in OF_PROCESSES:
+            continue  # without cyclic operation nothing else can be injected
+        expected = row.expected
+        if state == State.STOPPED_BY_FAULT:
+            expected = 'emergency stop'  # the first cause stays
+        cases.append(Case(row.fault, state, row.otherwise.get(state, expected)))
+    return cases
+
+
+def cases(short: bool = False, only: str = '') -> list[Case]:
+    """Return the catalogue, or a short form of it: some kinds in some states; ``only`` those that hold a text."""
+    everything = [case for row in _ROWS for case in _of_row(row)] + [I2T]
+    found = [case for case in everything if only in case.line and (not short or case.line in SHORT)]
+    if not found:
+        raise RunError(f'no case of the catalogue holds the text {only!r}')
+    return found

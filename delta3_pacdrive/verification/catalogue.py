@@ -1,0 +1,371 @@
+"""Runs the cases of the catalogue on a robot of separate processes: what each leads to, and whether it is overcome."""
+
+import re
+import signal
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from delta3_pacdrive import dynamics
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
+from delta3_pacdrive.faults.injection import KINDS, OF_PROCESSES, UNIT_ROBOT
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.verification.cases import Case, Outcome, State
+from delta3_pacdrive.verification.fault_signatures import COUPLING, OF_AXIS, AxisRecord
+from delta3_pacdrive.verification.operator import EXPLANATION_S, run_attended
+from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS
+from delta3_pacdrive.verification.witness import Witness
+
+STEP_M = (0.2, 0.0, 0.0)  # from home to the other end of the line
+SPEED_M_S = 0.4
+GENTLE_M_S2 = 2.0  # of a move that is held: its stop takes long enough to be hit
+MIDWAY_S = 0.25  # after the start of the way from home, in full speed
+OBSERVED_S = 0.7  # bus time after which a fault that has no effect shows none any more
+AHEAD_S = 0.15  # bus time between the request for a fault that has to hit a short state, and the fault
+ENABLED_BEFORE, HELD_BEFORE = 30, 130  # cycles by which the order that leads to that state precedes the fault
+ATTEMPTS = 8  # to hit it
+HELD_FROM_M, HELD_TO_M = 0.02, 0.18  # on the way, where a hold is ordered
+ROUNDS = 40  # of a program that outlives the silence of its planner
+DISABLED_S = 0.3  # bus time without torque in the exercise
+COOLING_S = 6.0  # bus time in which the I2t monitoring forgets
+# an undisturbed run leaves the line by 0.07 mm and ends within 0.01 mm
+REFERENCE_LINE_M, REFERENCE_END_M = 0.2e-3, 0.03e-3
+HEAVY_KG = 2.0
+SETTLE_S = 0.1
+THERE_M = 0.01
+PAYLOAD_KG = 0.3  # by which that what the arms feel may be off
+
+
+class _MissedError(RunError):
+    """The fault did not hit the state that it was meant for; try again."""
+
+
+def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
+    """Largest distance [m] of points from a straight line between two points."""
+    along = end - start
+    square = float(along @ along)
+    share = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
+    return float(np.linalg.norm(points - start - share[:, None] * along, axis=1).max(initial=0.0))
+
+
+class Catalogue(Witness):
+    """Runs cases on a robot that is up.
+
+    Parameters
+    ----------
+    bringup, robot
+        The robot, and its parameters.
+
+    """
+
+    def __init__(self, bringup: Bringup, robot: core.Parameters) -> None:
+        super().__init__(bringup, robot)
+        self._home = np.array(robot.motion.home_m)
+        self._away = self._home + STEP_M
+        self._ready = False  # whether the robot stands enabled at home, as the last case has left it
+        self._program: dict[str, Any] = {}  # what every program of the case says besides its moves
+
+    # one case ---------------------------------------------------------------------------------------------------------
+
+    def run(self, case: Case) -> Outcome:
+        """Run one case; what goes wrong is in the outcome."""
+        for _ in range(ATTEMPTS):
+            outcome = Outcome(case)
+            try:
+                if not self._ready:
+                    self.make_ready(self._home.tolist())
+                self._ready = False
+                self._run(case, outcome)
+                break
+            except _MissedError as error:
+                outcome.problem = str(error)
+            except Delta3Error as error:
+                outcome.problem = str(error)
+                break
+        started = time.monotonic()
+        try:
+            self.make_ready(self._home.tolist())
+            outcome.recovered_s = time.monotonic() - started
+            if case.kind == 'overload':
+                self.let_pass(COOLING_S)
+            outcome.reference_m = self._move_for_reference()
+            self._ready = True
+        except Delta3Error as error:
+            outcome.problem = outcome.problem or f'not recovered: {error}'
+            self.replace_the_machine()
+        return outcome
+
+    def _move_for_reference(self) -> float:
+        """Move away and back without faults; return how far the TCP left the line, if that is as always."""
+        self._recorded.clear()
+        self.drive(self._moves(self._away, self._home))
+        self.wait(self.stands, 'end of the reference move')
+        self.let_pass(SETTLE_S)
+        if self.progress['fault']:
+            raise RunError(f'the reference move ended with a fault: {self.progress["fault"]}')
+        tcp = self._tcp()
+        off = _distance_from_line(tcp, self._home, self._away)
+        end = float(np.linalg.norm(tcp[-1] - self._home))
+        if off > REFERENCE_LINE_M or end > REFERENCE_END_M:
+            raise RunError(
+                f'the reference move is {off * 1e3:.3f} mm off its line and ends {end * 1e3:.3f} mm off'
+            )
+        return off
+
+    def _moves(self, *points: Floats, **limits: float) -> list[dict[str, Any]]:
+        return [{'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **limits}} for point in points]
+
+    def _run(self, case: Case, outcome: Outcome) -> None:
+        self._program = {}
+        if case.kind == 'payload_lost':
+            self._grip()
+        losses, repeated = self._counters(case)
+        self._recorded.clear()
+        self._first = self._failed_s = None
+        self._befallen = ''
+        notes = len(self._bringup.notes)
+        held = self._static_torque() if case.kind == 'payload_lost' else 0.0
+        end = self._begin[case.state](self, case)
+        outcome.reported = self._observe(case)
+        outcome.deviation_m = _distance_from_line(self._tcp(), self._home, end)
+        self._time_detection(case, outcome)
+        if not outcome.reported:
+            self._exercise(case)
+            outcome.reported = str(self.fresh()['fault'])
+            outcome.exercised = bool(outcome.reported)
+            outcome.deviation_m = max(
+                outcome.deviation_m, _distance_from_line(self._tcp(), self._home, self._away)
+            )
+        if KINDS[case.kind].telegram or case.kind in OF_AXIS:
+            # what can be measured has to be: a node may say that a fault begins, and nothing comes of it
+            outcome.evidence = self._evidence(case, losses, repeated)
+        else:
+            killed = (note for note in self._bringup.notes[notes:] if 'was killed' in note)
+            outcome.evidence = self._befallen or next(killed, '')
+        if case.kind == 'payload_lost' and not outcome.reported:
+            outcome.evidence = self._payload_evidence(held)
+
+    def _observe(self, case: Case) -> str:
+        """Return the sentence about the fault, if it has stopped the robot."""
+        if case.state != State.STOPPED_BY_FAULT:
+            return self.observe(OBSERVED_S + case.fault.get('for_s', 0.0))
+        self.let_pass(OBSERVED_S)
+        self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
+        self.let_pass(EXPLANATION_S)
+        return str(self.progress['fault'])
+
+    def _time_detection(self, case: Case, outcome: Outcome) -> None:
+        """Note how long the detection took: in bus time, or on the wall clock if bus time stood meanwhile."""
+        if not outcome.reported or self._first is None or case.state == State.STOPPED_BY_FAULT:
+            return
+        if case.kind not in OF_PROCESSES:
+            cycles = self.progress['fault_cycle'] - self._first
+            outcome.detected_s = cycles * self._robot.bus.cycle_time_s
+            return
+        shafts = self._telegrams(SHAFTS)
+        before = np.flatnonzero(shafts.cycles <= self._first)
+        if len(before) and self._failed_s is not None:
+            outcome.silent_s = self._failed_s - float(shafts.received_s[before[-1]])
+
+    # states -----------------------------------------------------------------------------------------------------------
+
+    def _while_disabled(self, case: Case) -> Floats:
+        self._disable()
+        self._inject(case)
+        return self._home
+
+    def _while_enabling(self, case: Case) -> Floats:
+        self._disable()
+        self._inject(case, AHEAD_S)
+        first = self._await_cycle(ENABLED_BEFORE)
+        begins = int(self.operator.enable(True).rsplit(' ', 1)[1])
+        drive, motor = self._robot.drive, self._robot.motor
+        cycles = (drive.enable_settle_s + motor.brake_release_s) / self._robot.bus.cycle_time_s
+        if not begins < first < begins + cycles:
+            raise _MissedError(f'the fault in bus cycle {first} missed the enabling from cycle {begins} on')
+        return self._home
+
+    def _while_standing(self, case: Case) -> Floats:
+        self._inject(case)
+        return self._home
+
+    def _while_moving(self, case: Case) -> Floats:
+        fault = case.fault | {'after_s': MIDWAY_S}
+        if case.target == UNIT_ROBOT and case.expected:
+            back_and_forth = self._moves(self._away, self._home)
+            self.drive(back_and_forth, [fault], repeat=ROUNDS, **self._program)
+        else:
+            self.drive(self._moves(self._away), [fault], **self._program)
+        return self._away
+
+    def _while_stopping(self, case: Case) -> Floats:
+        way = self._moves(self._away, acceleration_m_s2=GENTLE_M_S2)
+        self._first = None
+        self.drive(way, [case.fault | {'after_s': MIDWAY_S + AHEAD_S}], **self._program)
+        first = self._await_cycle(HELD_BEFORE)
+        try:
+            answer = self.operator.call('hold')
+        except ProgramError as error:
+            raise _MissedError(f'the fault in bus cycle {first} came before the hold: {error}') from None
+        begins, ends = (int(number) for number in re.findall(r'\d+', answer))
+        if not begins < first < ends:
+            raise _MissedError(f'the fault in bus cycle {first} missed the stop from {begins} to {ends}')
+        return self._away
+
+    def _while_held(self, case: Case) -> Floats:
+        self.drive(self._moves(self._away), **self._program)
+        # before it moves the distance is that of the last program, which ended at the other end
+        self.wait(lambda: HELD_FROM_M < self.progress['master_m'] < HELD_TO_M, 'motion')
+        self.operator.call('hold')
+        self.wait(lambda: self.operator.state == 'stopped', 'standstill')
+        self._inject(case)
+        return self._away
+
+    def _while_stopped_by_fault(self, case: Case) -> Floats:
+        self.operator.call('emergency_stop')
+        self.wait(lambda: self.fresh()['fault'] and not self.progress['in_torque'], 'standstill')
+        self._inject(case)
+        return self._home
+
+    def _while_starting(self, case: Case) -> Floats:
+        """Let the plant hang until the phase has fallen, replace it, and meanwhile let the fault befall a process."""
+        plant = self._child(PLANT)
+        plant.send(signal.SIGSTOP)
+        try:
+            self.wait(lambda: self.progress['phase'] == 'CP0', 'fall of the phase')
+        finally:
+            plant.send(signal.SIGKILL)
+        self.wait(lambda: self._child(PLANT) is not plant, 'replacement of the plant')
+        child = self._child(case.target)
+        if case.kind == 'kill':
+            child.send(signal.SIGKILL)
+            self.wait(lambda: self._child(case.target) is not child, f'replacement of {case.target}')
+            self._befallen = f'{child.name} was killed in CP0'
+            return self._home
+        child.send(signal.SIGSTOP)
+        try:
+            over = time.monotonic() + case.fault['seconds']
+            self.wait(lambda: time.monotonic() > over, 'end of the time that it hangs')
+        finally:
+            child.send(signal.SIGCONT)
+        self._befallen = f'{child.name} was stopped in CP0'
+        return self._home
+
+    _begin: ClassVar[dict[State, Callable[['Catalogue', Case], Floats]]] = {
+        State.DISABLED: _while_disabled,
+        State.ENABLING: _while_enabling,
+        State.STANDING: _while_standing,
+        State.MOVING: _while_moving,
+        State.STOPPING: _while_stopping,
+        State.HELD: _while_held,
+        State.STOPPED_BY_FAULT: _while_stopped_by_fault,
+        State.STARTING: _while_starting,
+    }
+
+    # exercise ---------------------------------------------------------------------------------------------------------
+
+    def _exercise(self, case: Case) -> None:
+        """Finish what was held; then disable, enable, move away and back while the fault lasts."""
+        operator = self.operator
+        self.wait(lambda: operator.state != 'stopping' or self.progress['fault'], 'standstill')
+        if operator.state == 'stopped':
+            self._resume()
+        again = 'for_s' in case.fault
+        if not (case.lasts or again or case.kind == 'payload_lost') or self.fresh()['fault']:
+            return
+        self._disable()
+        if again:
+            self._inject(case)  # what has lasted a while is over
+        self.let_pass(DISABLED_S)
+        if self.fresh()['fault']:
+            self.observe(0.0)
+            return
+        operator.enable(True)
+        self.wait(lambda: self.fresh()['in_torque'] or self.progress['fault'], 'torque')
+        there = float(np.linalg.norm(self._tcp(MDT)[-1] - self._away)) < THERE_M
+        way = (self._home, self._away, self._home) if there else (self._away, self._home)
+        try:
+            self.drive(self._moves(*way), **self._program)
+        except ProgramError:
+            if not self.fresh()['fault']:
+                raise
+        self.observe(0.0)
+
+    def _resume(self) -> None:
+        """Go on with what was held; a planner that was started again knows nothing of it."""
+        try:
+            self.operator.call('resume')
+            self.wait(lambda: self.operator.state != 'stopped', 'motion')
+        except Delta3Error:
+            self.operator.call('abort')
+        self.wait(self.stands, 'end of the motion')
+
+    # evidence ---------------------------------------------------------------------------------------------------------
+
+    def _grip(self) -> None:
+        """Grip a heavy payload at home."""
+        self._program = {'payload_kg': HEAVY_KG}
+        moves: list[dict[str, Any]] = [
+            {'dwell': {'time_s': SETTLE_S}},
+            {'output': {'name': 'gripper', 'value': True, 'payload_kg': HEAVY_KG}},
+        ]
+        self.drive(moves)
+        self.wait(lambda: self.stands() and self.progress['payload_kg'] == HEAVY_KG, 'payload')
+        self.let_pass(SETTLE_S)
+
+    def _static_torque(self) -> float:
+        """Sum of the coupling torques [N m] of the three arms, which stand."""
+        self._recorded.clear()
+        self.let_pass(SETTLE_S)
+        return float(self._telegrams(SHAFTS).values[:, COUPLING].sum(axis=1).mean())
+
+    def _payload_evidence(self, held_n_m: float) -> str:
+        """Say what the arms feel of the payload that was gripped: nothing any more, if it has fallen off."""
+        theta = self._telegrams(SHAFTS).values[-1, :3] / self._robot.dynamics.gear_ratio
+        with_it, without = (
+            float(dynamics.gravity(theta, self._robot.replace(dynamics__payload_mass_kg=mass)).sum())
+            for mass in (HEAVY_KG, 0.0)
+        )
+        ratio = self._robot.dynamics.gear_ratio
+        lost = HEAVY_KG * ratio * abs(self._static_torque() - held_n_m) / abs(with_it - without)
+        return f'{lost:.3f} kg lost' if abs(lost - HEAVY_KG) < PAYLOAD_KG else ''
+
+    def _evidence(self, case: Case, losses: int, repeated: int) -> str:
+        """Say what shows that the fault was there, empty if nothing does."""
+        if KINDS[case.kind].telegram:
+            lost, late = (
+                now - before for now, before in zip(self._counters(case), (losses, repeated), strict=True)
+            )
+            return f'{lost} lost' if lost else f'{late} repeated' if late else ''
+        if self._first is None:
+            return ''
+        recorded = {topic: self._telegrams(topic) for topic in self._recorded}
+        return OF_AXIS[case.kind](AxisRecord.of(recorded, DRIVES.index(case.target), self._first))
+
+
+def run_catalogue(
+    todo: Sequence[Case], logs: Path | None, outcomes: list[Outcome], show: Callable[[Outcome], None]
+) -> None:
+    """Bring a robot up without a clock and run cases; adds to ``outcomes``, ``show`` is told each one.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        A signal has ended it.
+
+    """
+    bringup = Bringup(Options(program=None, real_time_factor=0.0, logs=logs))
+
+    def attend() -> None:
+        catalogue = Catalogue(bringup, core.load())
+        for case in todo:
+            outcomes.append(catalogue.run(case))
+            show(outcomes[-1])
+
+    run_attended(bringup, attend)

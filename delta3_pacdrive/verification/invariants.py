@@ -1,0 +1,153 @@
+"""What must hold in every cycle of a robot, whatever happens to it, and what holds while nothing disturbs it."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.drive.arrays import IMPLAUSIBLE_SPEED, SHORT_CIRCUIT
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.verification.fault_signatures import TORQUE
+from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Telegrams
+
+STOP_DEPTH_DEG = 3.0  # by which an end stop may give way
+COMMAND_M = 1e-3  # by which a command may leave the workspace
+ROUNDING = 1e-4  # of a limit
+ARM_DEG = 0.5  # by which an arm may exceed its control limits
+# of an undisturbed program; random programs have 0.41 mm and 0.5 um
+TCP_ERROR_M = 1.5e-3
+END_M = 0.01e-3
+MEMORY_MB = (
+    5.0  # by which the own memory of a robot's processes may grow in 100,000 cycles, mostly the planner's
+)
+MEMORY_CYCLES = 100_000  # below which a growth says nothing
+
+
+class Invariants:
+    """Holds telegrams against the rules.
+
+    Parameters
+    ----------
+    robot
+        Whose limits hold.
+    violate
+        Called with a sentence about what must never be and is, and its bus cycle.
+
+    """
+
+    def __init__(self, robot: core.Parameters, violate: Callable[[str, int], None]) -> None:
+        motor, drive, dynamics = robot.motor, robot.drive, robot.dynamics
+        self._robot, self._violate = robot, violate
+        self._ratio = dynamics.gear_ratio
+        self._torque_nominal = motor.peak_current_a * motor.torque_constant_n_m_a
+        self._torque_max = SHORT_CIRCUIT * self._torque_nominal
+        self._speed_nominal = motor.max_speed_rad_s
+        self._speed_max = motor.max_speed_rad_s * drive.overspeed_factor * IMPLAUSIBLE_SPEED
+        self._stops = dynamics.end_stop_min_deg - STOP_DEPTH_DEG, dynamics.end_stop_max_deg + STOP_DEPTH_DEG
+        self._range = (
+            robot.kinematics.arm_angle_min_deg - ARM_DEG,
+            robot.kinematics.arm_angle_max_deg + ARM_DEG,
+        )
+        self._last: dict[str, tuple[int, bytes] | None] = dict.fromkeys(CODECS)
+
+    def check(self, topic: str, telegrams: Telegrams) -> None:
+        """Look at the telegrams of a topic, in the order in which they came: order in time, physical limits."""
+        self._check_order(topic, telegrams)
+        if topic == SHAFTS:
+            self._check_shafts(telegrams, self._stops, self._speed_max)
+        elif topic == MDT:
+            self._check_commands(telegrams)
+        else:
+            self._check_torque(topic, telegrams, self._torque_max)
+
+    def _check_order(self, topic: str, telegrams: Telegrams) -> None:
+        """Bus time goes on by one cycle; where the bus was phased up, it may have gone on by more."""
+        last = self._last[topic]
+        for cycle, session in zip(telegrams.cycles.tolist(), telegrams.sessions, strict=True):
+            if last is not None:
+                before, same = last[0], last[1] == session
+                if cycle <= before or (same and cycle != before + 1):
+                    self._violate(f'{topic}: bus cycle {cycle} after {before}', cycle)
+            last = cycle, session
+        self._last[topic] = last
+
+    def _check_shafts(self, shafts: Telegrams, range_deg: tuple[float, float], speed_max: float) -> None:
+        arms = np.degrees(shafts.values[:, :3] / self._ratio)
+        low, high = range_deg
+        self._outside('an arm is at', 'deg', shafts, arms, low, high)
+        limit = speed_max * (1.0 + ROUNDING)
+        self._outside('a shaft turns at', 'rad/s', shafts, shafts.values[:, 3:6], -limit, limit)
+
+    def _check_torque(self, topic: str, answers: Telegrams, torque_max: float) -> None:
+        limit = torque_max * (1.0 + ROUNDING)
+        self._outside(f'{topic}: torque', 'N m', answers, answers.values[:, [TORQUE]], -limit, limit)
+
+    def _check_commands(self, commands: Telegrams) -> None:
+        limits = self._robot.kinematics
+        tcp = kinematics.forward(commands.values / self._ratio, limits)
+        radius = np.hypot(tcp[:, [0]], tcp[:, [1]])
+        edge = 0.5 * limits.workspace_diameter_m + COMMAND_M
+        self._outside('the TCP is commanded to a radius of', 'm', commands, radius, 0.0, edge)
+        low, high = limits.workspace_bottom_m - COMMAND_M, limits.workspace_top_m + COMMAND_M
+        self._outside('the TCP is commanded to z', 'm', commands, tcp[:, [2]], low, high)
+
+    def _outside(
+        self, what: str, unit: str, telegrams: Telegrams, values: Floats, low: float, high: float
+    ) -> None:
+        """Violate where values (n, k) are beyond their limits most; nan is beyond."""
+        excess = np.nan_to_num(np.maximum(low - values, values - high), nan=np.inf)
+        row, column = np.unravel_index(int(excess.argmax()), excess.shape)
+        if excess[row, column] > 0.0:
+            text = f'{what} {values[row, column]:.4f} {unit}, the limits are {low:.4f} and {high:.4f}'
+            self._violate(text, int(telegrams.cycles[row]))
+
+    # undisturbed programs ---------------------------------------------------------------------------------------------
+
+    def check_undisturbed(
+        self, recorded: dict[str, Telegrams], end_m: Sequence[float]
+    ) -> tuple[float, float]:
+        """Hold a program that nothing has disturbed against nominal limits, its commands and its end.
+
+        Returns
+        -------
+        tuple
+            Largest distance [m] of the true TCP from its command, and of its end from where it should be.
+
+        """
+        shafts, commands = recorded[SHAFTS], recorded[MDT]
+        self._check_shafts(shafts, self._range, self._speed_nominal)
+        for topic in AT:
+            self._check_torque(topic, recorded[topic], self._torque_nominal)
+        tcp = kinematics.forward(shafts.values[:, :3] / self._ratio, self._robot.kinematics)
+        due = shafts.cycles - self._robot.set_point_delay_cycles
+        known = (due >= commands.cycles[0]) & (due <= commands.cycles[-1])
+        wanted = np.column_stack([np.interp(due, commands.cycles, row) for row in commands.values.T])
+        errors = np.linalg.norm(
+            tcp - kinematics.forward(wanted / self._ratio, self._robot.kinematics), axis=1
+        )
+        errors[~known] = 0.0
+        worst = int(errors.argmax())
+        if errors[worst] > TCP_ERROR_M:
+            self._violate(
+                f'the true TCP is {errors[worst] * 1e3:.3f} mm from its command', int(shafts.cycles[worst])
+            )
+        off = float(np.linalg.norm(tcp[-1] - np.array(end_m)))
+        if off > END_M:
+            self._violate(f'the program ends {off * 1e3:.4f} mm off', int(shafts.cycles[-1]))
+        return float(errors[worst]), off
+
+    # counters ---------------------------------------------------------------------------------------------------------
+
+    def check_losses(self, what: str, lost: int, injected: int, complete: bool, cycle: int) -> None:
+        """Compare lost telegrams with those that faults took away; ``complete``: all of these were due."""
+        if lost > injected or (complete and lost < injected):
+            self._violate(f'{what}: {lost} lost, {injected} were injected', cycle)
+
+    def check_memory(self, growth_mb: float, cycles: int, now: int) -> None:
+        """Judge by how much the processes' own memory has grown within some cycles."""
+        limit = MEMORY_MB * cycles / 1e5
+        if cycles >= MEMORY_CYCLES and growth_mb > limit:
+            self._violate(
+                f'memory grew by {growth_mb:.1f} MB in {cycles} cycles, the limit is {limit:.1f} MB', now
+            )

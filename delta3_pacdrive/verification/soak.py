@@ -1,0 +1,268 @@
+"""Random programs with random faults for as long as one likes; every telegram is held against what must always be."""
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import count
+
+import psutil
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.faults.injection import LOSES_AT, LOSES_MDT, OF_PROCESSES
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.verification.invariants import Invariants
+from delta3_pacdrive.verification.operator import Attendant, run_attended
+from delta3_pacdrive.verification.soak_programs import Drawn, draw
+from delta3_pacdrive.verification.telegram_log import MDT, Tap, Telegrams
+
+HOME_M = (0.0, 0.0, -0.8)
+OBSERVED_S = 0.3
+SETTLE_S = 0.1  # after the end of a program, before its end point is looked at
+VIOLATIONS_SHOWN = 10
+
+
+@dataclass
+class Violation:
+    """What must never be and was.
+
+    Attributes
+    ----------
+    sentence
+        What it was.
+    seed, pace, number
+        Of the program during which it was, for ``--seed``, ``--pace`` and ``--replay``.
+    cycle
+        Bus cycle.
+    program
+        The program with its faults, in YAML.
+
+    """
+
+    sentence: str
+    seed: int
+    pace: str
+    number: int
+    cycle: int
+    program: str
+
+
+@dataclass
+class Figures:
+    """What a soak did.
+
+    Attributes
+    ----------
+    error_max_m, end_max_m
+        Of undisturbed programs: distance of the true TCP from its command, and of their ends from their last points.
+    rss_start_mb, rss_end_mb, rss_cycles
+        Resident memory of the processes that lived from the first quarter to the end, and the cycles in between.
+    grown_mb
+        By how much their own memory grew meanwhile; the rest of the resident memory are pages of program files.
+    kinds
+        How many faults of each kind were injected.
+    refusal
+        Why the planner refused the last program that it refused.
+
+    """
+
+    programs: int = 0
+    refused: int = 0
+    undisturbed: int = 0
+    cycles: int = 0
+    injected: int = 0
+    stopped: int = 0
+    survived: int = 0
+    lost_at: int = 0
+    lost_at_injected: int = 0
+    lost_mdt: int = 0
+    lost_mdt_injected: int = 0
+    error_max_m: float = 0.0
+    end_max_m: float = 0.0
+    rss_start_mb: float = 0.0
+    rss_end_mb: float = 0.0
+    rss_cycles: int = 0
+    grown_mb: float = 0.0
+    kinds: dict[str, int] = field(default_factory=dict)
+    refusal: str = ''
+    violations: list[Violation] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether programs ran, nothing was violated and every fault was survived."""
+        return bool(self.programs) and not self.violations and self.survived == self.injected
+
+
+@dataclass(frozen=True)
+class _Counters:
+    """Lost telegrams so far, in one session of the bus."""
+
+    session: bytes
+    at: int
+    mdt: tuple[int, ...]
+
+
+class Soak(Attendant):
+    """Random programs and faults on a robot that is up.
+
+    Parameters
+    ----------
+    bringup, robot
+        The robot, and its parameters.
+    seed, pace
+        Of the sequence of programs.
+    figures
+        Adds to them.
+
+    """
+
+    def __init__(
+        self, bringup: Bringup, robot: core.Parameters, seed: int, pace: str, figures: Figures
+    ) -> None:
+        super().__init__(bringup)
+        self._seed, self._pace, self.figures = seed, pace, figures
+        self._drawn = Drawn(0, [], [])
+        self._invariants = Invariants(robot, self._violate)
+        self._session = b''
+        self._recorded: dict[str, list[Telegrams]] | None = None
+        self._memory: list[
+            tuple[int, dict[int, tuple[float, float]]]
+        ] = []  # resident and own [MB], by process
+        self._tap = Tap(self.operator, robot.bus.cycle_time_s, lambda text: self._violate(text, -1))
+
+    def _violate(self, sentence: str, cycle: int) -> None:
+        drawn = self._drawn
+        self.figures.violations.append(
+            Violation(sentence, self._seed, self._pace, drawn.number, cycle, drawn.to_yaml())
+        )
+
+    def look(self) -> None:
+        """Hold every telegram against the invariants."""
+        for topic, telegrams in self._tap.take().items():
+            self._invariants.check(topic, telegrams)
+            if topic == MDT:
+                self._session = telegrams.sessions[-1]
+            if self._recorded is not None:
+                self._recorded.setdefault(topic, []).append(telegrams)
+
+    def run(self, seconds: float, show: Callable[[Figures], None], replay: int | None = None) -> None:
+        """Run for a while, or only the program of a number."""
+        started = time.monotonic()
+        first_cycle = self.fresh()['cycles']
+        self.make_ready(HOME_M)
+        numbers: Iterable[int] = count(1) if replay is None else (replay,)
+        for number in numbers:
+            if replay is None and time.monotonic() - started > seconds:
+                break
+            self._drawn = draw(self._seed, self._pace, number)
+            self._run_program(self._drawn)
+            self.figures.cycles = self.progress['cycles'] - first_cycle
+            self._measure_memory()
+            show(self.figures)
+            if len(self.figures.violations) >= VIOLATIONS_SHOWN:
+                break
+        figures = self.figures
+        self._invariants.check_memory(figures.grown_mb, figures.rss_cycles, self.progress['cycles'])
+
+    def _measure_memory(self) -> None:
+        """Compare the memory of the processes with that after the first quarter."""
+        now = {}
+        for child in self._bringup.processes():
+            with suppress(psutil.NoSuchProcess):
+                memory = psutil.Process(child.pid).memory_info()
+                now[child.pid] = memory.rss / 1e6, (memory.rss - memory.shared) / 1e6
+        figures = self.figures
+        self._memory.append((figures.cycles, now))
+        cycles, then = next(sample for sample in self._memory if sample[0] >= figures.cycles / 4)
+        survivors = then.keys() & now.keys()
+        figures.rss_start_mb = sum(then[pid][0] for pid in survivors)
+        figures.rss_end_mb = sum(now[pid][0] for pid in survivors)
+        figures.grown_mb = sum(now[pid][1] - then[pid][1] for pid in survivors)
+        figures.rss_cycles = figures.cycles - cycles
+
+    def _run_program(self, drawn: Drawn) -> None:
+        figures = self.figures
+        before = self._count()
+        self._recorded = {} if not drawn.faults else None
+        try:
+            self.drive(drawn.moves, drawn.faults)
+        except ProgramError as error:
+            figures.refused += 1
+            figures.refusal = str(error)
+            return
+        figures.programs += 1
+        figures.injected += len(drawn.faults)
+        for kind in drawn.kinds:
+            figures.kinds[kind] = figures.kinds.get(kind, 0) + 1
+        reported = self.observe(OBSERVED_S + drawn.last_fault_s)
+        figures.stopped += bool(reported)
+        if not drawn.faults:
+            self._look_back(drawn, reported)
+        try:
+            self.make_ready(HOME_M)
+            figures.survived += len(drawn.faults)
+        except Delta3Error as error:
+            self._violate(f'not recovered: {error}', self.progress['cycles'])
+            self.replace_the_machine()
+            self.make_ready(HOME_M)
+        self._compare(drawn, before, complete=not reported)
+
+    def _look_back(self, drawn: Drawn, reported: str) -> None:
+        """Judge a program that nothing was to disturb."""
+        if reported:
+            self._violate(f'stopped without an injected fault: {reported}', self.progress['fault_cycle'])
+            return
+        self.let_pass(SETTLE_S)
+        recorded = {topic: Telegrams.joined(parts) for topic, parts in (self._recorded or {}).items()}
+        self._recorded = None
+        error, end = self._invariants.check_undisturbed(recorded, drawn.end_m)
+        figures = self.figures
+        figures.undisturbed += 1
+        figures.error_max_m = max(figures.error_max_m, error)
+        figures.end_max_m = max(figures.end_max_m, end)
+
+    def _count(self) -> _Counters:
+        """Read the counters of lost telegrams."""
+        mdt = tuple(self.mdt_losses(axis) for axis in DRIVES)
+        return _Counters(self._session, int(self.fresh()['lost_telegrams']), mdt)
+
+    def _compare(self, drawn: Drawn, before: _Counters, complete: bool) -> None:
+        """Compare the telegrams that are missing after program and recovery with those that were taken away."""
+        now = self._count()
+        if now.session != before.session or 'kill' in drawn.kinds:
+            return  # others count now, or drives have stopped without a master
+        complete = complete and not OF_PROCESSES.intersection(drawn.kinds)
+        figures, cycle = self.figures, self.progress['cycles']
+        injected, apart = drawn.lost(LOSES_AT)
+        figures.lost_at += now.at - before.at
+        figures.lost_at_injected += injected
+        self._invariants.check_losses('AT', now.at - before.at, injected, complete and apart, cycle)
+        for axis, lost, lost_before in zip(DRIVES, now.mdt, before.mdt, strict=True):
+            injected, apart = drawn.lost(LOSES_MDT, axis)
+            figures.lost_mdt += lost - lost_before
+            figures.lost_mdt_injected += injected
+            what = f'MDT of {axis}'
+            self._invariants.check_losses(what, lost - lost_before, injected, complete and apart, cycle)
+
+
+def run_soak(
+    seconds: float,
+    seed: int,
+    pace: str,
+    factor: float,
+    figures: Figures,
+    show: Callable[[Figures], None],
+    replay: int | None = None,
+) -> None:
+    """Bring a robot of separate processes up and soak it; adds to ``figures``, of which ``show`` is told.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        A signal has ended it.
+
+    """
+    bringup = Bringup(Options(program=None, real_time_factor=factor))
+    run_attended(bringup, lambda: Soak(bringup, core.load(), seed, pace, figures).run(seconds, show, replay))

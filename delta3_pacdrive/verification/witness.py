@@ -1,0 +1,119 @@
+"""Somebody who attends to a robot and keeps what it says: telegrams, logs and diagnostics, around one fault."""
+
+import json
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log
+from std_msgs.msg import String
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.processes import Child
+from delta3_pacdrive.faults.injection import LOSES_AT, LOSES_MDT, TASK, UNIT_ROBOT
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.ros.fault_injection import SCHEDULE, read_schedule
+from delta3_pacdrive.ros.qos import FAULTS, REPORT
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.verification.cases import Case
+from delta3_pacdrive.verification.operator import Attendant
+from delta3_pacdrive.verification.telegram_log import SHAFTS, Tap, Telegrams
+
+CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
+    axis: f'mc4_drive_{number}' for number, axis in enumerate(DRIVES, 1)
+}
+
+
+class Witness(Attendant):
+    """Of a robot that is up.
+
+    Parameters
+    ----------
+    bringup, robot
+        The robot, and its parameters.
+
+    """
+
+    def __init__(self, bringup: Bringup, robot: core.Parameters) -> None:
+        super().__init__(bringup)
+        self._robot = robot
+        self._recorded: dict[str, list[Telegrams]] = {}
+        self._newest = -1  # bus cycle
+        self._first: int | None = None  # bus cycle of the newest fault
+        self._failed_s: float | None = None  # when the fault of the robot was seen first
+        self._befallen = ''  # what a process said about the fault that befalls it
+        self._drives: dict[str, dict[str, str]] = {}  # diagnostics of the drives, by axis
+        self._tap = Tap(self.operator, robot.bus.cycle_time_s, lambda _: None)
+        self.operator.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
+        self.operator.create_subscription(Log, '/rosout', self._on_log, REPORT)
+        self.operator.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, REPORT)
+
+    def _on_schedule(self, message: String) -> None:
+        self._first = read_schedule(message.data)[2].first
+
+    def _on_log(self, message: Log) -> None:
+        if ' begins in bus cycle ' in message.msg:
+            self._befallen = message.msg
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.hardware_id in DRIVES:
+                self._drives[status.hardware_id] = {item.key: item.value for item in status.values}
+
+    def look(self) -> None:
+        """Collect what was published meanwhile."""
+        for topic, telegrams in self._tap.take().items():
+            self._recorded.setdefault(topic, []).append(telegrams)
+            if topic == SHAFTS:
+                self._newest = int(telegrams.cycles[-1])
+        if self.progress.get('fault') and self._failed_s is None:
+            self._failed_s = time.time()
+
+    def _telegrams(self, topic: str) -> Telegrams:
+        return Telegrams.joined(self._recorded.get(topic, []))
+
+    def _tcp(self, topic: str = SHAFTS) -> Floats:
+        """TCP [m] of every cycle so far, shape (n, 3): the true one, or that of the commands."""
+        telegrams = self._telegrams(topic)
+        if not len(telegrams.cycles):
+            return np.zeros((0, 3))
+        theta = telegrams.values[:, :3] / self._robot.dynamics.gear_ratio
+        return kinematics.forward(theta, self._robot.kinematics)
+
+    def _inject(self, case: Case, after_s: float = 0.0) -> None:
+        """Inject the fault, and wait until its bus cycle is known."""
+        self._first = None
+        self.operator.inject(json.dumps(case.fault | {'after_s': after_s}))
+        self.wait(lambda: self._first is not None, 'schedule of the fault')
+
+    def _await_cycle(self, before: int) -> int:
+        """Wait until some cycles before the fault; return the cycle of the fault."""
+        self.wait(lambda: self._first is not None, 'schedule of the fault')
+        first = self._first or 0
+        deadline = time.monotonic() + self._robot.bus.cycle_time_s * 1e4
+        while self._newest < first - before and time.monotonic() < deadline:
+            self.spin(1e-3)
+        return first
+
+    def _disable(self) -> None:
+        self.operator.enable(False)
+        self.wait(lambda: not self.fresh()['in_torque'], 'brakes')
+
+    def _child(self, target: str) -> Child:
+        return next(child for child in self._bringup.processes() if child.name == CHILDREN[target])
+
+    def _counters(self, case: Case) -> tuple[int, int]:
+        """Return how many telegrams of the axis have been lost and how many were late or repeated so far."""
+        if case.kind in LOSES_AT:
+            return int(self.fresh()['lost_telegrams']), 0
+        if case.kind == 'duplicate_at':
+            return 0, int(self.fresh()['repeated_telegrams'])
+        if case.kind in LOSES_MDT:
+            return self.mdt_losses(case.target), 0
+        if case.kind == 'duplicate_mdt':
+            self._drives.pop(case.target, None)
+            self.wait(lambda: case.target in self._drives, 'diagnostics')
+            return 0, int(self._drives[case.target]['late_telegrams'])
+        return 0, 0
