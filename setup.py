@@ -97,7 +97,7 @@ setup(
     python_requires='>=3.11',
     packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
     package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'
-    package_data={f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml']},
+    package_data={PACKAGE: ['py.typed'], f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml']},
     data_files=data_files,
     zip_safe=False,
     install_requires=[

@@ -1,1 +1,138 @@
-"""A Delta-3 robot on a PacDrive motion controller, emulated on ROS 2."""
+"""A Delta-3 robot on a PacDrive motion controller, emulated on ROS 2.
+
+The public face of the package, all of it without ROS:
+
+    import delta3_pacdrive as d3
+
+    robot = d3.load_parameters()                                  # or a file, or 'rich': the built robot
+    trace = d3.simulate('experiment1', robot)                     # or a file, or a program
+    theta = d3.kinematics.inverse([0.1, 0.0, -0.8], robot)        # rad, of points of shape (..., 3)
+    tau = d3.dynamics.inverse(theta, [0.0] * 3, [0.0] * 3, robot)     # N m
+"""
+
+from __future__ import annotations
+
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from delta3_pacdrive import dynamics, kinematics
+    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.recording.trace import Trace
+
+__all__ = [
+    'Parameters',
+    'Program',
+    'Trace',
+    '__version__',
+    'dynamics',
+    'kinematics',
+    'load_parameters',
+    'load_program',
+    'simulate',
+]
+
+# what is loaded when it is asked for first: numerical libraries take half a second
+_LAZY = {
+    'Parameters': 'delta3_pacdrive.parameters',
+    'Program': 'delta3_pacdrive.motion.program',
+    'Trace': 'delta3_pacdrive.recording.trace',
+}
+
+
+def load_parameters(path: str | Path | None = None) -> Parameters:
+    """Read the parameters of a robot.
+
+    Parameters
+    ----------
+    path
+        A parameter file, or ``rich``: the built robot. Without it the packaged nominal robot.
+
+    Returns
+    -------
+    robot
+        Frozen groups ``kinematics``, ``dynamics``, ``motor``, ``drive``, ``motion``, ``bus`` and ``rich``, in SI units.
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be read or breaks rules; names up to ten places and the rules.
+
+    """
+    from delta3_pacdrive import parameters
+
+    return parameters.load(path)
+
+
+def load_program(path: str | Path, parameters: Parameters) -> Program:
+    """Read a motion program.
+
+    Parameters
+    ----------
+    path
+        A YAML file, or the name of a packaged program such as ``experiment1``.
+    parameters
+        Of the robot: what the program does not limit, they do.
+
+    Returns
+    -------
+    program
+        Its statements, read but not planned yet.
+
+    Raises
+    ------
+    ProgramError
+        The file cannot be read or breaks rules; names up to ten places and the rules.
+
+    """
+    from delta3_pacdrive.motion import program
+
+    return program.load(path, parameters.motion)
+
+
+def simulate(program: Program | str | Path, parameters: Parameters | None = None) -> Trace:
+    """Run a program on a robot, without ROS and without a clock: the same control and plant code as the nodes.
+
+    Parameters
+    ----------
+    program
+        A program, its file, or the name of a packaged one.
+    parameters
+        Of the robot; without them the packaged nominal one.
+
+    Returns
+    -------
+    trace
+        Every signal cycle by cycle: ``trace.time_s`` [s], shape (n,), ``trace['current']`` [A], ``trace['tcp_error']``
+        [m] and so on, shape (n, 3); ``trace.meta['figures']`` has the figures of the run.
+
+    Raises
+    ------
+    ProgramError
+        The program cannot be read, or a move breaks a limit; says which, where and by how much.
+    RunError
+        A drive cannot be enabled.
+
+    """
+    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.simulation import run
+
+    robot = load_parameters() if parameters is None else parameters
+    return run(program if isinstance(program, Program) else load_program(program, robot), robot)
+
+
+def __getattr__(name: str) -> Any:
+    if name == '__version__':
+        return metadata.version(__name__)
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    if name in ('dynamics', 'kinematics'):
+        return import_module(f'{__name__}.{name}')
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -12,16 +12,18 @@ The scalar kernels work on 3-tuples and serve the control loops; the functions i
 """
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.parameters import Kinematics, Rich
+from delta3_pacdrive.parameters import Kinematics, Parameters, Rich
 
 Floats = NDArray[np.float64]
+Lengths = Kinematics | Parameters  # the parameters of a robot, or their group of lengths
+Unreachable = Literal['raise', 'nan']  # what becomes of points for which there is no solution
 
 GEOMETRY = np.dtype(
     [
@@ -34,8 +36,9 @@ GEOMETRY = np.dtype(
 )
 
 
-def geometry(kinematics: Kinematics, errors: Rich | None = None) -> NDArray[Any]:
+def geometry(kinematics: Lengths, errors: Rich | None = None) -> NDArray[Any]:
     """Return the constants of the kernels, nominal or with the geometric errors of a built robot: one ``GEOMETRY``."""
+    kinematics = kinematics.kinematics if isinstance(kinematics, Parameters) else kinematics
     record = np.zeros(1, GEOMETRY)
     azimuth = np.array(kinematics.arm_azimuth_rad)
     record['l_a'] = kinematics.upper_arm_length_m
@@ -300,8 +303,28 @@ def _pairs(theta: ArrayLike, p: ArrayLike) -> tuple[Floats, Floats, tuple[int, .
     return angles, points, shape
 
 
-def inverse(p: ArrayLike, kinematics: Kinematics) -> Floats:
-    """Arm angles [rad] of the elbow-out branch for TCP positions [m] (4.4); shapes (..., 3).
+def _is_nan(unreachable: Unreachable) -> bool:
+    if unreachable not in ('raise', 'nan'):
+        raise ValueError(f'unreachable must be "raise" or "nan", not {unreachable!r}')
+    return unreachable == 'nan'
+
+
+def inverse(p: ArrayLike, kinematics: Lengths, *, unreachable: Unreachable = 'raise') -> Floats:
+    """Arm angles of the elbow-out branch for TCP positions (4.4).
+
+    Parameters
+    ----------
+    p
+        TCP positions [m] in the frame ``base``, shape (..., 3).
+    kinematics
+        The parameters of a robot, or their group ``kinematics``.
+    unreachable
+        ``raise`` an error, or fill the angles of such positions with ``nan``.
+
+    Returns
+    -------
+    Floats
+        Arm angles [rad], 0 = horizontal, positive downward, shape (..., 3).
 
     Raises
     ------
@@ -312,7 +335,9 @@ def inverse(p: ArrayLike, kinematics: Kinematics) -> Floats:
     points, shape = rows(p, 'p')
     theta = np.empty_like(points)
     n = _inverse(points, theta, geometry(kinematics))
-    if n >= 0:
+    if n >= 0 and _is_nan(unreachable):
+        theta[np.isnan(theta).any(axis=1)] = np.nan
+    elif n >= 0:
         i = np.flatnonzero(np.isnan(theta[n]))[0]
         x, y, z = points[n]
         place = f'position {n} ' if len(points) > 1 else ''
@@ -320,7 +345,7 @@ def inverse(p: ArrayLike, kinematics: Kinematics) -> Floats:
     return theta.reshape(*shape, 3)
 
 
-def inverse_all(p: ArrayLike, kinematics: Kinematics) -> Floats:
+def inverse_all(p: ArrayLike, kinematics: Lengths) -> Floats:
     """All eight solutions (Fig. 4.6) for TCP positions of shape (..., 3): shape (..., 8, 3), nan where out of reach.
 
     Bit i of the solution's number is set where arm i + 1 has its elbow inward; solution 0 is that of ``inverse``.
@@ -333,8 +358,26 @@ def inverse_all(p: ArrayLike, kinematics: Kinematics) -> Floats:
     return theta.reshape(*shape, 8, 3)
 
 
-def forward(theta: ArrayLike, kinematics: Kinematics, *, above: bool = False) -> Floats:
-    """TCP positions [m] for arm angles [rad] (4.3): below the elbow plane, or ``above`` it; shapes (..., 3).
+def forward(
+    theta: ArrayLike, kinematics: Lengths, *, above: bool = False, unreachable: Unreachable = 'raise'
+) -> Floats:
+    """TCP positions for arm angles (4.3).
+
+    Parameters
+    ----------
+    theta
+        Arm angles [rad], 0 = horizontal, positive downward, shape (..., 3).
+    kinematics
+        The parameters of a robot, or their group ``kinematics``.
+    above
+        The solution above the elbow plane instead of that below it.
+    unreachable
+        ``raise`` an error, or fill the positions of such angles with ``nan``.
+
+    Returns
+    -------
+    Floats
+        TCP positions [m] in the frame ``base``, shape (..., 3).
 
     Raises
     ------
@@ -345,13 +388,13 @@ def forward(theta: ArrayLike, kinematics: Kinematics, *, above: bool = False) ->
     angles, shape = rows(theta, 'theta')
     points = np.empty_like(angles)
     n = _forward(angles, 1.0 if above else -1.0, points, geometry(kinematics))
-    if n >= 0:
+    if n >= 0 and not _is_nan(unreachable):
         degrees = ', '.join(f'{angle:.3f}' for angle in np.degrees(angles[n]))
         raise UnreachableError(f'the forearms do not meet at arm angles ({degrees}) deg')
     return points.reshape(*shape, 3)
 
 
-def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> Floats:
+def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> Floats:
     """Jacobian J = S^-1 D with Xdot = J thetadot (4.12, 4.13); shapes (..., 3), (..., 3) -> (..., 3, 3)."""
     angles, points, shape = _pairs(theta, p)
     out = np.empty((len(angles), 3, 3))
@@ -360,7 +403,7 @@ def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> Floats:
 
 
 def jacobian_dot(
-    theta: ArrayLike, thetadot: ArrayLike, p: ArrayLike, pdot: ArrayLike, kinematics: Kinematics
+    theta: ArrayLike, thetadot: ArrayLike, p: ArrayLike, pdot: ArrayLike, kinematics: Lengths
 ) -> Floats:
     """Time derivative Jdot = S^-1 (Ddot - Sdot J) (4.15, corrected); shapes (..., 3) -> (..., 3, 3).
 
@@ -382,7 +425,7 @@ def jacobian_dot(
     return np.asarray(np.linalg.solve(s, bracket))
 
 
-def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> tuple[Floats, Floats]:
+def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> tuple[Floats, Floats]:
     """Normalised distances from the singularities: s_i.b_i/(l_A l_B) (..., 3) and |det S|/l_B^3 (...)."""
     angles, points, shape = _pairs(theta, p)
     out = np.empty((len(angles), 4))
@@ -390,7 +433,7 @@ def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Kinematics) -> tuple
     return out[:, :3].reshape(*shape, 3), out[:, 3].reshape(shape)
 
 
-def forearm_swing(p: ArrayLike, kinematics: Kinematics) -> Floats:
+def forearm_swing(p: ArrayLike, kinematics: Lengths) -> Floats:
     """Sideways swing asin(|y_i|/l_B) [rad] of the three forearms for TCP positions (..., 3)."""
     points, shape = rows(p, 'p')
     g = geometry(kinematics)[0]

@@ -1,0 +1,74 @@
+"""Facts about what ``import delta3_pacdrive`` shows: enough for a user, described, and without ROS."""
+
+import inspect
+import subprocess
+import sys
+from importlib import metadata
+
+import numpy as np
+import pytest
+
+import delta3_pacdrive as d3
+from delta3_pacdrive.errors import UnreachableError
+
+FUNCTIONS = [
+    d3.load_parameters,
+    d3.load_program,
+    d3.simulate,
+    d3.kinematics.inverse,
+    d3.kinematics.forward,
+]
+FAR = [[0.0, 0.0, -0.8], [2.0, 0.0, -0.8], [0.1, 0.1, -0.85]]
+
+
+def test_everything_that_is_promised_is_there():
+    assert sorted(d3.__all__) == dir(d3)
+    assert all(getattr(d3, name) is not None for name in d3.__all__)
+    assert d3.__version__ == metadata.version('delta3_pacdrive')
+    with pytest.raises(AttributeError, match='has no attribute'):
+        _ = d3.nobody
+
+
+def test_the_import_itself_loads_nothing_heavy(tmp_path):
+    program = 'import sys, delta3_pacdrive; print(*sys.modules)'
+    command = [sys.executable, '-P', '-c', program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert not {'numpy', 'numba', 'scipy', 'rclpy', 'yaml'}.intersection(done.stdout.split())
+
+
+def test_a_program_is_simulated_by_its_name_or_as_it_was_read():
+    robot = d3.load_parameters()
+    by_name, read = d3.simulate('experiment1'), d3.simulate(d3.load_program('experiment1', robot), robot)
+    np.testing.assert_array_equal(by_name['tcp_error'], read['tcp_error'])
+    assert isinstance(by_name, d3.Trace)
+
+
+@pytest.mark.parametrize(
+    'function', FUNCTIONS, ids=lambda function: f'{function.__module__}.{function.__name__}'
+)
+def test_every_argument_is_described_with_what_comes_back_and_what_is_raised(function):
+    text = inspect.getdoc(function)
+    for name in inspect.signature(function).parameters:
+        assert f'\n{name}\n    ' in text, f'{name} is not described'
+    assert all(f'\n{section}\n---' in text for section in ('Parameters', 'Returns', 'Raises'))
+
+
+def test_kinematics_take_the_robot_or_its_lengths():
+    robot = d3.load_parameters()
+    theta = d3.kinematics.inverse([0.1, 0.0, -0.8], robot)
+    np.testing.assert_array_equal(theta, d3.kinematics.inverse([0.1, 0.0, -0.8], robot.kinematics))
+    point = d3.kinematics.forward(theta, robot)
+    np.testing.assert_array_equal(point, d3.kinematics.forward(theta, robot.kinematics))
+
+
+def test_what_is_out_of_reach_is_nan_where_that_is_asked_for():
+    robot = d3.load_parameters()
+    with pytest.raises(UnreachableError, match='position 1'):
+        d3.kinematics.inverse(FAR, robot)
+    theta = d3.kinematics.inverse(FAR, robot, unreachable='nan')
+    assert np.isnan(theta).all(axis=1).tolist() == [False, True, False]
+    points = d3.kinematics.forward(theta, robot, unreachable='nan')
+    assert np.isnan(points).all(axis=1).tolist() == [False, True, False]
+    np.testing.assert_allclose(points[[0, 2]], np.array(FAR)[[0, 2]], atol=1e-12)
+    with pytest.raises(ValueError, match='must be "raise" or "nan"'):
+        d3.kinematics.inverse(FAR, robot, unreachable='zero')
