@@ -9,6 +9,7 @@ from delta3_pacdrive.benchmarks import graph
 from delta3_pacdrive.benchmarks.case import in_child
 from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.cli import bench
+from delta3_pacdrive.errors import RunError
 
 
 def run(capsys, *arguments):
@@ -110,3 +111,12 @@ def test_who_has_given_up_real_time_is_an_ordinary_user():
         return {'permitted': scheduling.real_time_is_permitted(), 'policy': os.sched_getscheduler(0)}
 
     assert in_child(look) == {'permitted': False, 'policy': os.SCHED_OTHER}
+
+
+def test_what_the_machine_refuses_to_a_case_is_a_sentence(capfd):
+    def refused():
+        raise OSError(28, 'No space left on device')
+
+    with pytest.raises(RunError, match='No space left on device'):
+        in_child(refused)
+    assert 'Traceback' not in capfd.readouterr().err

@@ -61,7 +61,7 @@ def test_the_python_example_prints_the_largest_tcp_error_as_the_command_does(rea
     ('line', 'printed'),
     [
         ('delta3 --version', 'delta3_pacdrive'),
-        ('eval "$(delta3 completion bash)"', ''),
+        ('eval "$(delta3 completion bash)"', 'complete '),
         ('delta3 arm', 'elbow'),
         ('delta3 drive list', 'S-0-0104'),
         ('delta3 simulate', 'experiment 1'),
@@ -73,7 +73,7 @@ def test_commands_in_the_text_run_as_they_stand(line, printed, shell):
     assert f'`{line}`' in (SOURCE / 'README.md').read_text(encoding='utf-8')
     if line.startswith('--error'):
         line = f'delta3 jacobian 1 {line}'
-    done = shell(line)
+    done = shell(line + '\ncomplete -p delta3' if line.startswith('eval') else line)
     assert done.returncode == 0, done.stderr
     assert printed in done.stdout
 

@@ -62,10 +62,10 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 def _outcome(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     try:
         return action()
-    except Delta3Error as error:
+    except (Delta3Error, OSError) as error:  # what the machine refuses is a sentence, too
         return {'error': str(error)}
 
 
 def times_text(values: dict[str, float]) -> str:
-    """Write percentiles of times."""
-    return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms (p50 / p99 / p99.9 / max)'
+    """Write p50, p99, p99.9 and maximum of times."""
+    return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms'

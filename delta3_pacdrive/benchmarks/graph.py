@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.benchmarks.case import in_child, program_file
+from delta3_pacdrive.benchmarks.case import in_child, program_file, times_text
 from delta3_pacdrive.bringup.scheduling import (
     NOT_PERMITTED,
     SLICE_S,
@@ -184,20 +184,16 @@ def _each(values: dict[str, float], digits: int) -> str:
     return ', '.join(f'{name} {value:.{digits}f}' for name, value in values.items())
 
 
-def _times(values: dict[str, float]) -> str:
-    return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms'
-
-
 def _rows(result: dict[str, Any]) -> dict[str, str]:
     """Write the figures of one column, by the names of their rows."""
     if 'cycles' not in result:
-        return {'wakes up late': _times(result['lateness_ms'])}
+        return {'wakes up late': times_text(result['lateness_ms'])}
     cycles, overruns = result['cycles'], result['overruns']
     rows = {
         'cycles': f'{cycles}, slip {result["slip_s"] * 1e3:.1f} ms',
         'overruns': f'{overruns} ({overruns / cycles:.3%})',
-        'cycle start late': _times(result['lateness_ms']),
-        'MDT to last AT': _times(result['mdt_to_last_at_ms']),
+        'cycle start late': times_text(result['lateness_ms']),
+        'MDT to last AT': times_text(result['mdt_to_last_at_ms']),
     }
     if 'bus_time_s' in result:
         bus, wall = result['bus_time_s'], result['wall_time_s']

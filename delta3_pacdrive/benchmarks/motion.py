@@ -257,7 +257,8 @@ def show(result: dict[str, Any]) -> None:
         print(f'  {"half cycle, " + name:>36}  {value:.4f} s ({bounds["planned"] / value:.3f})')
     for name, case in result.get('plans_arriving', {}).items():
         print(
-            f'task {name} plans arriving: {case["plans"]} of {case["plan_bytes"]} bytes in {case["cycles"]} cycles'
+            f'task {name} plans arriving: {case["plans"]} of {case["plan_bytes"]} bytes in {case["cycles"]} cycles; '
+            'times as p50 / p99 / p99.9 / max'
         )
         print(f'  {"overruns":>36}  {case["overruns"]}')
         print(f'  {"cycle start late":>36}  {times_text(case["lateness_ms"])}')
