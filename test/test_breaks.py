@@ -1,7 +1,9 @@
 """Facts about the catalogue of breaks: it belongs to the present sources. No break is tried here."""
 
 import importlib.util
+import os
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -112,3 +114,16 @@ def test_only_a_test_that_fails_with_the_break_and_passes_without_kills_it(
     assert result.status == name
     assert found == ['x = 1\n', 'x = 2\n'][: 2 - bool(control)]
     assert (shelf.package / 'a.py').read_text(encoding='utf-8') == 'x = 1\n'  # as it was
+
+
+def test_the_runner_finds_the_kernels_of_the_package(runner, tmp_path):
+    environment = os.environ | {'NUMBA_CACHE_DIR': str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', runner.CACHE_QUESTION],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert Path(done.stdout.strip()).parent == tmp_path

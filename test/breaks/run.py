@@ -78,7 +78,7 @@ if not Path({PACKAGE}.__file__).is_relative_to(copy):
 import pytest
 sys.exit(pytest.main(sys.argv[2:]))
 """
-CACHE_QUESTION = f'from {PACKAGE} import kernel; print(kernel.CACHE_DIRECTORY)'
+CACHE_QUESTION = f'from {PACKAGE}.numerics import kernel; print(kernel.CACHE_DIRECTORY)'
 WARM_UP = f"""\
 from {PACKAGE} import parameters, simulation
 simulation.load_kernels(parameters.load())
