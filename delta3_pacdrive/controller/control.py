@@ -9,8 +9,7 @@ lost it, and the robot stops on its path: nobody watches it any more.
 from dataclasses import dataclass
 
 from delta3_pacdrive.controller.messages import TEXT_MAX, Numbering
-from delta3_pacdrive.controller.reason import Code, Reason
-from delta3_pacdrive.errors import shown
+from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S, Watch
 
 

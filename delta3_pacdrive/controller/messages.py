@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self, get_args, get_type_hints
 
-from delta3_pacdrive.controller.reason import Code
-from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.errors import Code, TelegramError, shown
 
 TEXT_MAX = 100  # characters of a name
 COUNT_MAX = 2**53  # beyond it numbers in JSON are not exact

@@ -16,9 +16,8 @@ from delta3_pacdrive.controller.control import control_refusal
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.planning_job import Job, Result
-from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.controller.robot_state import STANDING_M
-from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
 from delta3_pacdrive.faults.injection import Fault
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.controller.reason import Code, Reason
-from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program

@@ -9,10 +9,9 @@ from typing import Any, Protocol
 
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
-from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
-from delta3_pacdrive.errors import ProgramError, UnreachableError
+from delta3_pacdrive.errors import Code, ProgramError, Reason, UnreachableError
 from delta3_pacdrive.faults.injection import Fault
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.execution import Course

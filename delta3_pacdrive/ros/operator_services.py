@@ -30,9 +30,8 @@ from delta3_pacdrive.controller.messages import (
     refuse_recording,
 )
 from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.reason import Code, Reason
 from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.errors import Code, Reason, TelegramError, shown
 from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
 from delta3_pacdrive.ros.qos import LATCHED, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_node import RobotNode

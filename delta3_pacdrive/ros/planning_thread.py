@@ -6,8 +6,7 @@ import traceback
 from collections.abc import Callable, Iterator
 
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, Result, work
-from delta3_pacdrive.controller.reason import Code, Reason
-from delta3_pacdrive.errors import shown
+from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.parameters import Parameters
 
 JOIN_S = 2.0  # that a job may take to notice that it is given up

@@ -18,8 +18,7 @@ from std_msgs.msg import Header, String
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller import messages
 from delta3_pacdrive.controller.messages import Reply, Request
-from delta3_pacdrive.controller.reason import Code
-from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, TelegramError
+from delta3_pacdrive.errors import Code, ProgramError, RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import read_progress

@@ -3,7 +3,7 @@
 import pytest
 
 from delta3_pacdrive.controller.control import Control, Operator
-from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.errors import Code
 from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S
 
 PERIOD_S = 0.1

@@ -18,8 +18,7 @@ from delta3_pacdrive.controller.messages import (
     Verdict,
     refuse_recording,
 )
-from delta3_pacdrive.controller.reason import Code
-from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.errors import Code, TelegramError
 
 STATUS = Status(
     '3fa9', '', 7, 'a1b2', 'idle', 'CP4', '', '', 1, (0.1, -0.2, -0.75), 2, 'op', 'Anna', 1, 3, 40, 1000

@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive.controller.messages import FAULT, ORDER, Origin
 from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
-from delta3_pacdrive.controller.reason import Code, Reason
+from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.faults.injection import Fault
 from delta3_pacdrive.motion import program, program_planner
 

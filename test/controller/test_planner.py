@@ -23,7 +23,7 @@ from delta3_pacdrive.controller.planner import (
     Working,
 )
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
-from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.errors import Code
 from delta3_pacdrive.motion.execution import Course, Timeline
 
 LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.2}}]'

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.controller.messages import DISABLE, HOLD, Reply, Request
-from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.errors import Code
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode, RefusedError

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from delta3_pacdrive.controller.planning_job import Job, Result
-from delta3_pacdrive.controller.reason import Code
+from delta3_pacdrive.errors import Code
 from delta3_pacdrive.parameters import load
 from delta3_pacdrive.ros.planning_thread import PlanningThread
 

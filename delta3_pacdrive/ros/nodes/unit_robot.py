@@ -39,8 +39,7 @@ from delta3_pacdrive.controller.messages import (
     refuse_recording,
 )
 from delta3_pacdrive.controller.planner import Planner
-from delta3_pacdrive.controller.reason import Reason
-from delta3_pacdrive.errors import ProgramError, TelegramError, shown
+from delta3_pacdrive.errors import ProgramError, Reason, TelegramError, shown
 from delta3_pacdrive.faults.injection import UNIT_ROBOT
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
