@@ -37,6 +37,7 @@ TEST = [
     'ruff>=0.17.5',
     'types-PyYAML>=6.0.12',
 ]
+DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
 # (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.
 LAUNCHER = """\
@@ -114,7 +115,8 @@ setup(
     extras_require={
         'ros': ROS,
         'test': TEST,
-        'all': ROS + TEST,
+        'docs': DOCS,
+        'all': ROS + TEST + DOCS,
     },
     entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
     options=options,

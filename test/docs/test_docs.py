@@ -1,0 +1,43 @@
+"""The documentation builds without a warning, and reads without network."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[2]
+
+pytest.importorskip('sphinx', reason='the documentation needs the extra "docs"')
+
+
+@pytest.fixture(scope='module')
+def html(tmp_path_factory):
+    """Build the pages; return what they hold, by their names."""
+    folder = tmp_path_factory.mktemp('html')
+    done = subprocess.run(
+        [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', SOURCE / 'docs', folder],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return {
+        str(path.relative_to(folder)): path.read_text(encoding='utf-8') for path in folder.rglob('*.html')
+    }
+
+
+def test_the_pages_build_without_a_warning(html):
+    assert 'index.html' in html
+
+
+def test_nothing_that_a_page_shows_comes_from_the_network(html):
+    loaded = re.compile(r'<(?:script|img|iframe)[^>]*src="(?:https?:)?//|<link[^>]*href="(?:https?:)?//')
+    assert {name: found for name, text in html.items() if (found := loaded.findall(text))} == {}
+
+
+def test_every_equation_is_rendered(html):
+    left = re.compile(r'\$\$|\\(?:frac|theta|begin|dot)\b')
+    pages = {name: re.sub(r'<(pre|code)\b.*?</\1>', '', text, flags=re.DOTALL) for name, text in html.items()}
+    assert {name: found for name, text in pages.items() if (found := left.findall(text))} == {}
