@@ -7,9 +7,9 @@ from delta3_pacdrive.controller.transformation import DISABLE_CYCLES, Transforma
 from delta3_pacdrive.motion import program, program_planner
 from delta3_pacdrive.motion.resume import rejoin
 from delta3_pacdrive.sercos.answer_buffer import Inbox
-from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.losses import FORGIVING_CYCLES
+from delta3_pacdrive.sercos.losses import CLEARING_CYCLES
 from delta3_pacdrive.sercos.watchdog import (
     ANSWER_SILENT_S,
     BUS_SILENT_S,
@@ -24,48 +24,48 @@ FOLLOWS = int(Status.IN_TORQUE | Status.FOLLOWS_COMMAND)
 
 @pytest.fixture
 def master(robot):
-    result = Master(robot)
+    result = AxisMonitor(robot)
     result.begin()
     for axis in range(3):
-        result.take(axis, (1.0, 2.0, 3.0), FOLLOWS)
-    assert result.judge(0, NEVER) == ''
+        result.accept(axis, (1.0, 2.0, 3.0), FOLLOWS)
+    assert result.check(0, NEVER) is None
     return result
 
 
 def test_a_lost_answer_is_extrapolated_at_constant_speed_and_counted(master, robot):
-    master.bridge(1)
+    master.extrapolate(1)
     assert master.positions[1] == 1.0 + 2.0 * robot.bus.cycle_time_s
     assert master.losses == [0, 1, 0]
-    assert master.judge(7, NEVER) == ''
+    assert master.check(7, NEVER) is None
 
 
 def test_two_lost_in_a_row_are_8506_and_two_apart_are_not(master):
-    master.bridge(2)
-    master.take(2, (1.0, 2.0, 3.0), FOLLOWS)
-    master.bridge(2)
-    assert master.judge(9, NEVER) == ''
-    master.bridge(2)
-    assert master.judge(10, NEVER) == 'axis3: two AT lost in a row in bus cycle 10 (8506)'
+    master.extrapolate(2)
+    master.accept(2, (1.0, 2.0, 3.0), FOLLOWS)
+    master.extrapolate(2)
+    assert master.check(9, NEVER) is None
+    master.extrapolate(2)
+    assert master.check(10, NEVER).sentence == 'axis3: two AT lost in a row in bus cycle 10 (8506)'
 
 
 def test_a_status_with_error_is_told_once_and_names_axis_and_cycle(master):
-    master.take(0, (1.0, 2.0, 3.0), FOLLOWS | int(Status.ERROR))
-    assert master.judge(4, NEVER) == 'axis1 reports a fault in bus cycle 4'
+    master.accept(0, (1.0, 2.0, 3.0), FOLLOWS | int(Status.ERROR))
+    assert master.check(4, NEVER).sentence == 'axis1 reports a fault in bus cycle 4'
     assert master.faulty() == [0]
-    assert master.judge(5, NEVER) == ''
+    assert master.check(5, NEVER) is None
 
 
 def test_a_program_needs_torque_from_its_first_cycle_on(master):
-    master.take(1, (1.0, 2.0, 3.0), int(Status.READY_TO_ENABLE))
-    assert master.judge(99, 100) == ''
-    assert master.judge(100, 100) == 'axis2 is not enabled in bus cycle 100, in which a program runs'
+    master.accept(1, (1.0, 2.0, 3.0), int(Status.READY_TO_ENABLE))
+    assert master.check(99, 100) is None
+    assert master.check(100, 100).sentence == 'axis2 is not enabled in bus cycle 100, in which a program runs'
 
 
-def test_an_absent_axis_is_neither_judged_nor_counted(master):
-    master.lose(1)
+def test_an_absent_axis_is_neither_checked_nor_counted(master):
+    master.drop(1)
     for cycle in range(5):
-        master.bridge(1)
-        assert master.judge(cycle, 0) == ''
+        master.extrapolate(1)
+        assert master.check(cycle, 0) is None
     assert master.losses[1] == 0
     master.begin()
     assert master.absent == set()
@@ -241,40 +241,40 @@ def test_ten_answers_lost_one_by_one_in_a_window_are_a_fault_nine_are_not(master
     said = []
     for cycle in range(40):
         if cycle % 2:
-            master.take(1, [0.0, 0.0, 0.0], FOLLOWS)
+            master.accept(1, [0.0, 0.0, 0.0], FOLLOWS)
         else:
-            master.bridge(1)
-        said.append(master.judge(cycle, 10**6))
-    assert said[:18] == [''] * 18
-    assert said[18] == 'axis2: ten AT lost in a window in bus cycle 18 (8506)'
-    master.forgive_losses()
-    master.take(1, [0.0, 0.0, 0.0], FOLLOWS)
-    assert master.judge(40, 10**6) == ''
+            master.extrapolate(1)
+        said.append(master.check(cycle, 10**6))
+    assert said[:18] == [None] * 18
+    assert said[18].sentence == 'axis2: ten AT lost in a window in bus cycle 18 (8506)'
+    master.clear_losses()
+    master.accept(1, [0.0, 0.0, 0.0], FOLLOWS)
+    assert master.check(40, 10**6) is None
 
 
 def test_only_answers_in_a_row_make_a_loss_forgotten(master):
     for _ in range(9):
-        master.bridge(1)
-        for _ in range(FORGIVING_CYCLES - 1):
-            master.take(1, (1.0, 2.0, 3.0), FOLLOWS)
-        assert master.judge(7, NEVER) == ''
-    master.bridge(1)
-    assert master.judge(8, NEVER) == 'axis2: ten AT lost in a window in bus cycle 8 (8506)'
+        master.extrapolate(1)
+        for _ in range(CLEARING_CYCLES - 1):
+            master.accept(1, (1.0, 2.0, 3.0), FOLLOWS)
+        assert master.check(7, NEVER) is None
+    master.extrapolate(1)
+    assert master.check(8, NEVER).sentence == 'axis2: ten AT lost in a window in bus cycle 8 (8506)'
 
 
 def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
     for cycle in range(0, 3000, 101):
-        master.bridge(2)
-        assert master.judge(cycle, 10**6) == ''
+        master.extrapolate(2)
+        assert master.check(cycle, 10**6) is None
         for _ in range(100):
-            master.take(2, [0.0, 0.0, 0.0], FOLLOWS)
+            master.accept(2, [0.0, 0.0, 0.0], FOLLOWS)
 
 
-@pytest.mark.parametrize(('follows', 'limp'), [(0, True), (int(Status.FOLLOWS_COMMAND), False)])
-def test_an_axis_that_reports_a_fault_is_limp_unless_it_follows_to_the_stop(follows, limp, master):
-    master.take(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
-    assert master.judge(7, 10**6) == 'axis1 reports a fault in bus cycle 7'
-    assert master.limp is limp
+@pytest.mark.parametrize(('follows', 'not_following'), [(0, True), (int(Status.FOLLOWS_COMMAND), False)])
+def test_an_axis_that_reports_a_fault_does_not_follow_unless_it_says_so(follows, not_following, master):
+    master.accept(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
+    fault = master.check(7, 10**6)
+    assert (fault.sentence, fault.not_following) == ('axis1 reports a fault in bus cycle 7', not_following)
 
 
 # inbox ----------------------------------------------------------------------------------------------------------------

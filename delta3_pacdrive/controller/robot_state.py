@@ -7,6 +7,7 @@ This is the only owner of enabling, stops and faults; ``Transformation`` carries
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from delta3_pacdrive.controller.cycle import Stop, emergency_stop
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
 from delta3_pacdrive.controller.transformation import Transformation
@@ -15,7 +16,7 @@ from delta3_pacdrive.errors import Code, ProgramError, Reason, UnreachableError
 from delta3_pacdrive.faults.injection import Fault
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.execution import Course
-from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
@@ -137,8 +138,8 @@ class RobotState:
 
     """
 
-    def __init__(self, bus: Bus, task: Transformation, master: Master) -> None:
-        self._bus, self._task, self._master = bus, task, master
+    def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor) -> None:
+        self._bus, self._task, self._axes = bus, task, axes
         self.actions: list[Action] = []
         self.motion = MotionState.IDLE
         self.fault, self.fault_cycle = '', 0
@@ -165,10 +166,10 @@ class RobotState:
     @property
     def in_torque(self) -> bool:
         """Whether any drive holds its motor."""
-        return any(in_torque(status) for status in self._master.status)
+        return any(in_torque(status) for status in self._axes.status)
 
     @property
-    def judged_from(self) -> int:
+    def checked_from(self) -> int:
         """Bus cycle from which on every drive must be in torque, because the TCP moves; ``NEVER`` if it stands."""
         return self.starts if self.motion in (MotionState.MOVING, MotionState.STOPPING) else NEVER
 
@@ -348,15 +349,13 @@ class RobotState:
         self._task.stop_at(0, hard)
         self.note(reason)
 
-    def stop_for_drives(self, reason: str, cycle: int) -> None:
-        """Stop because of what the answers of a cycle say, and ask the drives for the cause."""
-        if self.fault and not self._master.limp:
-            return
+    def stop_for(self, stop: Stop) -> None:
+        """Stop as the evaluation of a bus cycle asks, and ask faulty drives for the cause."""
         if not self.fault:
-            for index in self._master.faulty():
+            for index in self._axes.faulty():
                 self.actions.append(Asked(index, DIAGNOSTIC_NUMBER))
-        self._task.stop_at(cycle + self._master.reaction_cycles, self._master.limp)
-        self.note(reason, cycle)
+        self._task.stop_at(stop.first, stop.hard)
+        self.note(stop.reason, stop.cycle)
 
     def lose_bus(self, reason: str) -> None:
         """Give everything up that needs cyclic operation, which has ended."""
@@ -406,7 +405,7 @@ class RobotState:
         if self.in_torque:
             return Reason(Code.STATE, 'a drive is in torque still')
         try:
-            away = self._task.distance_m(self._master.positions)
+            away = self._task.distance_m(self._axes.positions)
         except UnreachableError as error:
             return Reason(Code.CONTENT, str(error))
         if self._task.loaded:
@@ -416,12 +415,12 @@ class RobotState:
             where = f'{1e3 * away:.1f} mm from where its program was held'
             return Reason(Code.STATE, f'the robot was moved {where}: abort it first')
         if away > SETTLED_M:
-            self.locate(self._task.locate(self._master.positions), self._bus.answered)
+            self.locate(self._task.locate(self._axes.positions), self._bus.answered)
         return None
 
     def emergency_stop(self) -> str:
         """Stop on the path, then take the torque off (stop category 1); returns the first cause of a stop."""
-        self.stop(f'emergency stop in bus cycle {self._bus.next_cycle}')
+        self.stop(emergency_stop(self._bus.next_cycle).reason)
         return self.fault
 
     def reset(self, request: Any) -> Reason | None:
@@ -461,12 +460,12 @@ class RobotState:
             self._end_reset(Reason(Code.STATE, 'a drive is in torque still'))
             return
         try:
-            tcp = self._task.locate(self._master.positions)
+            tcp = self._task.locate(self._axes.positions)
         except UnreachableError as error:
             self._end_reset(Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}'))
             return
         self.fault = ''
-        self._master.forgive_losses()
+        self._axes.clear_losses()
         self._task.give_up()
         self._aborting = False
         self.starts = self.ends = self._due = NEVER

@@ -50,7 +50,7 @@ STATE = np.dtype(
         ('mdt_losses', 'i8'),  # S-0-0028 and S-0-0029
         ('losses_in_a_row', 'i8'),
         ('losses_in_window', 'i8'),
-        ('good_cycles', 'i8'),  # since the last loss, or since one was forgotten
+        ('good_cycles', 'i8'),  # since the last loss, or since one was cleared
         ('silent', 'i8'),  # the master has not been heard for too long
         # encoder
         ('encoder_broken', 'i8'),

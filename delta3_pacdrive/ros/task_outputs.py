@@ -17,7 +17,7 @@ from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.publishers import TelegramOutput
-from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
 
 JOINT_STATES_S = 0.01  # of bus time
@@ -50,11 +50,11 @@ class TaskOutputs:
             output.send(ACYCLIC, [0.0] * 3)
         self.master.send(ACYCLIC, [0.0] * 3)
 
-    def send(self, cycle: int, stamp: tuple[int, int], answer: Floats, master: Master) -> None:
+    def send(self, cycle: int, stamp: tuple[int, int], answer: Floats, axes: AxisMonitor) -> None:
         """Publish what the answers of a cycle say."""
         for output, columns in self._answers:
             if output.wanted:
                 output.send(stamp, answer[columns].tolist())
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
-            speeds = [speed / self._ratio for speed in master.speeds]
-            self._joint_states.send(stamp, [*answer[THETA].tolist(), *speeds, *master.torques.tolist()])
+            speeds = [speed / self._ratio for speed in axes.speeds]
+            self._joint_states.send(stamp, [*answer[THETA].tolist(), *speeds, *axes.torques.tolist()])

@@ -6,6 +6,7 @@ the course of events depends on bus time alone.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,8 +25,25 @@ count_telegram, count_loss, too_many = (
 )
 
 
-class Master:
-    """What is known of the three drives.
+@dataclass(frozen=True)
+class AxisFault:
+    """An axis cannot go on, as the answers of a bus cycle tell.
+
+    Attributes
+    ----------
+    sentence
+        Which axis, what it tells, and in which bus cycle.
+    not_following
+        Whether the axis does not follow its commands any more: bit 3 of S-0-0135 is off beside its fault.
+
+    """
+
+    sentence: str
+    not_following: bool = False
+
+
+class AxisMonitor:
+    """The master knows of the three drives what is kept here.
 
     Attributes
     ----------
@@ -37,25 +55,19 @@ class Master:
         Answers that were missing, per axis.
     absent
         Axes that do not take part any more; their answers are neither expected nor counted.
-    limp
-        Whether the last fault that was judged has left an axis that does not follow its commands any more.
-    reaction_cycles
-        How many cycles after the one whose answers tell of a fault a stop begins.
 
     """
 
     def __init__(self, parameters: Parameters) -> None:
         self._cycle_time_s = parameters.bus.cycle_time_s
-        self.reaction_cycles = parameters.bus.outstanding_cycles_max
         self.positions: Floats = np.zeros(3)
         self.torques: Floats = np.zeros(3)
         self.speeds = [0.0] * 3
         self.status = [0] * 3
         self.losses = [0] * 3
         self.absent: set[int] = set()
-        self.limp = False
         self._recent = [Losses() for _ in DRIVES]
-        self._judged: list[int] = []
+        self._checked: list[int] = []
 
     def begin(self) -> None:
         """Begin cyclic operation: everybody takes part."""
@@ -63,20 +75,20 @@ class Master:
         self.speeds = [0.0] * 3
         self.status = [0] * 3
         self._recent = [Losses() for _ in DRIVES]
-        self._judged = []
+        self._checked = []
 
-    def forgive_losses(self) -> None:
-        """Begin a new window."""
+    def clear_losses(self) -> None:
+        """Begin a new window of lost answers."""
         for recent in self._recent:
             recent.losses_in_window = 0
 
-    def take(self, axis: int, values: Sequence[float], status: int) -> None:
-        """Take the answer of an axis: position, speed, torque."""
+    def accept(self, axis: int, values: Sequence[float], status: int) -> None:
+        """Accept the answer of an axis (0 to 2): position [rad], speed [rad/s], torque [N m], status word."""
         self.positions[axis], self.speeds[axis], self.torques[axis] = values
         self.status[axis] = status
         count_telegram(self._recent[axis])
 
-    def bridge(self, axis: int) -> None:
+    def extrapolate(self, axis: int) -> None:
         """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
         if axis in self.absent:
             return
@@ -84,7 +96,7 @@ class Master:
         count_loss(self._recent[axis])
         self.positions[axis] += self.speeds[axis] * self._cycle_time_s
 
-    def lose(self, axis: int) -> None:
+    def drop(self, axis: int) -> None:
         """Go on without an axis until the bus is phased up again: it is as good as without power."""
         self.absent.add(axis)
         self.status[axis] = 0
@@ -94,24 +106,36 @@ class Master:
         """Numbers of the axes that report a fault."""
         return [index for index, status in enumerate(self.status) if status & ERROR]
 
-    def judge(self, cycle: int, program_starts: int) -> str:
-        """Return what is wrong in a cycle whose answers are all there, as a sentence; empty if nothing is."""
-        self.limp = False
+    def check(self, cycle: int, program_starts: int) -> AxisFault | None:
+        """Check the answers of a cycle, once they are all there.
+
+        Parameters
+        ----------
+        cycle
+            Number of the bus cycle.
+        program_starts
+            Bus cycle from which on every drive must be in torque, ``NEVER`` if none is.
+
+        Returns
+        -------
+        AxisFault | None
+            The first fault that the answers tell of. A status that has been checked is not told again.
+
+        """
         for index, axis in enumerate(DRIVES):
             if too_many(self._recent[index]):
                 in_a_row = self._recent[index].losses_in_a_row >= LOSSES_IN_A_ROW
                 many = 'two AT lost in a row' if in_a_row else 'ten AT lost in a window'
-                return f'{axis}: {many} in bus cycle {cycle} (8506)'
-        if self.status == self._judged and cycle != program_starts:
-            return ''
-        self._judged = list(self.status)
+                return AxisFault(f'{axis}: {many} in bus cycle {cycle} (8506)')
+        if self.status == self._checked and cycle != program_starts:
+            return None
+        self._checked = list(self.status)
         for index, axis in enumerate(DRIVES):
             status = self.status[index]
             if index in self.absent:
                 continue
             if status & ERROR:
-                self.limp = not status & FOLLOWS
-                return f'{axis} reports a fault in bus cycle {cycle}'
+                return AxisFault(f'{axis} reports a fault in bus cycle {cycle}', not status & FOLLOWS)
             if cycle >= program_starts and not in_torque(status):
-                return f'{axis} is not enabled in bus cycle {cycle}, in which a program runs'
-        return ''
+                return AxisFault(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
+        return None

@@ -1,6 +1,6 @@
 """When lost telegrams are a fault: two in a row, or ten in a window (Schneider, diagnostic message 8112); both ways.
 
-One loss of the window is forgotten with every ``FORGIVING_CYCLES`` telegrams in a row that come: ten losses in less
+One loss of the window is cleared with every ``CLEARING_CYCLES`` telegrams in a row that come: ten losses in less
 than a thousand cycles, evenly spread, are a fault. Drives and master count alike: ``s`` is the record of a drive, or
 the ``Losses`` of one axis at the master.
 """
@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from delta3_pacdrive.numerics.kernel import kernel
 
 LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
-FORGIVING_CYCLES = 100
+CLEARING_CYCLES = 100
 
 
 @dataclass
 class Losses:
-    """Of the telegrams of one partner."""
+    """Losses among the telegrams of one partner."""
 
     losses_in_a_row: int = 0
     losses_in_window: int = 0
-    good_cycles: int = 0  # since the last loss, or since one was forgotten
+    good_cycles: int = 0  # since the last loss, or since one was cleared
 
 
 @kernel
@@ -27,7 +27,7 @@ def count_telegram(s):
     """Count a telegram that came."""
     s.losses_in_a_row = 0
     s.good_cycles += 1
-    if s.good_cycles >= FORGIVING_CYCLES:
+    if s.good_cycles >= CLEARING_CYCLES:
         s.good_cycles = 0
         s.losses_in_window = max(0, s.losses_in_window - 1)
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_stop
 from delta3_pacdrive.controller.transformation import (
     FOLLOWING_ERROR,
     TCP_ACTUAL,
@@ -26,7 +27,7 @@ from delta3_pacdrive.faults.injection import (
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
-from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.simulation.robot import AXES, Robot
 
@@ -53,14 +54,15 @@ class Disturbed:
             if fault.kind in OF_PROCESSES:
                 raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
-        self._master = Master(parameters)
+        self._axes = AxisMonitor(parameters)
+        self._controller = ControllerCycle(task, self._axes, parameters)
         self._answers = np.empty((3, 3))
         self.stopped = ''
 
     @property
     def lost(self) -> int:
         """AT that did not reach the master."""
-        return sum(self._master.losses)
+        return sum(self._axes.losses)
 
     def run(self) -> dict[str, Floats]:
         """Run to the end; return the signals, torques [N m] in place of currents."""
@@ -81,24 +83,25 @@ class Disturbed:
 
     def _cycle(self, cycle: int) -> list[Floats]:
         """Run one bus cycle; return its row of every signal."""
-        robot, task, master, schedule = self._robot, self._task, self._master, self._schedule
+        robot, schedule = self._robot, self._schedule
         if cycle >= schedule.next_cycle:
             self._change_faults(cycle)
-        motors = task.command(cycle).copy()
+        motors, control, payload = self._controller.command(cycle)
+        motors = motors.copy()
         shafts, arms, true_tcp = np.array(robot.plant.shafts()), robot.plant.arm_angles(), robot.plant.tcp()
         heard = [schedule.telegram(LOSES_MDT, axis, cycle) is None for axis in AXES]
-        status = robot.cycle(motors, task.control(cycle), self._answers, task.payload, heard)
+        status = robot.cycle(motors, control, self._answers, payload, heard)
         answers = self._answers.copy()
-        for index, axis in enumerate(AXES):
-            if schedule.telegram(LOSES_AT, axis, cycle) is None:
-                master.take(index, answers[:, index].tolist(), status[index])
-            else:
-                master.bridge(index)
-        answer = task.receive(cycle, master.positions, master.torques).copy()
-        reason = master.judge(cycle, NEVER if self.stopped else self._start)
-        if reason and (master.limp or not self.stopped):
-            names = [f': {fault_text(robot.drives[n].fault)}' for n in master.faulty()]
-            self._stop(reason + ''.join(names[:1]), cycle + master.reaction_cycles, master.limp)
+        received = [
+            None if schedule.telegram(LOSES_AT, axis, cycle) else (answers[:, index].tolist(), status[index])
+            for index, axis in enumerate(AXES)
+        ]
+        starts = NEVER if self.stopped else self._start
+        stop = self._controller.evaluate(cycle, received, starts, bool(self.stopped))
+        answer = self._task.answer.copy()
+        if stop is not None:
+            names = [f': {fault_text(robot.drives[n].fault)}' for n in self._axes.faulty()]
+            self._stop(stop, ''.join(names[:1]))
         tcp = [answer[columns] for columns in (FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR)]
         return [motors, *answers, *tcp, *np.split(shafts, 3), arms, true_tcp]
 
@@ -110,11 +113,11 @@ class Disturbed:
         change_plant(self._robot.plant.state[0], changes, active)
         for fault, _ in changes:
             if fault.kind == 'emergency_stop':
-                self._stop(f'emergency stop in bus cycle {cycle}', cycle)
+                self._stop(emergency_stop(cycle))
 
-    def _stop(self, reason: str, cycle: int, hard: bool = False) -> None:
-        self.stopped = self.stopped or reason
-        self._task.stop_at(cycle, hard)
+    def _stop(self, stop: Stop, cause: str = '') -> None:
+        self.stopped = self.stopped or stop.reason + cause
+        self._task.stop_at(stop.first, stop.hard)
 
 
 def run_disturbed(

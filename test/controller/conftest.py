@@ -10,6 +10,7 @@ import pytest
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller import planner as planning_actions
 from delta3_pacdrive.controller.control import Control, Operator
+from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.messages import COURSE, FAULT, ORDER, REVOKE, Origin, Request
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner import Planner
@@ -19,7 +20,7 @@ from delta3_pacdrive.controller.robot_state import Answered, Asked, Followed, Ro
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Reason
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import Identity
 from delta3_pacdrive.sercos.service_channel import Answer
@@ -47,12 +48,13 @@ class Rig:
         self.now_s = 0.0
         self.next_cycle = self.answered = 0
         self.in_cyclic_operation = True
-        self.task, self.master = Transformation(robot), Master(robot)
+        self.task, self.axes = Transformation(robot), AxisMonitor(robot)
         theta = kinematics.inverse(np.array(robot.motion.home_m), robot.kinematics)
-        self.master.positions[:] = theta * robot.dynamics.gear_ratio
-        self.master.status = [READY] * 3
-        self.task.locate(self.master.positions)
-        self.state = RobotState(self, self.task, self.master)
+        self.axes.positions[:] = theta * robot.dynamics.gear_ratio
+        self.axes.status = [READY] * 3
+        self.task.locate(self.axes.positions)
+        self.state = RobotState(self, self.task, self.axes)
+        self.cycle = ControllerCycle(self.task, self.axes, robot)
         self.control = Control(PERIOD_S)
         identity = Identity.of(robot)
         self.watch = PlannerWatch(PERIOD_S, identity)
@@ -105,16 +107,16 @@ class Rig:
         """Let bus cycles pass."""
         for _ in range(cycles):
             cycle = self.next_cycle
-            self.task.command(cycle)
+            self.cycle.command(cycle)
             self.next_cycle = cycle + 1
             self.state.commanded(cycle)
             enabled = self.task.enable_cycle + ENABLING <= cycle < self.task.disable_cycle
-            self.master.positions[:] = self.task.motors
-            self.master.status = [IN_TORQUE if enabled else READY] * 3
+            status = IN_TORQUE if enabled else READY
+            answers = [((position, 0.0, 0.0), status) for position in self.task.motors.tolist()]
             self.answered = cycle + 1
-            reason = self.master.judge(cycle, self.state.judged_from)
-            if reason:
-                self.state.stop_for_drives(reason, cycle)
+            stop = self.cycle.evaluate(cycle, answers, self.state.checked_from, bool(self.state.fault))
+            if stop is not None:
+                self.state.stop_for(stop)
             if cycle == self.state.ends:
                 self.state.answered(cycle)
             if self.state.actions:

@@ -166,7 +166,7 @@ def test_a_held_robot_that_was_moved_by_hand_is_not_enabled_before_its_program_i
     stopped(rig)
     rig.do('disable')
     rig.run(60)
-    rig.master.positions[0] += 2.0 * DISPLACED_M / rig.robot.kinematics.upper_arm_length_m * 32.0
+    rig.axes.positions[0] += 2.0 * DISPLACED_M / rig.robot.kinematics.upper_arm_length_m * 32.0
     outcome = rig.state.enable()
     assert isinstance(outcome, Reason)
     assert outcome.sentence.endswith('from where its program was held: abort it first')

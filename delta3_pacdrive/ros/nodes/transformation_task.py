@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive.controller.control import Control
+from delta3_pacdrive.controller.cycle import Command, ControllerCycle, emergency_stop
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
@@ -37,7 +38,7 @@ from delta3_pacdrive.ros.robot_outputs import RobotOutputs
 from delta3_pacdrive.ros.service_requests import ServiceDesk
 from delta3_pacdrive.ros.task_outputs import TaskOutputs
 from delta3_pacdrive.sercos.answer_buffer import Inbox
-from delta3_pacdrive.sercos.axis_monitor import Master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NEVER, Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Participants
@@ -90,7 +91,7 @@ class TransformationTaskNode(PollingNode):
         self.next_cycle = 0  # to start
         self.answered = 0  # the next to be complete
         self._inbox: Inbox[Content] = Inbox()
-        self._master = Master(parameters)
+        self._axes = AxisMonitor(parameters)
         self._statistics = BusStatistics(bus.outstanding_cycles_max)
         self._last_answer_s = 0.0
         self._report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
@@ -115,7 +116,8 @@ class TransformationTaskNode(PollingNode):
         fault_desk = FaultDesk(
             self, bus.cycle_time_s, self.closed, lambda: self.next_cycle, lambda: self._session
         )
-        self._state = RobotState(self, self._task, self._master)
+        self._state = RobotState(self, self._task, self._axes)
+        self._cycle = ControllerCycle(self._task, self._axes, parameters)
         self._control = Control(self._report_s)
         actions = RobotOutputs(self, self._state, self._task, fault_desk, self._desk, self._cycles)
         self._carry_out = actions.carry_out
@@ -231,7 +233,7 @@ class TransformationTaskNode(PollingNode):
             self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
         self._inbox.begin(self.next_cycle)
         self._transit.clear()
-        self._master.begin()
+        self._axes.begin()
         self._participants.close()
         self._enter(Phase.CP4)
         self._last_answer_s = time.monotonic()
@@ -268,7 +270,7 @@ class TransformationTaskNode(PollingNode):
             self._carry_out()
             return
         self._ticker.cancel()
-        self._master.begin()
+        self._axes.begin()
         self._desk.close()
         self._state.lose_bus(reason)
         self._wait_for_program = False
@@ -301,9 +303,8 @@ class TransformationTaskNode(PollingNode):
             outstanding = cycle - self.answered
             if cycle >= self._faults.next_cycle:
                 self._befall(cycle)
-            commands = self._task.command(cycle)
-            frame = self._frame(cycle)
-            data = self._mdt.encode(self._cycles.stamp(cycle), frame, commands.tolist())
+            command = self._cycle.command(cycle)
+            data = self._mdt.encode(self._cycles.stamp(cycle), self._frame(command), command.motors.tolist())
             self._statistics.sent(cycle, outstanding, self._pacing.late_s, time.time_ns())
             self._publish_mdt(data)
             if self._outputs.master.wanted:
@@ -318,13 +319,12 @@ class TransformationTaskNode(PollingNode):
         """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
         for fault, _ in self._faults.begin_and_end(cycle):
             if fault.kind == 'emergency_stop':
-                self._state.note(f'emergency stop in bus cycle {cycle}', cycle)
-                self._task.stop_at(cycle)
+                self._state.stop_for(emergency_stop(cycle))
                 self._carry_out()
 
-    def _frame(self, cycle: int) -> bytes:
+    def _frame(self, command: Command) -> bytes:
         """Frame of the MDT of a cycle."""
-        control, payload = self._task.control(cycle), self._task.payload
+        control, payload = command.control, command.payload
         if self._desk.busy:
             return cdr.mdt_frame(Phase.CP4, control, payload, self._receiver.session, self._desk.to_send())
         frame = self._frames.get((control, payload))
@@ -356,31 +356,27 @@ class TransformationTaskNode(PollingNode):
 
     def _complete(self, received_ns: int) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
-        inbox, master, state, desk = self._inbox, self._master, self._state, self._desk
+        inbox, state, desk = self._inbox, self._state, self._desk
         while (cycle := self.answered) < self.next_cycle and inbox.is_complete(cycle):
-            for index, answer_ in enumerate(inbox.get(cycle)):
-                if answer_ is None:
-                    master.bridge(index)
-                else:
-                    master.take(index, answer_[0], answer_[1])
-                if desk.busy:
-                    desk.received(index, None if answer_ is None else answer_[2])
+            answers = inbox.get(cycle)
+            if desk.busy:
+                for index, answer in enumerate(answers):
+                    desk.received(index, None if answer is None else answer[2])
             self._statistics.answered(cycle, received_ns or time.time_ns())
             self._last_answer_s = time.monotonic()
             self._watch.heard(self._last_answer_s)
             self.answered = cycle + 1
-            answer = self._task.receive(cycle, master.positions, master.torques)
-            self._outputs.send(cycle, self._cycles.stamp(cycle), answer, master)
-            reason = master.judge(cycle, state.judged_from)
-            if reason:
-                state.stop_for_drives(reason, cycle)
+            stop = self._cycle.evaluate(cycle, answers, state.checked_from, bool(state.fault))
+            self._outputs.send(cycle, self._cycles.stamp(cycle), self._task.answer, self._axes)
+            if stop is not None:
+                state.stop_for(stop)
                 self._carry_out()
                 self._report()
             if cycle == state.ends:
                 state.answered(cycle)
                 self._carry_out()
                 self._report()
-            if master.absent and self._task.enable_cycle == NEVER and not state.in_torque:
+            if self._axes.absent and self._task.enable_cycle == NEVER and not state.in_torque:
                 self._go_down(state.fault)
                 return
         if not self._pacing.period_s and self._cyclic:
@@ -388,10 +384,10 @@ class TransformationTaskNode(PollingNode):
 
     def _lose(self, index: int, reason: str) -> None:
         """Go on without a drive, to a stop; then the phase falls."""
-        self._master.lose(index)
+        self._axes.drop(index)
         self._inbox.lose(index)
         self._stop(reason, hard=True)
-        if len(self._master.absent) == len(DRIVES):
+        if len(self._axes.absent) == len(DRIVES):
             self._go_down(reason)
         else:
             self._complete(0)
@@ -472,7 +468,7 @@ class TransformationTaskNode(PollingNode):
     def statistics(self) -> dict[str, Any]:
         """Return what the bus and the program did so far."""
         return {
-            'at_losses': self._master.losses,
+            'at_losses': self._axes.losses,
             **self._statistics.summary(),
             'figures': asdict(self._task.figures()),
         }

@@ -1,0 +1,110 @@
+"""What the controller does in a bus cycle, without a bus: it commands, and later evaluates the answers of the drives.
+
+The simulation calls both halves of a cycle one after the other. A node calls ``command`` when it sends the MDT of a
+cycle and ``evaluate`` when the answers of a cycle are complete, each in the order of the cycles; in between a few
+cycles may be outstanding. The rule which fault stops the robot, and how, stands here alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
+
+
+class Command(NamedTuple):
+    """What the MDT of a bus cycle says to the drives."""
+
+    motors: Floats  # (3,) motor shafts [rad], on the increment grid; the next command overwrites them
+    control: int  # S-0-0134
+    payload: float  # [kg], gripped
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A fault asks for a stop of the robot.
+
+    Attributes
+    ----------
+    reason
+        The fault as a sentence.
+    cycle
+        Bus cycle in which it was found.
+    first
+        First bus cycle of the stop, still to come.
+    hard
+        Whether the stop may be harder than the move allows: an axis does not follow any more.
+
+    """
+
+    reason: str
+    cycle: int
+    first: int
+    hard: bool = False
+
+
+def emergency_stop(cycle: int) -> Stop:
+    """Return the stop of an operator or of an injected fault, from the command of a bus cycle on."""
+    return Stop(f'emergency stop in bus cycle {cycle}', cycle, cycle)
+
+
+class ControllerCycle:
+    """The controller's part of each bus cycle.
+
+    Parameters
+    ----------
+    task
+        Gives the commands and evaluates the answers.
+    axes
+        Keeps what the drives have answered.
+    parameters
+        Of the robot. A stop begins ``bus.outstanding_cycles_max`` cycles after the one whose answers tell of a fault.
+
+    """
+
+    def __init__(self, task: Transformation, axes: AxisMonitor, parameters: Parameters) -> None:
+        self._task, self._axes = task, axes
+        self._reaction_cycles = parameters.bus.outstanding_cycles_max
+
+    def command(self, cycle: int) -> Command:
+        """Return the command of the next cycle."""
+        motors = self._task.command(cycle)
+        return Command(motors, self._task.control(cycle), self._task.payload)
+
+    def evaluate(
+        self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool
+    ) -> Stop | None:
+        """Evaluate the answers of the three drives in a cycle.
+
+        Parameters
+        ----------
+        cycle
+            Number of the bus cycle.
+        answers
+            Of each axis (position [rad], speed [rad/s], torque [N m]) and the status word, perhaps more behind them;
+            None if it is lost: then the shaft is extrapolated.
+        program_starts
+            Bus cycle from which on every drive must be in torque, ``NEVER`` if the TCP stands.
+        stopped
+            Whether a fault has stopped the robot before: only an axis that does not follow any more counts then.
+
+        Returns
+        -------
+        Stop | None
+            What the fault of a drive asks for. The evaluated answers are in ``Transformation.answer``.
+
+        """
+        axes = self._axes
+        for axis, answer in enumerate(answers):
+            if answer is None:
+                axes.extrapolate(axis)
+            else:
+                axes.accept(axis, answer[0], answer[1])
+        self._task.receive(cycle, axes.positions, axes.torques)
+        fault = axes.check(cycle, program_starts)
+        if fault is None or (stopped and not fault.not_following):
+            return None
+        return Stop(fault.sentence, cycle, cycle + self._reaction_cycles, fault.not_following)
