@@ -22,7 +22,7 @@ from delta3_pacdrive.analysis.estimation.quantities import (
     with_values,
 )
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
-from delta3_pacdrive.analysis.estimation.session import Session, Settings
+from delta3_pacdrive.analysis.estimation.run import Settings, Study
 from delta3_pacdrive.analysis.estimation.solver import QUIET, fit, whiteness_of
 from delta3_pacdrive.cli import estimate
 from delta3_pacdrive.errors import EstimationError, TraceError
@@ -481,18 +481,18 @@ def settings_of(folder, bus, **fields):
 
 def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
-    whole = Session(settings, tmp_path / 'whole', 'test', quiet).run()
+    whole = Study(settings, tmp_path / 'whole', 'test', quiet).run()
 
     def interrupt(stage, _done, _total):
         if stage.startswith('iteration 3'):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Session(settings, tmp_path / 'parts', 'test', interrupt).run()
+        Study(settings, tmp_path / 'parts', 'test', interrupt).run()
     kept = json.loads((tmp_path / 'parts' / 'iterate.json').read_text())
     assert kept['iteration'] == 3
     seen = []
-    resumed = Session.resumed(tmp_path / 'parts', 'test', lambda stage, *_: seen.append(stage))
+    resumed = Study.resumed(tmp_path / 'parts', 'test', lambda stage, *_: seen.append(stage))
     assert resumed.settings == settings
     report = resumed.run()
     assert next(stage for stage in seen if stage.startswith('iteration')).startswith('iteration 3')
@@ -504,12 +504,12 @@ def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
 
 def test_an_estimation_does_not_go_on_with_other_inputs(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
-    Session(settings, tmp_path / 'run', 'test', quiet).run()
+    Study(settings, tmp_path / 'run', 'test', quiet).run()
     Trace(bus.time_s, bus.signals, bus.meta | {'changed': True}).save(settings.inputs[0])
     with pytest.raises(EstimationError, match='have changed'):
-        Session.resumed(tmp_path / 'run', 'test', quiet)
+        Study.resumed(tmp_path / 'run', 'test', quiet)
     with pytest.raises(EstimationError, match='no estimation began'):
-        Session.resumed(tmp_path, 'test', quiet)
+        Study.resumed(tmp_path, 'test', quiet)
 
 
 def test_the_command_writes_what_repeats_it(bus, tmp_path, capsys):
@@ -594,7 +594,7 @@ def test_options_out_of_range_are_refused_before_anything_runs(arguments, senten
 
 def test_an_input_that_cannot_be_read_leaves_an_earlier_estimation_as_it_is(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
-    Session(settings, tmp_path / 'run', 'test', quiet).run()
+    Study(settings, tmp_path / 'run', 'test', quiet).run()
     before = {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
     arguments = ['nowhere.npz', '--output', str(tmp_path / 'run')]
     assert estimate.main(arguments) == 1

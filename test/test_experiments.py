@@ -19,7 +19,7 @@ from delta3_pacdrive.analysis.experiments.attribution import (
     with_effects,
 )
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run, delayed
-from delta3_pacdrive.analysis.experiments.findings import findings, truth, verdict
+from delta3_pacdrive.analysis.experiments.conclusions import conclusions, truth, verdict
 from delta3_pacdrive.cli import experiment, experiment_graph
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program as programs
@@ -63,7 +63,7 @@ def short_program(robot):
 @pytest.mark.parametrize('number', EXPERIMENTS)
 def test_angles_and_tcp_are_alike_but_error_norm_and_current_are_not(number, compared):
     rows = compared[number].statistics()
-    found = findings(rows)
+    found = conclusions(rows)
     assert [f.claim.split()[0] for f in found] == ['small', 'small', 'clear', 'clear']
     assert all(f.holds for f in found), verdict(found)
     whole = {row.signal: row for row in rows if row.column in ('', 'all')}
@@ -75,7 +75,7 @@ def test_a_model_on_the_exact_exchange_period_is_no_robot(robot, compared):
     program = programs.load('experiment3', robot.motion)
     exact = robot.replace(bus__exchange_period_s=125e-6)
     comparison = Comparison.of(compared[3].model, Run.of(run(program, exact), exact))
-    found = findings(comparison.statistics())
+    found = conclusions(comparison.statistics())
     assert [f.holds for f in found] == [True, True, False, False]
     assert 'norm of the TCP error' in verdict(found)
     assert 'current' in verdict(found)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis.estimation import measurement, session
+from delta3_pacdrive.analysis.estimation import measurement
+from delta3_pacdrive.analysis.estimation import run as estimation_run
 from delta3_pacdrive.analysis.jacobian import run as jacobian_run
-from delta3_pacdrive.analysis.tuning import recording as tuning_recording
+from delta3_pacdrive.analysis.tuning import oscilloscope
 from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.analysis.tuning.bench import Place
 from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
@@ -93,7 +94,7 @@ def excited(monkeypatch, tmp_path):
         trace.meta['excitation'], trace.meta['robot'] = excitation, robot
         return trace
 
-    monkeypatch.setattr(tuning_recording, 'record', record)
+    monkeypatch.setattr(oscilloscope, 'record', record)
 
     def excite(*arguments):
         _, _, noise, seed = asked(tune, ['--excite', str(tmp_path / 'a.npz'), *arguments])
@@ -161,7 +162,7 @@ ESTIMATE = {
 
 @pytest.mark.parametrize('arguments', ESTIMATE, ids=' '.join)
 def test_an_option_of_estimate_is_a_setting_of_the_session_and_changes_no_other(arguments, monkeypatch):
-    monkeypatch.setattr(session, 'Session', asking())
+    monkeypatch.setattr(estimation_run, 'Study', asking())
     default, chosen = asked(estimate, [])[0], asked(estimate, arguments)[0]
     changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
     assert changed == ESTIMATE[arguments]

@@ -12,7 +12,7 @@ from delta3_pacdrive.analysis.estimation.quantities import TABLE
 from delta3_pacdrive.analysis.estimation.solver import fit
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, _outcome
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
-from delta3_pacdrive.analysis.experiments.findings import Finding, findings, verdict
+from delta3_pacdrive.analysis.experiments.conclusions import Conclusion, conclusions, verdict
 from delta3_pacdrive.analysis.jacobian import report as jacobian_report
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, figures, peaks
 from delta3_pacdrive.analysis.jacobian.mapping import Pose
@@ -110,7 +110,7 @@ def test_the_sentence_about_inexact_lengths_tells_theirs():
             'exponents': {'recorded': {'all': 1.01}},
         },
     }
-    exact, inexact, tolerance, needed, causes, condition = jacobian_report.findings(result)
+    exact, inexact, tolerance, needed, causes, condition = jacobian_report.conclusions(result)
     assert 'velocities deviate by at most 0.011 %, accelerations by 0.022 %' in exact
     assert inexact == (
         'With R_A +35 mm the velocities deviate by 7.7 % of their peaks (thesis: 10), the accelerations by 8.8 %.'
@@ -364,7 +364,7 @@ def test_alone_and_left_out_are_what_comes_with_and_what_goes_with_an_effect():
 
 
 def test_the_verdict_is_good_only_if_every_claim_holds():
-    good, bad = Finding('a', True, ''), Finding('b', False, '')
+    good, bad = Conclusion('a', True, ''), Conclusion('b', False, '')
     assert verdict([good, good]).startswith('reproduced')
     assert verdict([good, bad]) == 'not reproduced, this does not hold: b'
     assert verdict([bad, bad]).endswith('b; b')
@@ -388,6 +388,6 @@ def test_small_is_under_one_per_cent_of_the_travel_and_clear_over_ten_per_cent_o
     robot = {name: values * (1.0 + apart) for name, values in model.items()}
     cycles = np.arange(101)
     rows = Comparison.of(Run(cycles, 1e-3, model, {}, ()), Run(cycles, 1e-3, robot, {}, ())).statistics()
-    angle, tcp, norm, current = findings(rows)
+    angle, tcp, norm, current = conclusions(rows)
     assert [angle.holds, tcp.holds] == [small, small]
     assert [norm.holds, current.holds] == [clear, clear]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.estimation import session
+from delta3_pacdrive.analysis.estimation import run as estimation_run
 from delta3_pacdrive.analysis.experiments import report as experiment_report
 from delta3_pacdrive.analysis.jacobian import run as jacobian_run
 from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json, write_table
@@ -160,7 +160,7 @@ DOCUMENT = {
 
 def test_an_estimate_is_printed_with_half_the_width_of_its_interval(monkeypatch, capsys):
     monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
-    monkeypatch.setattr(session, 'Session', returning(DOCUMENT))
+    monkeypatch.setattr(estimation_run, 'Study', returning(DOCUMENT))
     assert estimate.main([]) == 0
     text = capsys.readouterr().out
     lines = {line.split()[0]: line.strip() for line in text.splitlines()}

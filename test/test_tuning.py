@@ -9,10 +9,18 @@ from scipy import optimize, signal
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.estimation import measurement
-from delta3_pacdrive.analysis.tuning import effect, identification, recorded, recording, run, settings, study
+from delta3_pacdrive.analysis.tuning import (
+    effect,
+    identification,
+    measured_response,
+    oscilloscope,
+    run,
+    settings,
+    study,
+)
 from delta3_pacdrive.analysis.tuning.analysis import (
     LOOPS,
-    Operation,
+    OperatingPoint,
     analyse,
     exact_shaft,
     exchanged_shaft,
@@ -60,13 +68,13 @@ def distances(values, linear):
 
 @pytest.fixture(scope='module')
 def operation(robot):
-    return Operation(load_at(POSE, 0, robot), SPEED_RAD_S)
+    return OperatingPoint(load_at(POSE, 0, robot), SPEED_RAD_S)
 
 
 @pytest.fixture(scope='module')
 def excited(robot):
     """Return a recording of the robot whose first axis is excited at the current set point."""
-    return recording.record(robot, recording.Excitation(Place.PLANT, 0, POSE, 5.0))
+    return oscilloscope.record(robot, oscilloscope.Excitation(Place.PLANT, 0, POSE, 5.0))
 
 
 def test_current_loop_is_the_product_of_its_parts(robot):
@@ -234,7 +242,7 @@ def test_modes_share_each_axis_out_and_lie_within_the_workspace(robot):
 
 @pytest.mark.parametrize('name', ['cascade', 'current'])
 def test_recorded_excitation_of_the_robot_shows_the_loops_of_its_modes(name, excited, robot, operation):
-    (one,) = (r for r in recorded.identify(excited, 1, robot, operation) if r.name == name)
+    (one,) = (r for r in measured_response.identify(excited, 1, robot, operation) if r.name == name)
     low, high = one.measured.band_hz()
     assert low < 10.0
     assert high > ROBOT_HZ
@@ -245,8 +253,8 @@ def test_recorded_excitation_of_the_robot_shows_the_loops_of_its_modes(name, exc
 
 
 def test_position_set_point_opens_the_position_loop(robot, operation):
-    trace = recording.record(robot, recording.Excitation(Place.POSITION, 0, POSE, 5.0))
-    one = recorded.identify(trace, 1, robot, operation)[0]
+    trace = oscilloscope.record(robot, oscilloscope.Excitation(Place.POSITION, 0, POSE, 5.0))
+    one = measured_response.identify(trace, 1, robot, operation)[0]
     assert one.name == 'position'
     inside = one.measured.frequencies_hz > 5.0
     decibel, degree = distances(one.measured.values[inside], one.linear[inside])
@@ -261,8 +269,8 @@ def test_noise_narrows_the_band_that_is_trusted(excited, robot, operation):
     noisy.signals['current_reference'] = excited['current_reference'] + 0.3 * rng.standard_normal(
         excited['current_reference'].shape
     )
-    clean = recorded.identify(excited, 1, robot, operation)[0].measured
-    worse = recorded.identify(noisy, 1, robot, operation)[0].measured
+    clean = measured_response.identify(excited, 1, robot, operation)[0].measured
+    worse = measured_response.identify(noisy, 1, robot, operation)[0].measured
     assert worse.trusted.sum() < clean.trusted.sum()
     assert np.median(worse.coherence) < np.median(clean.coherence)
 
@@ -283,7 +291,7 @@ def test_estimate_of_a_filter_in_noise_lies_within_its_own_error():
 
 def test_bus_recording_shows_the_set_point_delay(robot, operation):
     trace = simulation.run(programs.load('packaging', robot.motion), robot)
-    one = recorded.identify(trace, 1, robot, operation)[0]
+    one = measured_response.identify(trace, 1, robot, operation)[0]
     low, high = one.measured.band_hz()
     assert low < 5.0
     assert high > 30.0
@@ -300,8 +308,8 @@ def test_bus_recording_shows_the_set_point_delay(robot, operation):
 
 def test_elastic_gears_show_their_resonance_in_a_recording(operation):
     rich = load_parameters('rich')
-    trace = recording.record(rich, recording.Excitation(Place.PLANT, 0, POSE, 5.0))
-    one = recorded.identify(trace, 1, rich, operation)[0].measured
+    trace = oscilloscope.record(rich, oscilloscope.Excitation(Place.PLANT, 0, POSE, 5.0))
+    one = measured_response.identify(trace, 1, rich, operation)[0].measured
     peak = one.frequencies_hz[np.argmax(np.where(one.frequencies_hz > 100.0, np.abs(one.values), 0.0))]
     # 180 to 200 Hz, as the stiffness was chosen; lines are spaced by a seventh
     assert 160.0 < peak < 240.0
@@ -333,10 +341,10 @@ def test_setting_that_makes_no_sense_is_told_in_one_sentence(text, told):
 def test_recording_that_allows_nothing_says_what_is_missing(robot, operation, excited):
     only = Trace(excited.time_s, {'motor_position': excited['motor_position']}, excited.meta)
     with pytest.raises(TuningError, match='current_reference'):
-        recorded.identify(only, 1, robot, operation)
+        measured_response.identify(only, 1, robot, operation)
     short = Trace(excited.time_s[:100], {n: v[:100] for n, v in excited.signals.items()}, {})
     with pytest.raises(TuningError, match='samples'):
-        recorded.identify(short, 1, robot, operation)
+        measured_response.identify(short, 1, robot, operation)
     with pytest.raises(ParameterError, match='between 0 and 100'):
         settings.apply([settings.parse('K_Pvel=200')], robot)
 
@@ -432,7 +440,7 @@ def test_the_exchange_period_reaches_the_program_and_the_workspace(tmp_path):
 def test_the_recording_of_the_axis_that_is_asked_for_is_evaluated(excited, robot, tmp_path, monkeypatch):
     excited.save(tmp_path / 'trace.npz')
     asked = []
-    monkeypatch.setattr(recorded, 'identify', lambda _trace, axis, *_: asked.append(axis) or [])
+    monkeypatch.setattr(measured_response, 'identify', lambda _trace, axis, *_: asked.append(axis) or [])
     for axis in (1, 3):
         settings_ = study.Settings(axis=axis, recording=str(tmp_path / 'trace.npz'))
         run.Study(settings_, tmp_path, 'test', silent)._recorded()

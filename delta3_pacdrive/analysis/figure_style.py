@@ -57,7 +57,7 @@ def dress(axes: Axes) -> None:
 
 
 def save(
-    makers: Mapping[str, Callable[[], Figure]],
+    drawings: Mapping[str, Callable[[], Figure]],
     folder: str | Path,
     metadata: Mapping[str, str] | None = None,
 ) -> list[Path]:
@@ -77,7 +77,7 @@ def save(
     paths = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, make in makers.items():
+        for name, make in drawings.items():
             paths.append(folder / name)
             FigureCanvasAgg(make()).print_png(paths[-1], metadata=metadata)
     except OSError as error:

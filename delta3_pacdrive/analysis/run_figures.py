@@ -76,11 +76,11 @@ def draw(
         A file cannot be written.
 
     """
-    makers = {name: partial(make, trace) for name, make in FIGURES.items() if shows(name, signals)}
+    drawings = {name: partial(make, trace) for name, make in FIGURES.items() if shows(name, signals)}
     for signal in signals or ():
         if signal not in SUBJECTS.values():
-            makers[f'{signal}.png'] = partial(signal_panels, trace, signal)
-    return save(makers, folder, metadata)
+            drawings[f'{signal}.png'] = partial(signal_panels, trace, signal)
+    return save(drawings, folder, metadata)
 
 
 def shows(figure: str, signals: Sequence[str] | None) -> bool:

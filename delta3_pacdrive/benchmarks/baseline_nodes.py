@@ -1,4 +1,4 @@
-"""Bare nodes: the robot's cyclic topology with ordinary messages and no mathematics, for the benchmark to compare with.
+"""Baseline nodes: the cyclic topology of the robot with ordinary messages and no mathematics, for the benchmark.
 
 They exchange what the real nodes exchange, at the same rates, message objects as rclpy makes them, all reliable.
 """
@@ -44,11 +44,11 @@ def _cycle(message: Any) -> int:
     return int((stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns)
 
 
-class BareDrive(Node):
+class BaselineDrive(Node):
     """Answers each MDT and shaft message with an AT and a current message."""
 
     def __init__(self, axis: str, **options: Any) -> None:
-        super().__init__(f'bare_{axis}', **options)
+        super().__init__(f'baseline_{axis}', **options)
         self._next = 0
         self._commands: set[int] = set()
         self._shafts: set[int] = set()
@@ -78,11 +78,11 @@ class BareDrive(Node):
             self._next += 1
 
 
-class BarePlant(Node):
+class BaselinePlant(Node):
     """Answers three current messages with one shaft message."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('bare_plant', **options)
+        super().__init__('baseline_plant', **options)
         self._next = 0
         self._waiting: list[set[int]] = [set(), set(), set()]
         self._message = _message(DRIVES, 3, 3, 3)
@@ -107,11 +107,11 @@ class BarePlant(Node):
         return receive
 
 
-class BareMaster(Node):
+class BaselineMaster(Node):
     """Sends MDTs on the clock, takes the answers and publishes the telemetry."""
 
     def __init__(self, cycles: int, report: Callable[[dict[str, Any]], None], **options: Any) -> None:
-        super().__init__('bare_master', **options)
+        super().__init__('baseline_master', **options)
         self._report = report
         self._cycles_wanted = cycles
         self._pacing = Pacing(PERIOD_S, OUTSTANDING_MAX)

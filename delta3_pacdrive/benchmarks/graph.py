@@ -91,7 +91,7 @@ def _measure(case: str, scheduling: str, seconds: float) -> dict[str, Any]:
         give_up_real_time()
     if case == 'machine':
         return _measure_machine(seconds)
-    return _measure_bare(seconds) if case == 'bare' else _measure_robot(case, seconds)
+    return _measure_baseline(seconds) if case == 'bare' else _measure_robot(case, seconds)
 
 
 def _measure_machine(seconds: float) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
     return result | meters[0].figures(result['cycles'] - first_cycle)
 
 
-def _measure_bare(seconds: float) -> dict[str, Any]:
+def _measure_baseline(seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.benchmarks import baseline_nodes
     from delta3_pacdrive.bringup.processes import end_all, spawn
     from delta3_pacdrive.ros import discovery, node_process
@@ -148,12 +148,12 @@ def _measure_bare(seconds: float) -> dict[str, Any]:
             report.with_suffix('.part').write_text(json.dumps(figures))
             report.with_suffix('.part').rename(report)
 
-        factories: dict[str, Any] = {'plant': baseline_nodes.BarePlant}
+        factories: dict[str, Any] = {'plant': baseline_nodes.BaselinePlant}
         factories |= {
-            f'mc4_drive_{n + 1}': partial(baseline_nodes.BareDrive, axis) for n, axis in enumerate(DRIVES)
+            f'mc4_drive_{n + 1}': partial(baseline_nodes.BaselineDrive, axis) for n, axis in enumerate(DRIVES)
         }
         factories['transformation_task'] = partial(
-            baseline_nodes.BareMaster, round(seconds / baseline_nodes.PERIOD_S), done
+            baseline_nodes.BaselineMaster, round(seconds / baseline_nodes.PERIOD_S), done
         )
         children = [
             spawn(name, partial(node_process.run, [factory], []), Path(folder) / name, Schedule.REAL_TIME)

@@ -211,16 +211,16 @@ def _toppra(curve: Any, limits: Any, robot: Any) -> dict[str, float]:
 def _plans_arriving(seconds: float) -> dict[str, Any]:
     """Statistics of the cycle of a robot that stands, without and with plans of 100 points arriving all the time."""
     return {
-        'without': _standing_robot(seconds, 0.0),
-        'with': _standing_robot(seconds, PLANS_PER_S),
+        'without': _under_planning_load(seconds, 0.0),
+        'with': _under_planning_load(seconds, PLANS_PER_S),
     }
 
 
-def _standing_robot(seconds: float, plans_per_s: float) -> dict[str, Any]:
-    return in_child(partial(_measure_standing, seconds, plans_per_s))
+def _under_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
+    return in_child(partial(_measure_planning_load, seconds, plans_per_s))
 
 
-def _measure_standing(seconds: float, plans_per_s: float) -> dict[str, Any]:
+def _measure_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.benchmarks.planning_load import measure
     from delta3_pacdrive.motion import program as programs

@@ -94,7 +94,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _refuse_ignored(options: argparse.Namespace) -> None:
     """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
-    from delta3_pacdrive.analysis.estimation.session import is_trace
+    from delta3_pacdrive.analysis.estimation.run import is_trace
     from delta3_pacdrive.errors import EstimationError
 
     given = {
@@ -152,7 +152,7 @@ def _refuse_ignored(options: argparse.Namespace) -> None:
 def _estimate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.estimation.session import Session, Settings
+    from delta3_pacdrive.analysis.estimation.run import Settings, Study
     from delta3_pacdrive.errors import Delta3Error, EstimationError
 
     _refuse_ignored(options)
@@ -165,7 +165,7 @@ def _estimate(options: argparse.Namespace) -> int:
     try:
         with progress:
             if options.resume:
-                session = Session.resumed(Path(options.resume), options.command_line, progress.show)
+                session = Study.resumed(Path(options.resume), options.command_line, progress.show)
             else:
                 program = 'experiment1' if options.group == 'thesis' else 'excitation'
                 settings = Settings(
@@ -180,7 +180,7 @@ def _estimate(options: argparse.Namespace) -> int:
                     _symbols(options.free),
                     _symbols(options.known),
                 )
-                session = Session(settings, Path(options.output), options.command_line, progress.show)
+                session = Study(settings, Path(options.output), options.command_line, progress.show)
             document = session.run(Path(options.measurement) if options.measurement else None)
     except KeyboardInterrupt:
         where = 'before the first iteration'

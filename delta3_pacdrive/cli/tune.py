@@ -137,7 +137,7 @@ def _tune(options: argparse.Namespace) -> int:
 def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> dict[str, Any]:
     from delta3_pacdrive.analysis.estimation import measurement
     from delta3_pacdrive.analysis.tuning.bench import Place
-    from delta3_pacdrive.analysis.tuning.recording import SPEED_SHARE, Excitation, record
+    from delta3_pacdrive.analysis.tuning.oscilloscope import SPEED_SHARE, Excitation, record
     from delta3_pacdrive.analysis.tuning.run import robot_of
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import bag_trace

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.analysis.estimation.problem import Problem
     from delta3_pacdrive.analysis.estimation.solver import Fit
-    from delta3_pacdrive.analysis.estimation.thesis_setup import Study
+    from delta3_pacdrive.analysis.estimation.thesis_setup import ThesisStudy
     from delta3_pacdrive.analysis.provenance import Provenance
 
 ERROR_MIN_PERCENT = 1e-6  # shown on a logarithmic axis
@@ -133,7 +133,7 @@ def residuals(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
     return figure
 
 
-def quotients(study: Study, provenance: Provenance) -> Figure:
+def quotients(study: ThesisStudy, provenance: Provenance) -> Figure:
     """Difference quotients of the closed loop's current over the step, through encoders and without."""
     figure = report_figure('Difference quotients of the current in the closed loop', 4.8, provenance)
     left, right = figure.subplots(1, 2, sharex=True)
@@ -158,7 +158,7 @@ def quotients(study: Study, provenance: Provenance) -> Figure:
     return figure
 
 
-def attempts(study: Study, provenance: Provenance) -> Figure:
+def attempts(study: ThesisStudy, provenance: Provenance) -> Figure:
     """How far each attempt moved its values, and the cost over each quantity."""
     figure = report_figure('The estimation of chapter 9 again', 4.8, provenance)
     left, right = figure.subplots(1, 2)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.estimation.identifiability import Identifiability
     from delta3_pacdrive.analysis.estimation.problem import Problem
     from delta3_pacdrive.analysis.estimation.solver import Fit
-    from delta3_pacdrive.analysis.estimation.thesis_setup import Study
+    from delta3_pacdrive.analysis.estimation.thesis_setup import ThesisStudy
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.parameters import Parameters
 
@@ -126,7 +126,7 @@ def fit_document(
     }
 
 
-def study_document(study: Study, cure: dict[str, Any]) -> dict[str, Any]:
+def study_document(study: ThesisStudy, cure: dict[str, Any]) -> dict[str, Any]:
     """Return the report of the thesis' set-up; ``cure`` is that of its last estimation."""
     return cure | {
         'explanation': explanation(study),
@@ -164,7 +164,7 @@ def write_fit_tables(
     return paths
 
 
-def write_study_tables(study: Study, folder: Path, provenance: Provenance) -> list[Path]:
+def write_study_tables(study: ThesisStudy, folder: Path, provenance: Provenance) -> list[Path]:
     """Write ``quotients.csv``, ``profiles.csv`` and ``attempts.csv``."""
     quotients = [list(asdict(q).values()) for q in study.quotients]
     header = [

@@ -115,7 +115,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Study:
+class ThesisStudy:
     """All that explains the outcome of chapter 9.
 
     Attributes
@@ -150,7 +150,7 @@ def study(
     on_progress: Callable[[str, int, int], None] | None = None,
     on_iterate: OnIterate | None = None,
     resume: Iterate | None = None,
-) -> Study:
+) -> ThesisStudy:
     """Simulate a robot as measurement and estimate from it as chapter 9 did, and as one should.
 
     Raises
@@ -171,10 +171,10 @@ def study(
     tell('with scales and slopes', 0, 1)
     problem = Problem(FREED, [ReplayModel(trace, parameters)], parameters)
     cure = fit(problem, start_values(FREED, parameters, off), on_iterate, resume)
-    return Study(tuple(quotients), profiles, tuple(attempts), cure, problem)
+    return ThesisStudy(tuple(quotients), profiles, tuple(attempts), cure, problem)
 
 
-def explanation(study: Study) -> list[str]:
+def explanation(study: ThesisStudy) -> list[str]:
     """Say in words, with the figures of a study, why the estimation came to nothing."""
     off = max(a.off for a in study.attempts)
     lost = [q for q in study.quotients if 1e-5 <= q.step <= 1e-3]

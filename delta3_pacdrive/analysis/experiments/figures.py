@@ -15,7 +15,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES
-from delta3_pacdrive.analysis.experiments.findings import OTHER
+from delta3_pacdrive.analysis.experiments.conclusions import OTHER
 from delta3_pacdrive.analysis.figure_style import COLOURS, MUTED, dress, report_figure
 from delta3_pacdrive.analysis.run_figures import COMMAND, SLOPE_S, ZOOM_S, busiest, frame_path
 
@@ -48,7 +48,7 @@ REFERENCE: dict[str, Any] = COMMAND | {'zorder': 3.5}
 TRUE: dict[str, Any] = {'color': COLOURS[4], 'linewidth': 1.0}
 
 
-def makers(
+def by_name(
     number: int, comparison: Comparison, attribution: Attribution | None, provenance: Provenance
 ) -> dict[str, Callable[[], Figure]]:
     """Return what draws each figure of experiment ``number``, by file name."""

@@ -12,7 +12,7 @@ from delta3_pacdrive.analysis import figure_style
 from delta3_pacdrive.analysis.experiments import figures
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Statistics
-from delta3_pacdrive.analysis.experiments.findings import OTHER, explanations, findings, truth, verdict
+from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
 from delta3_pacdrive.analysis.provenance import Provenance, write_json, write_table
 from delta3_pacdrive.errors import ReportError
 
@@ -86,8 +86,8 @@ def write(
     ]
     if attribution is not None:
         tables.append(write_attribution(attribution, folder, provenance))
-    makers = figures.makers(number, comparison, attribution, provenance)
-    pictures = figure_style.save(makers, folder, provenance.lines())
+    drawings = figures.by_name(number, comparison, attribution, provenance)
+    pictures = figure_style.save(drawings, folder, provenance.lines())
     document = _document(number, program, comparison, rows, attribution, notes, provenance)
     report = folder / REPORT
     parameters = [folder / name for name in (MODEL_FILE, ROBOT_FILE)]
@@ -156,7 +156,7 @@ def _document(
     notes: Sequence[str],
     provenance: Provenance,
 ) -> dict[str, Any]:
-    found = findings(list(rows))
+    found = conclusions(list(rows))
     missing = comparison.missing
     told = list(notes)
     if missing:

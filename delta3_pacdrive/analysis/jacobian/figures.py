@@ -32,7 +32,7 @@ TICKS = (-10000, -1000, -100, -30, -10, 0, 10, 30, 100, 1000, 10000)  # of that
 SPAN_MIN = 1e-3  # percent
 
 
-def makers(trial: Trial, errors: str, provenance: Provenance) -> dict[str, Callable[[], Figure]]:
+def by_name(trial: Trial, errors: str, provenance: Provenance) -> dict[str, Callable[[], Figure]]:
     """Return the functions that make the seven figures of a trajectory, by file name.
 
     ``errors`` names the inexact lengths. The files of the thesis' experiments bear its numbers.

@@ -1,4 +1,4 @@
-"""What the Jacobian experiments leave behind: a report as JSON, tables as CSV, findings in sentences."""
+"""What the Jacobian experiments leave behind: a report as JSON, tables as CSV, conclusions in sentences."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ def document(
             'exponents': condition.exponents(found),
         },
     }
-    result['findings'] = findings(result)
+    result['findings'] = conclusions(result)
     return result
 
 
-def findings(result: dict[str, Any]) -> list[str]:
+def conclusions(result: dict[str, Any]) -> list[str]:
     """Say in sentences what the numbers of a report mean."""
     rows, pose = result['trajectories'], result['pose']
     thesis = [row['thesis_percent'] for row in rows]

@@ -69,16 +69,16 @@ def run(settings: Settings, folder: Path, command: str, on_progress: OnProgress)
     pictures = []
     for number, trial in enumerate(trials):
         on_progress(f'{trial.motion.name}: figures', steps - 1 - len(trials) + number, steps)
-        makers = figures.makers(trial, report.error_text(settings.errors, mathematical=True), provenance)
-        pictures += figure_style.save(makers, folder, provenance.lines())
+        drawings = figures.by_name(trial, report.error_text(settings.errors, mathematical=True), provenance)
+        pictures += figure_style.save(drawings, folder, provenance.lines())
     on_progress('figures of the workspace', steps - 1, steps)
-    makers = {
+    drawings = {
         'sensitivities.png': partial(study_figures.sensitivities, trials, provenance),
         'deviation_over_condition.png': partial(
             study_figures.deviation_over_condition, found, robot.kinematics, provenance
         ),
     }
-    pictures += figure_style.save(makers, folder, provenance.lines())
+    pictures += figure_style.save(drawings, folder, provenance.lines())
     document['files'] = [str(path) for path in (folder / REPORT, *tables, *pictures)]
     write_json(document, folder / REPORT)
     return document

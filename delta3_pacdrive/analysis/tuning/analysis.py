@@ -146,7 +146,7 @@ class LoopResult:
 
 
 @dataclass(frozen=True)
-class Operation:
+class OperatingPoint:
     """At what the loops are looked at.
 
     Attributes
@@ -188,7 +188,9 @@ def exchanged_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> S
     return Shaft(load.inertia_kg_m2, slope, parameters.bus.exchange_period_s, believed)
 
 
-def linear_loop(loop: Loop, parameters: Parameters, operation: Operation, points: int = POINTS) -> LoopResult:
+def linear_loop(
+    loop: Loop, parameters: Parameters, operation: OperatingPoint, points: int = POINTS
+) -> LoopResult:
     """Return a loop by its difference equations alone."""
     load = HELD if loop.place == Place.CURRENT else operation.load
     shaft = exact_shaft(parameters, load, operation.speed_rad_s)
@@ -221,7 +223,7 @@ def linear_cascade_loop(
     return LoopResult(name, closed.is_stable(), margins(frequencies, opened), None, frequencies, opened, None)
 
 
-def analyse(parameters: Parameters, operation: Operation, on_progress: OnProgress) -> list[LoopResult]:
+def analyse(parameters: Parameters, operation: OperatingPoint, on_progress: OnProgress) -> list[LoopResult]:
     """Return the three loops and the cascade as a whole, linear and on the bench."""
     results = []
     for number, loop in enumerate(LOOPS):
@@ -235,7 +237,7 @@ def analyse(parameters: Parameters, operation: Operation, on_progress: OnProgres
     return [*results, cascade]
 
 
-def step_on_bench(loop: Loop, parameters: Parameters, operation: Operation) -> Step:
+def step_on_bench(loop: Loop, parameters: Parameters, operation: OperatingPoint) -> Step:
     """Return the response to a step of the set point; raises RunError if the drive trips."""
     load = HELD if loop.place == Place.CURRENT else operation.load
     drive = parameters.drive
@@ -275,7 +277,9 @@ def deviation(measured: Measured, linear: Complex) -> tuple[float, float, float]
     )
 
 
-def _on_bench(loop: Loop, linear: LoopResult, parameters: Parameters, operation: Operation) -> LoopResult:
+def _on_bench(
+    loop: Loop, linear: LoopResult, parameters: Parameters, operation: OperatingPoint
+) -> LoopResult:
     try:
         found = replace(linear, step=step_on_bench(loop, parameters, operation))
         if linear.stable:
@@ -286,7 +290,7 @@ def _on_bench(loop: Loop, linear: LoopResult, parameters: Parameters, operation:
     return found
 
 
-def _measured(loop: Loop, parameters: Parameters, operation: Operation) -> tuple[Measured, Measured]:
+def _measured(loop: Loop, parameters: Parameters, operation: OperatingPoint) -> tuple[Measured, Measured]:
     load = HELD if loop.place == Place.CURRENT else operation.load
     period = parameters.drive.current_period_s
     rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
@@ -309,7 +313,7 @@ def _measured(loop: Loop, parameters: Parameters, operation: Operation) -> tuple
     return estimate(error, feedback, error_rate), estimate(added, actual, rate)
 
 
-def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: Operation) -> LoopResult:
+def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: OperatingPoint) -> LoopResult:
     period = parameters.drive.current_period_s
     steps = round(parameters.drive.velocity_period_s / period)
     rms = CASCADE_RMS_A * operation.amplitude

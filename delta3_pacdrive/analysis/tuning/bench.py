@@ -86,7 +86,7 @@ class Run:
         return np.concatenate([values[:1], values[:-1]])
 
 
-def bench_parameters(parameters: Parameters, load: Load, place: Place) -> Parameters:
+def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> Parameters:
     """Parameters of the drive on the bench: its own shaft is the load, outer loops are cut as ``place`` asks."""
     drive = parameters.drive
     values: dict[str, Any] = {'bus__exchange_period_s': max(125e-6, drive.velocity_period_s)}
@@ -130,7 +130,7 @@ class Bench:
     """
 
     def __init__(self, parameters: Parameters, load: Load, place: Place, speed_rad_s: float) -> None:
-        own = bench_parameters(parameters, load, place)
+        own = test_bench_parameters(parameters, load, place)
         self._drive = MC4(own)
         self._motor = motor(own)
         self._place = place

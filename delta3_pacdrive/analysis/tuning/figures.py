@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.tuning.analysis import LoopResult
     from delta3_pacdrive.analysis.tuning.identification import Measured
-    from delta3_pacdrive.analysis.tuning.recorded import Recorded
+    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.analysis.tuning.study import SweepPoint, Variant
     from delta3_pacdrive.kinematics import Floats
 
@@ -43,12 +43,12 @@ TITLES = {
 }
 
 
-def makers(
+def by_name(
     variants: list[Variant],
     names: list[str],
     points: list[SweepPoint],
     swept: str,
-    found: list[Recorded],
+    found: list[MeasuredResponse],
     provenance: Provenance,
 ) -> dict[str, Callable[[], Figure]]:
     """Return the functions that make the figures, by file name."""
@@ -161,9 +161,9 @@ def bode(results: list[LoopResult], names: list[str], provenance: Provenance) ->
     return figure
 
 
-def recording(one: Recorded, loop: LoopResult | None, provenance: Provenance) -> Figure:
+def recording(one: MeasuredResponse, loop: LoopResult | None, provenance: Provenance) -> Figure:
     """Return a recorded response with the linear one and, of a loop that was opened, the drive on the bench."""
-    figure = report_figure(f'Recorded: {one.title}, axis {one.axis}', 6.6, provenance)
+    figure = report_figure(f'MeasuredResponse: {one.title}, axis {one.axis}', 6.6, provenance)
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 2, 1))
     frequencies, trusted = one.measured.frequencies_hz, one.measured.trusted
     _curve(top, middle, frequencies, one.linear, '#111111', 'linear')

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, Operation
+    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, OperatingPoint
     from delta3_pacdrive.analysis.tuning.identification import Measured
-    from delta3_pacdrive.analysis.tuning.recorded import Recorded
+    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.analysis.tuning.study import SweepPoint, Variant
     from delta3_pacdrive.kinematics import Floats
 
@@ -30,8 +30,8 @@ OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 def document(
     variants: list[Variant],
     points: list[SweepPoint],
-    found: list[Recorded],
-    operation: Operation,
+    found: list[MeasuredResponse],
+    operation: OperatingPoint,
     program_name: str,
     provenance: Provenance,
 ) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def agreement(loop: LoopResult) -> dict[str, Any] | None:
     return _as_document(deviation(measured, linear))
 
 
-def recorded_figures(one: Recorded) -> dict[str, Any]:
+def recorded_figures(one: MeasuredResponse) -> dict[str, Any]:
     """Return what a recorded response is worth."""
     return {
         'name': one.name,
@@ -109,7 +109,7 @@ def recorded_figures(one: Recorded) -> dict[str, Any]:
     }
 
 
-def _recorded_margins(one: Recorded) -> dict[str, float | None] | None:
+def _recorded_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
     """Margins of an open loop within the band that is trusted; None for a closed one."""
     band = one.measured.band_hz()
     if one.name not in ('cascade', 'position') or band is None:
@@ -163,7 +163,7 @@ def write_tables(
     variants: list[Variant],
     names: list[str],
     points: list[SweepPoint],
-    found: list[Recorded],
+    found: list[MeasuredResponse],
     folder: Path,
     provenance: Provenance,
 ) -> list[Path]:

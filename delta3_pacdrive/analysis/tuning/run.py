@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import figure_style
 from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json
-from delta3_pacdrive.analysis.tuning import effect, figures, recorded, report, settings
+from delta3_pacdrive.analysis.tuning import effect, figures, measured_response, report, settings
 from delta3_pacdrive.analysis.tuning.analysis import (
     EXCHANGED,
     LOOPS,
-    Operation,
+    OperatingPoint,
     analyse,
     exact_shaft,
     exchanged_shaft,
@@ -31,7 +31,7 @@ from delta3_pacdrive.recording.bag_trace import load as load_trace
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from delta3_pacdrive.analysis.tuning.recorded import Recorded
+    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.analysis.tuning.settings import Setting
     from delta3_pacdrive.parameters import Parameters
 
@@ -60,14 +60,14 @@ class Study:
     command: str
     on_progress: OnProgress
     robot: Parameters = field(init=False)
-    operation: Operation = field(init=False)
+    operation: OperatingPoint = field(init=False)
     program: programs.Program = field(init=False)  # that shows the effect
 
     def __post_init__(self) -> None:
         """Read the parameters and check everything that needs no computing."""
         chosen = self.settings
         self.robot = robot_of(chosen)
-        self.operation = Operation(
+        self.operation = OperatingPoint(
             load_at(chosen.pose_m or self.robot.motion.home_m, chosen.axis - 1, self.robot),
             chosen.speed_rad_s,
             chosen.amplitude,
@@ -93,8 +93,8 @@ class Study:
         names = ['now'] if after is None else ['before', 'after']
         document = report.document(variants, points, found, self.operation, self.program.name, provenance)
         tables = report.write_tables(variants, names, points, found, self.folder, provenance)
-        makers = figures.makers(variants, names, points, self._sweep_name(), found, provenance)
-        pictures = figure_style.save(makers, self.folder, provenance.lines())
+        drawings = figures.by_name(variants, names, points, self._sweep_name(), found, provenance)
+        pictures = figure_style.save(drawings, self.folder, provenance.lines())
         document['files'] = [str(path) for path in (self.folder / REPORT, *tables, *pictures)]
         write_json(document, self.folder / REPORT)
         return document
@@ -109,7 +109,7 @@ class Study:
         speed = self.operation.speed_rad_s
         workspace = []
         for load in self._loads:
-            operation = Operation(load, speed)
+            operation = OperatingPoint(load, speed)
             cascade = linear_cascade_loop(robot, exact_shaft(robot, load, speed), TABLE_POINTS)
             shaft = exchanged_shaft(robot, load, speed)
             exchanged = linear_cascade_loop(robot, shaft, TABLE_POINTS, EXCHANGED)
@@ -148,12 +148,12 @@ class Study:
         except OSError as error:
             raise ReportError(f'cannot write to {self.folder}: {error.strerror or error}') from error
 
-    def _recorded(self) -> list[Recorded]:
+    def _recorded(self) -> list[MeasuredResponse]:
         if self.settings.recording is None:
             return []
         self.on_progress('reading', 0, 0)
         trace = load_trace(self.settings.recording)
-        return recorded.identify(trace, self.settings.axis, self.robot, self.operation)
+        return measured_response.identify(trace, self.settings.axis, self.robot, self.operation)
 
     def _sweep_name(self) -> str:
         return self._sweep[0].name if self._sweep else ''

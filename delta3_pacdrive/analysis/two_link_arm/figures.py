@@ -59,13 +59,13 @@ def draw(arm: TwoLinkArm, p: ArrayLike, folder: str | Path, provenance: Provenan
         A file cannot be written.
 
     """
-    makers = {
+    drawings = {
         'arm_solutions.png': partial(solutions, arm, p),
         'arm_workspace.png': partial(workspace, arm),
         'arm_manipulability.png': partial(manipulability_over_theta_2, arm),
         'arm_joint_speeds.png': partial(joint_speeds_along_lines, arm),
     }
-    paths = save(makers, folder, provenance.lines())
+    paths = save(drawings, folder, provenance.lines())
     table = Path(folder) / 'arm_manipulability.csv'
     header = ['theta_2 [rad]', '|det J| [m2]', 'condition of J [1]']
     return [*paths, write_table(table, header, _over_theta_2(arm).tolist(), provenance)]

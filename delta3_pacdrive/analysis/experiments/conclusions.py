@@ -29,7 +29,7 @@ OTHER = 'other parameters'
 
 
 @dataclass(frozen=True)
-class Finding:
+class Conclusion:
     """One claim of 11.1.4, and whether this run bears it out."""
 
     claim: str
@@ -37,7 +37,7 @@ class Finding:
     sentence: str
 
 
-def findings(rows: list[Statistics]) -> list[Finding]:
+def conclusions(rows: list[Statistics]) -> list[Conclusion]:
     """Hold the run against what the thesis found: angles and TCP alike, error norm and current clearly not."""
     whole = {row.signal: row for row in rows if row.column in ('', 'all')}
     return [
@@ -46,7 +46,7 @@ def findings(rows: list[Statistics]) -> list[Finding]:
     ]
 
 
-def verdict(found: list[Finding]) -> str:
+def verdict(found: list[Conclusion]) -> str:
     """Return one sentence: whether the thesis' finding is reproduced."""
     if all(f.holds for f in found):
         return 'reproduced: arm angles and TCP of model and robot are alike, error norm and current clearly are not'
@@ -82,10 +82,10 @@ def other_text(attribution: Attribution) -> str:
     return f'{OTHER} ({listed})' if names else OTHER
 
 
-def _small(name: str, row: Statistics) -> Finding:
+def _small(name: str, row: Statistics) -> Conclusion:
     quantity = QUANTITIES[name]
     percent = row.deviation_max_percent
-    return Finding(
+    return Conclusion(
         f'small deviation of the {quantity.text}',
         percent is not None and percent < SMALL_PERCENT,
         f'{quantity.text}: robot and model at most {row.deviation_max:.2g} {row.unit} apart'
@@ -93,10 +93,10 @@ def _small(name: str, row: Statistics) -> Finding:
     )
 
 
-def _clear(name: str, row: Statistics) -> Finding:
+def _clear(name: str, row: Statistics) -> Conclusion:
     quantity = QUANTITIES[name]
     share = 100.0 * row.deviation_rms / row.model_rms if row.model_rms > 0.0 else None
-    return Finding(
+    return Conclusion(
         f'clear deviation of the {quantity.text}',
         share is not None and share > CLEAR_PERCENT,
         f'{quantity.text}: robot and model {row.deviation_rms:.3g} {row.unit} rms apart'

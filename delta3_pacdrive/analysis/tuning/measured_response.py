@@ -15,7 +15,13 @@ import numpy as np
 
 from delta3_pacdrive.analysis.estimation.measurement import moving_rows, sample_time_s
 from delta3_pacdrive.analysis.tuning import identification
-from delta3_pacdrive.analysis.tuning.analysis import CASCADE, HELD, Operation, exact_shaft, exchanged_shaft
+from delta3_pacdrive.analysis.tuning.analysis import (
+    CASCADE,
+    HELD,
+    OperatingPoint,
+    exact_shaft,
+    exchanged_shaft,
+)
 from delta3_pacdrive.analysis.tuning.load import Load, modes_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
 from delta3_pacdrive.errors import TuningError
@@ -34,7 +40,7 @@ COMMAND = 'command'
 
 
 @dataclass(frozen=True)
-class Recorded:
+class MeasuredResponse:
     """A frequency response of a recording.
 
     Attributes
@@ -59,7 +65,9 @@ class Recorded:
     linear: NDArray[np.complex128]
 
 
-def identify(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> list[Recorded]:
+def identify(
+    trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
+) -> list[MeasuredResponse]:
     """Return the frequency responses of an axis, 1 to 3, that a trace allows.
 
     Raises
@@ -148,14 +156,16 @@ def _steps(period_s: float, parameters: Parameters) -> int:
     return round(period_s / parameters.drive.current_period_s)
 
 
-def _of_cascade(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> Recorded:
+def _of_cascade(
+    trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
+) -> MeasuredResponse:
     every, sample = _steps(parameters.drive.velocity_period_s, parameters), sample_time_s(trace)
     added, asked = trace['current_added'][:, axis - 1], trace['current_reference'][:, axis - 1]
     sensitivity = _estimate(trace, added, asked, every, sample)
     linear = _in_robot(
         trace, axis, parameters, operation, sensitivity.frequencies_hz, 'current_reference', every
     )
-    return Recorded(
+    return MeasuredResponse(
         CASCADE,
         'cascade, open at the current set point',
         axis,
@@ -164,7 +174,9 @@ def _of_cascade(trace: Trace, axis: int, parameters: Parameters, operation: Oper
     )
 
 
-def _of_position(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> Recorded:
+def _of_position(
+    trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
+) -> MeasuredResponse:
     every, sample = _steps(parameters.drive.position_period_s, parameters), sample_time_s(trace)
     added = trace['position_added'][:, axis - 1]
     error = trace['position_reference'][:, axis - 1] - trace['motor_position'][:, axis - 1]
@@ -172,12 +184,14 @@ def _of_position(trace: Trace, axis: int, parameters: Parameters, operation: Ope
     linear = _in_robot(
         trace, axis, parameters, operation, sensitivity.frequencies_hz, 'position_error', every
     )
-    return Recorded(
+    return MeasuredResponse(
         'position', 'position loop, open', axis, identification.opened(sensitivity), 1.0 / linear - 1.0
     )
 
 
-def _of_current(trace: Trace, axis: int, parameters: Parameters, operation: Operation) -> Recorded:
+def _of_current(
+    trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
+) -> MeasuredResponse:
     every, sample = _steps(parameters.drive.velocity_period_s, parameters), sample_time_s(trace)
     instrument = next(
         (trace[n][:, axis - 1] for n in ('current_added', 'position_added') if n in trace.signals), None
@@ -195,12 +209,12 @@ def _of_current(trace: Trace, axis: int, parameters: Parameters, operation: Oper
     shaft = exact_shaft(parameters, HELD, operation.speed_rad_s)
     closed = linear_cascade(parameters, shaft, Entry.CURRENT_SET_POINT)
     linear = closed.respond(measured.frequencies_hz, 'current', every)
-    return Recorded('current', 'current loop, closed', axis, measured, linear)
+    return MeasuredResponse('current', 'current loop, closed', axis, measured, linear)
 
 
 def _of_command(
-    trace: Trace, sample_s: float, axis: int, parameters: Parameters, operation: Operation
-) -> Recorded:
+    trace: Trace, sample_s: float, axis: int, parameters: Parameters, operation: OperatingPoint
+) -> MeasuredResponse:
     if abs(sample_s - parameters.bus.cycle_time_s) > 1e-3 * sample_s:
         raise TuningError(
             f'the recording is sampled every {sample_s:g} s, the parameters say '
@@ -216,14 +230,14 @@ def _of_command(
     linear = linear_cascade(parameters, shaft, Entry.COMMAND).respond(
         measured.frequencies_hz, 'position', steps
     )
-    return Recorded(COMMAND, 'bus command to position, closed', axis, measured, linear)
+    return MeasuredResponse(COMMAND, 'bus command to position, closed', axis, measured, linear)
 
 
 def _in_robot(
     trace: Trace,
     axis: int,
     parameters: Parameters,
-    operation: Operation,
+    operation: OperatingPoint,
     frequencies_hz: Floats,
     output: str,
     every: int,

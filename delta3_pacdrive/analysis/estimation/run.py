@@ -99,7 +99,7 @@ def is_trace(text: str) -> bool:
 
 
 @dataclass
-class Session:
+class Study:
     """An estimation in a folder.
 
     ``on_progress`` is called with a stage in words, what is done and all of it (0: not known).
@@ -130,7 +130,7 @@ class Session:
             self.quantities = GROUPS[self.settings.group].chosen(self.settings.free, self.settings.known)
 
     @staticmethod
-    def resumed(folder: Path, command: str, on_progress: OnProgress) -> Session:
+    def resumed(folder: Path, command: str, on_progress: OnProgress) -> Study:
         """Return the session that began in a folder, to go on from its last accepted iterate.
 
         Raises
@@ -147,7 +147,7 @@ class Session:
             stamp = document['stamp']
         except (AttributeError, KeyError, TypeError) as error:
             raise EstimationError(f'{folder / SETTINGS} is damaged: {error}') from error
-        session = Session(settings, folder, command, on_progress)
+        session = Study(settings, folder, command, on_progress)
         if session._stamp() != stamp:
             raise EstimationError(f'parameters or inputs have changed since the estimation in {folder} began')
         if (folder / ITERATE).exists():
@@ -187,12 +187,12 @@ class Session:
         document = report.fit_document(found, problem, self.robot, self.settings.simulates, provenance)
         self.on_progress('tables and figures', 0, 0)
         tables = report.write_fit_tables(document, found, problem, self.folder, provenance)
-        makers = {
+        drawings = {
             'estimates.png': partial(figures.estimates, document['estimates'], provenance),
             'sensitivities.png': partial(figures.sensitivities, found, problem, provenance),
             'residuals.png': partial(figures.residuals, found, problem, provenance),
         }
-        return self._finish(document, tables, makers)
+        return self._finish(document, tables, drawings)
 
     def _run_thesis(self) -> dict[str, Any]:
         settings = self.settings
@@ -212,17 +212,17 @@ class Session:
         document = report.study_document(found, cure)
         tables = report.write_fit_tables(cure, found.cure, found.problem, self.folder, provenance)
         tables += report.write_study_tables(found, self.folder, provenance)
-        makers = {
+        drawings = {
             'quotients.png': partial(figures.quotients, found, provenance),
             'attempts.png': partial(figures.attempts, found, provenance),
             'estimates.png': partial(figures.estimates, cure['estimates'], provenance),
             'sensitivities.png': partial(figures.sensitivities, found.cure, found.problem, provenance),
             'residuals.png': partial(figures.residuals, found.cure, found.problem, provenance),
         }
-        return self._finish(document, tables, makers)
+        return self._finish(document, tables, drawings)
 
-    def _finish(self, document: dict[str, Any], tables: list[Path], makers: Any) -> dict[str, Any]:
-        pictures = figure_style.save(makers, self.folder, self.provenance().lines())
+    def _finish(self, document: dict[str, Any], tables: list[Path], drawings: Any) -> dict[str, Any]:
+        pictures = figure_style.save(drawings, self.folder, self.provenance().lines())
         document['files'] = [str(path) for path in (self.folder / REPORT, *tables, *pictures)]
         write_json(document, self.folder / REPORT)
         return document
