@@ -326,9 +326,9 @@ def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
         **{f'sercos/at/{axis}': cdr.at_codec(axis) for axis in AXES},
         'plant/motor_shafts': cdr.shafts_codec(),
         'following_error': cdr.following_error_codec(),
-        'tcp/command': cdr.StampedTripleCodec(PointStamped, 4),
-        'tcp/actual': cdr.StampedTripleCodec(PointStamped, 4),
-        'tcp/error': cdr.StampedTripleCodec(Vector3Stamped, 4),
+        'tcp/command': cdr.stamped_triple_codec(PointStamped),
+        'tcp/actual': cdr.stamped_triple_codec(PointStamped),
+        'tcp/error': cdr.stamped_triple_codec(Vector3Stamped),
     }
     for topic, data in messages([3]):
         frame = FRAMES.get(topic, 'base').encode()

@@ -8,6 +8,7 @@ from rclpy.qos import QoSProfile
 
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME, Telegram
 
 
 class Output:
@@ -36,12 +37,12 @@ class Output:
 class TelegramOutput(Output):
     """An output of fixed layout, packed only if somebody listens."""
 
-    def __init__(self, node: Node, message_type: Any, topic: str, codec: Any) -> None:
-        super().__init__(node, message_type, topic, CYCLIC_PUBLISHER)
-        self._encode = codec.encode
+    def __init__(self, node: Node, telegram: Telegram) -> None:
+        super().__init__(node, cdr.TYPES[telegram.type], telegram.topic, CYCLIC_PUBLISHER)
+        self._encode = cdr.codec(telegram).encode
         self._publish_raw = cdr.raw_publish(self.publisher)
 
     def send(self, stamp: tuple[int, int], values: list[float]) -> None:
         """Publish values under a stamp, if anybody listens."""
         if self.wanted:
-            self._publish_raw(self._encode(stamp, cdr.BASE_FRAME, values))
+            self._publish_raw(self._encode(stamp, BASE_FRAME, values))

@@ -1,10 +1,6 @@
 """What the transformation task publishes of every cycle, packed only for those who listen."""
 
-from typing import Any
-
-from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.controller.transformation import (
     FOLLOWING_ERROR,
@@ -15,8 +11,8 @@ from delta3_pacdrive.controller.transformation import (
 )
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.publishers import TelegramOutput
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
 
@@ -28,19 +24,14 @@ class TaskOutputs:
     """``following_error``, ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states``, ``motion/master``."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
-        def triple(message_type: Any, topic: str) -> TelegramOutput:
-            codec = cdr.StampedTripleCodec(message_type, len(cdr.BASE_FRAME))
-            return TelegramOutput(node, message_type, topic, codec)
-
-        errors = TelegramOutput(node, JointState, 'following_error', cdr.following_error_codec())
         self._answers = [
-            (errors, FOLLOWING_ERROR),
-            (triple(PointStamped, 'tcp/command'), TCP_COMMAND),
-            (triple(PointStamped, 'tcp/actual'), TCP_ACTUAL),
-            (triple(Vector3Stamped, 'tcp/error'), TCP_ERROR),
+            (TelegramOutput(node, telegrams.FOLLOWING_ERROR), FOLLOWING_ERROR),
+            (TelegramOutput(node, telegrams.TCP_COMMAND), TCP_COMMAND),
+            (TelegramOutput(node, telegrams.TCP_ACTUAL), TCP_ACTUAL),
+            (TelegramOutput(node, telegrams.TCP_ERROR), TCP_ERROR),
         ]
-        self._joint_states = TelegramOutput(node, JointState, 'joint_states', cdr.joint_states_codec())
-        self.master = triple(Vector3Stamped, 'motion/master')
+        self._joint_states = TelegramOutput(node, telegrams.JOINT_STATES)
+        self.master = TelegramOutput(node, telegrams.MASTER)
         self._ratio = parameters.dynamics.gear_ratio
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
 

@@ -102,7 +102,7 @@ def test_every_single_changed_byte_is_read_alike_or_refused(case: tuple) -> None
     for position in range(len(data)):
         corrupt = bytearray(data)
         corrupt[position] ^= 0x55
-        fast = codec._decode_layout(bytes(corrupt))
+        fast = codec.decode_layout(bytes(corrupt))
         if fast is not None:
             message = deserialize_message(bytes(corrupt), JointState)
             values = (*message.position, *message.velocity, *message.effort)
@@ -119,7 +119,7 @@ def test_cut_off_telegrams_are_refused(length: int) -> None:
 
 @pytest.mark.parametrize('message_type', [PointStamped, Vector3Stamped])
 def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
-    codec = cdr.StampedTripleCodec(message_type, 4)
+    codec = cdr.stamped_triple_codec(message_type)
     data = codec.encode((1, 2), b'base', [0.1, -0.2, 0.3])
     message = deserialize_message(data, message_type)
     vector = message.point if message_type is PointStamped else message.vector

@@ -1,0 +1,182 @@
+"""Cyclic telegrams of a robot: names and numbers of each, and the words in its frame.
+
+A telegram is a message with a header: the stamp is bus time, the frame carries what is no floating point number. Every
+frame between participants ends with the session, four hexadecimal digits that the master draws whenever it phases the
+bus up: what a foreign writer publishes, a second robot or a bag that is played back, is of another session.
+"""
+
+import secrets
+import struct
+from binascii import unhexlify
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, Phase
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+POINT, VECTOR = 'geometry_msgs/msg/PointStamped', 'geometry_msgs/msg/Vector3Stamped'
+BASE_FRAME = b'base'
+NO_SESSION = b'0000'
+BRAKE_FREE, BRAKE_HELD = 'free', 'held'
+MDT_FRAME = 'CPn wwww wwww wwww ssss ssss ssss ppp.pppp hhhh'
+AT_FRAME = 'wwww ssss hhhh'
+CURRENT_FRAME = f'{BRAKE_FREE} ppp.pppp hhhh'
+_TWO_WORDS = struct.Struct('>HH')
+_SESSIONS = 1 << 16
+
+
+class Telegram(NamedTuple):
+    """A message that has the same names and lengths in every cycle.
+
+    Attributes
+    ----------
+    topic, type
+        Relative name, and type of the message.
+    names
+        Of the joints; none in a message that has no such field.
+    lengths
+        Numbers in each of its arrays.
+    frame_length
+        Characters of ``frame_id``.
+
+    """
+
+    topic: str
+    type: str
+    names: tuple[str, ...]
+    lengths: tuple[int, ...]
+    frame_length: int
+
+    @staticmethod
+    def triple(topic: str, message_type: str) -> 'Telegram':
+        """Return that of a point or a vector in the frame of the base."""
+        return Telegram(topic, message_type, (), (3,), len(BASE_FRAME))
+
+
+def motor_current(axis: str, samples: int) -> Telegram:
+    """Return that of I_eff [A] at the end of each current-loop period, as efforts."""
+    return Telegram(f'{axis}/motor_current', JOINT_STATE, (axis,), (0, 0, samples), len(CURRENT_FRAME))
+
+
+MDT = Telegram('sercos/mdt', JOINT_STATE, DRIVES, (3, 0, 0), len(MDT_FRAME))
+AT = tuple(Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME)) for axis in DRIVES)
+SHAFTS = Telegram('plant/motor_shafts', JOINT_STATE, DRIVES, (3, 3, 3), len(NO_SESSION))
+FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
+JOINT_STATES = Telegram('joint_states', JOINT_STATE, DRIVES, (3, 3, 3), len(BASE_FRAME))
+TCP_COMMAND = Telegram.triple('tcp/command', POINT)
+TCP_ACTUAL = Telegram.triple('tcp/actual', POINT)
+TCP_ERROR = Telegram.triple('tcp/error', VECTOR)
+MASTER = Telegram.triple('motion/master', VECTOR)
+
+
+class DriveWords(NamedTuple):
+    """Words of an MDT for one drive."""
+
+    phase: Phase
+    control: int
+    service: int
+    payload_kg: float
+
+
+class BrakeOutput(NamedTuple):
+    """Words of a motor current."""
+
+    released: bool
+    payload_kg: float
+
+
+def new_session() -> bytes:
+    """Draw a session."""
+    return b'%04x' % (1 + secrets.randbelow(_SESSIONS - 1))
+
+
+def mdt_frame(
+    phase: int, control: int, payload_kg: float, session: bytes, service: Sequence[int] = (0, 0, 0)
+) -> bytes:
+    """Frame of an MDT: phase, the control word S-0-0134 for each drive, its word of the service channel, payload."""
+    words = ' '.join(f'{word:04x}' for word in (control, control, control, *service))
+    return f'CP{phase} {words} {payload_kg:08.4f} '.encode() + session
+
+
+def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> DriveWords:
+    """Return what an MDT tells a drive; raises TelegramError."""
+    try:
+        head, *words, payload, theirs = frame.decode('ascii').split()
+        if len(words) != 2 * len(DRIVES):
+            raise ValueError
+        control, service = _TWO_WORDS.unpack(unhexlify(words[axis_index] + words[len(DRIVES) + axis_index]))
+        parsed = DriveWords(Phase[head], control, service, _payload(payload))
+    except (ValueError, KeyError, struct.error):
+        raise TelegramError(f'frame_id {frame!r:.60} of an MDT is not "{MDT_FRAME}"') from None
+    require_session(theirs.encode(), session, 'an MDT')
+    return parsed
+
+
+def at_frame(status: int, service: int, session: bytes) -> bytes:
+    """Frame of an AT: status word S-0-0135, word of the service channel."""
+    return b'%04x %04x %b' % (status, service, session)
+
+
+def parse_at_frame(frame: bytes, session: bytes) -> tuple[int, int]:
+    """Return (status word, word of the service channel) of an AT; raises TelegramError."""
+    try:
+        status, service, theirs = frame.split()
+        parsed = _TWO_WORDS.unpack(unhexlify(status + service))
+    except (ValueError, struct.error):
+        raise TelegramError(f'frame_id {frame!r:.60} of an AT is not "{AT_FRAME}"') from None
+    if theirs != session:
+        require_session(theirs, session, 'an AT')
+    return parsed
+
+
+def current_frame(released: bool, payload_kg: float, session: bytes) -> bytes:
+    """Frame of a motor current: brake output, payload."""
+    return f'{BRAKE_FREE if released else BRAKE_HELD} {payload_kg:08.4f} '.encode() + session
+
+
+def parse_current_frame(frame: bytes, session: bytes) -> BrakeOutput:
+    """Return the words of a motor current; raises TelegramError."""
+    try:
+        brake, payload, theirs = frame.decode('ascii').split()
+        if brake not in (BRAKE_FREE, BRAKE_HELD):
+            raise ValueError
+        parsed = BrakeOutput(brake == BRAKE_FREE, _payload(payload))
+    except ValueError:
+        raise TelegramError(
+            f'frame_id {frame!r:.60} of a motor current is not "{BRAKE_FREE}" or "{BRAKE_HELD}", '
+            'a payload and a session'
+        ) from None
+    require_session(theirs.encode(), session, 'a motor current')
+    return parsed
+
+
+def require_session(theirs: bytes, session: bytes, what: str = 'a message of motor shafts') -> None:
+    """Refuse a telegram of another session, which is the whole frame of shafts; raises TelegramError."""
+    if theirs != session:
+        raise TelegramError(
+            f'{what} belongs to session {theirs.decode("ascii", "backslashreplace")!r:.20}, '
+            f'but this one is {session.decode()}'
+        )
+
+
+def phase_text(phase: Phase, session: bytes) -> str:
+    """Frame of the announcement of a communication phase."""
+    return f'{phase.name} {session.decode()}'
+
+
+def parse_phase_text(text: str) -> tuple[Phase, bytes]:
+    """Return phase and session; raises TelegramError."""
+    try:
+        name, session = text.split()
+        return Phase[name], session.encode('ascii')
+    except (KeyError, ValueError):
+        raise TelegramError(f'frame_id {text!r:.60} of a phase is not "CPn hhhh"') from None
+
+
+def _payload(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= PAYLOAD_MAX_KG:
+        raise ValueError
+    return value
