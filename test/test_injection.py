@@ -11,9 +11,11 @@ import yaml
 from delta3_pacdrive import simulation
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.faults import injection
-from delta3_pacdrive.faults.injection import KINDS, NAMES, Fault, Place, Schedule, Scheduled, befalls, parse
-from delta3_pacdrive.faults.telegram_faults import Transit
+from delta3_pacdrive.faults import effects
+from delta3_pacdrive.faults import fault as fault_table
+from delta3_pacdrive.faults.fault import KINDS, NAMES, Fault, Target, applies_to, parse
+from delta3_pacdrive.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -27,15 +29,15 @@ def example(kind):
     """Return a document of a kind with everything that it may have."""
     row = KINDS[kind]
     document = {'fault': kind, 'after_s': 0.25}
-    if row.place == Place.AXIS:
+    if row.target == Target.AXIS:
         document['axis'] = 'axis2'
-    elif row.place == Place.NODE:
+    elif row.target == Target.NODE:
         document['node'] = 'plant'
     if row.value:
         document[row.value] = row.high
     if row.telegram:
         document['cycles'] = 3
-    elif not row.at_once:
+    elif not row.once:
         document['for_s'] = 0.5
     return document
 
@@ -58,18 +60,18 @@ def test_every_kind_is_read_and_written_the_same_way(kind):
 
 
 @pytest.mark.parametrize('kind', NAMES)
-def test_every_kind_befalls_somebody(kind):
+def test_every_kind_applies_to_somebody(kind):
     fault = parse(example(kind), 'fault')
-    assert any(befalls(fault, node) for node in injection.NODES)
-    if KINDS[kind].place == Place.AXIS:
-        assert not befalls(fault, 'axis1')
-    own = [node for node in injection.NODES if befalls(fault, node)]
+    assert any(applies_to(fault, node) for node in fault_table.NODES)
+    if KINDS[kind].target == Target.AXIS:
+        assert not applies_to(fault, 'axis1')
+    own = [node for node in fault_table.NODES if applies_to(fault, node)]
     if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost'):
         assert own == ['plant']  # brakes, loads and what is gripped are the machine's
-    elif kind in injection.AT_FAULTS or kind == 'emergency_stop':
+    elif kind in fault_table.AT_FAULTS or kind == 'emergency_stop':
         assert own == ['transformation_task']
     elif kind == 'clear':
-        assert own == list(injection.NODES)
+        assert own == list(fault_table.NODES)
     else:
         assert own == [fault.target]
 
@@ -85,10 +87,13 @@ def test_every_kind_befalls_somebody(kind):
         ({'fault': 'drop_at', 'axis': 'axis1', 'cycles': 0}, 'fault.cycles is 0'),
         ({'fault': 'drop_at', 'axis': 'axis1', 'for_s': 1.0}, "unknown key 'for_s'"),
         ({'fault': 'encoder_jump', 'axis': 'axis1'}, 'missing key jump_rad'),
-        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': math.nan}, 'jump_rad is nan'),
-        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': True}, 'jump_rad is True'),
-        ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 1e4}, 'from 0 to 1000'),
-        ({'fault': 'kill', 'node': 'axis1', 'after_s': -1.0}, 'after_s is -1.0'),
+        (
+            {'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': math.nan},
+            'jump_rad must be a number, not nan',
+        ),
+        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': True}, 'jump_rad must be a number, not True'),
+        ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 1e4}, 'between 0 and 1000'),
+        ({'fault': 'kill', 'node': 'axis1', 'after_s': -1.0}, 'after_s is -1'),
         ({'fault': 'kill', 'node': 'recorder'}, "fault.node is 'recorder'"),
         ({'fault': 'payload_lost', 'for_s': 1.0}, "unknown key 'for_s'"),
     ],
@@ -132,15 +137,15 @@ def test_faults_begin_and_end_in_the_order_of_bus_time():
     assert schedule.next_cycle == NEVER
 
 
-def test_telegrams_are_befallen_for_as_many_cycles_as_are_asked_for():
+def test_telegrams_are_disturbed_for_as_many_cycles_as_are_asked_for():
     schedule = Schedule()
     assert not schedule.disturbs_telegrams
     fault = parse({'fault': 'drop_mdt', 'axis': 'axis3', 'cycles': 2}, 'fault')
     schedule.add(Scheduled.of(fault, 50, 1e-3))
-    hit = [k for k in range(100) if schedule.telegram(injection.LOSES_MDT, 'axis3', k)]
+    hit = [k for k in range(100) if schedule.telegram(fault_table.MDT_LOSSES, 'axis3', k)]
     assert hit == [50, 51]
-    assert not any(schedule.telegram(injection.LOSES_MDT, 'axis1', k) for k in range(100))
-    assert not any(schedule.telegram(injection.LOSES_AT, 'axis3', k) for k in range(100))
+    assert not any(schedule.telegram(fault_table.MDT_LOSSES, 'axis1', k) for k in range(100))
+    assert not any(schedule.telegram(fault_table.AT_LOSSES, 'axis3', k) for k in range(100))
 
 
 def test_clear_forgets_what_is_still_to_come():
@@ -170,8 +175,8 @@ class Machine:
 
     def go_to(self, cycle):
         changes, active = self.schedule.due(cycle), self.schedule.active
-        injection.change_drive(self.drive.state[0], 'axis2', changes, active, self.dc_link)
-        injection.change_plant(self.plant.state[0], changes, active)
+        effects.apply_to_drive(self.drive.state[0], 'axis2', changes, active, self.dc_link)
+        effects.apply_to_plant(self.plant.state[0], changes, active)
 
     @property
     def is_as_new(self):
@@ -200,7 +205,7 @@ def test_clear_takes_every_fault_of_drive_and_plant_back(robot):
 
 
 @pytest.mark.parametrize(
-    'kind', [name for name in NAMES if not KINDS[name].at_once and not KINDS[name].telegram]
+    'kind', [name for name in NAMES if not KINDS[name].once and not KINDS[name].telegram]
 )
 def test_a_fault_that_ends_leaves_the_fields_as_they_were(kind, robot):
     machine = Machine(robot)
@@ -323,8 +328,8 @@ def arrivals(*faults, axis='axis2', cycles=10):
     schedule, said = Schedule(), []
     for fault in faults:
         schedule.add(Scheduled.of(parse(fault, 'fault'), 0, 1e-3))
-    transit = Transit(schedule, injection.AT_FAULTS, said.append)
-    return [what for k in range(cycles) for what in transit.arrivals(axis, k, f'at {k}')], said
+    link = FaultyLink(schedule, fault_table.AT_FAULTS, said.append)
+    return [what for k in range(cycles) for what in link.arrivals(axis, k, f'at {k}')], said
 
 
 ALL = [(k, f'at {k}') for k in range(10)]

@@ -76,7 +76,7 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
 def _faults(document: Any) -> list[str]:
     from delta3_pacdrive.configuration.checked import Errors
     from delta3_pacdrive.configuration.located import numbered
-    from delta3_pacdrive.faults.injection import read_fault
+    from delta3_pacdrive.faults.fault import read_fault
 
     source = document.source
     if isinstance(document, dict):

@@ -47,15 +47,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
-    from delta3_pacdrive.faults.injection import KINDS
+    from delta3_pacdrive.faults.fault import KINDS
 
     if options.json:
         print(json.dumps({name: vars(kind) for name, kind in KINDS.items()}))
         return 0
     for name, kind in KINDS.items():
         value = f'{kind.value} {kind.low:g} to {kind.high:g}' if kind.value else ''
-        lasts = 'cycles' if kind.telegram else '' if kind.at_once else 'for_s'
-        print(f'{name:<16} {kind.text:<40} {kind.place or "robot":<6} {lasts:<7} {value}')
+        lasts = 'cycles' if kind.telegram else '' if kind.once else 'for_s'
+        print(f'{name:<16} {kind.text:<40} {kind.target or "robot":<6} {lasts:<7} {value}')
     return 0
 
 

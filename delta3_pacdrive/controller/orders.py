@@ -23,7 +23,7 @@ from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import Code, ProgramError, Reason, TelegramError, shown
-from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import Course
 from delta3_pacdrive.parameters import Parameters
 

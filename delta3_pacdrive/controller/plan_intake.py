@@ -11,7 +11,7 @@ import numpy as np
 
 from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Numbering, Origin
 from delta3_pacdrive.errors import Code, ProgramError, Reason
-from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN
 from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder

@@ -18,7 +18,7 @@ from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.planning_job import Job, Result
 from delta3_pacdrive.controller.robot_state import STANDING_M
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
-from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Course, Timeline

@@ -1,7 +1,7 @@
 """Which planner the transformation task listens to, and whether it is still there while its program runs."""
 
 from delta3_pacdrive.controller.messages import Numbering
-from delta3_pacdrive.faults.injection import UNIT_ROBOT
+from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.sercos.configuration_check import Identity, disagreements
 from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S, Watch
 

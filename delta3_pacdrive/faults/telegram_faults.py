@@ -1,22 +1,22 @@
-"""Telegrams on their way to a receiver, which injects the faults that befall them."""
+"""Links that lose, delay, double or garble the telegrams that they carry."""
 
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
-from delta3_pacdrive.faults.injection import Schedule
+from delta3_pacdrive.faults.schedule import Schedule
 
 Content = TypeVar('Content')
 
 
-class Transit(Generic[Content]):
-    """Of the MDT to one drive, or of the AT to the master.
+class FaultyLink(Generic[Content]):
+    """The way of the MDT to one drive, or of the ATs to the master, with the faults that are injected there.
 
     Parameters
     ----------
     faults
-        Of the receiver.
+        Schedule of the receiver.
     kinds
-        Of faults that befall these telegrams.
+        Faults that concern these telegrams.
     refuse
         Called about a telegram that came garbled.
 

@@ -16,7 +16,7 @@ moves:
 - cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
 - dwell: {time_s: 0.1}
 - output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
-faults:                                                             # optional: injected faults, see faults/injection.py
+faults:                                                             # optional: injected faults, see faults/fault.py
 - {fault: drop_at, axis: axis2, after_s: 0.3}                         # bus time from the start of the program
 """
 
@@ -33,7 +33,7 @@ from delta3_pacdrive.configuration import packaged, yaml_file
 from delta3_pacdrive.configuration.checked import Errors, Refusal, Section, at, expected, nearest_of, refuse
 from delta3_pacdrive.configuration.located import Place, numbered, place_in, place_of, place_of_key
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.faults.injection import Fault, read_fault
+from delta3_pacdrive.faults.fault import Fault, read_fault
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS

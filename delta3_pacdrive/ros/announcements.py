@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from delta3_pacdrive.errors import TelegramError, shown
-from delta3_pacdrive.faults.injection import UNIT_ROBOT
+from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros.qos import LATCHED, LATCHED_FROM_MANY
 from delta3_pacdrive.ros.robot_node import RobotNode

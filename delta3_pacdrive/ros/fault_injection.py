@@ -3,7 +3,7 @@
 Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
 in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
 (String, JSON), from the transformation task to all nodes, one message for each accepted fault, with the session of the
-bus and its number in it: what is heard a second time, or in another session, befalls nobody.
+bus and its number in it: what is heard a second time, or in another session, concerns nobody.
 """
 
 import json
@@ -20,7 +20,8 @@ from std_msgs.msg import String
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.messages import Numbering
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
-from delta3_pacdrive.faults.injection import OF_PROCESSES, Fault, Schedule, Scheduled, befalls, parse
+from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
+from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.qos import FAULTS
 from delta3_pacdrive.ros.robot_node import RobotNode
@@ -82,7 +83,7 @@ class FaultDesk:
     def check(self, faults: Sequence[Fault]) -> None:
         """Refuse faults that cannot be carried out; raises ProgramError."""
         for fault in faults:
-            if fault.kind in OF_PROCESSES and not node_process.is_separate():
+            if fault.kind in PROCESS_FAULTS and not node_process.is_separate():
                 raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
 
     def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
@@ -112,7 +113,7 @@ def read_schedule(text: str) -> tuple[str, Any, Scheduled]:
 
 
 class Faults(Schedule):
-    """Faults that befall one node.
+    """The faults of one node, as the master schedules them.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class Faults(Schedule):
     cycle
         Returns the bus cycle that the node is in.
     session
-        Returns the session that the node belongs to; without one nothing befalls it.
+        Returns the session that the node belongs to; without one no fault is for it.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class Faults(Schedule):
             raise ProgramError(f'a fault of session {shown(session)} is not for {self._name}, in {own}')
         if not isinstance(serial, int) or not self._serials.is_new(own, serial):
             raise ProgramError(f'fault {shown(serial)} of session {own} was heard before')
-        if not befalls(scheduled.fault, self._name):
+        if not applies_to(scheduled.fault, self._name):
             return
         if scheduled.first < self._cycle():
             self.late += 1
@@ -157,7 +158,7 @@ class Faults(Schedule):
         self.add(scheduled)
 
     def begin_and_end(self, cycle: int) -> list[tuple[Fault, bool]]:
-        """Return what begins or ends by a cycle; a fault of this process befalls it at once."""
+        """Return what begins or ends by a cycle; a fault of this process happens at once."""
         changes = self.due(cycle)
         for fault, begins in changes:
             self._node.get_logger().warning(

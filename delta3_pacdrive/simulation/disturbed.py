@@ -14,16 +14,9 @@ from delta3_pacdrive.controller.transformation import (
 )
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.faults.injection import (
-    LOSES_AT,
-    LOSES_MDT,
-    OF_PROCESSES,
-    Fault,
-    Schedule,
-    Scheduled,
-    change_drive,
-    change_plant,
-)
+from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant
+from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
+from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
@@ -51,7 +44,7 @@ class Disturbed:
         self._start = parameters.motion.start_cycle
         self._schedule = Schedule()
         for fault in faults:
-            if fault.kind in OF_PROCESSES:
+            if fault.kind in PROCESS_FAULTS:
                 raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
         self._axes = AxisMonitor(parameters)
@@ -89,11 +82,11 @@ class Disturbed:
         motors, control, payload = self._controller.command(cycle)
         motors = motors.copy()
         shafts, arms, true_tcp = np.array(robot.plant.shafts()), robot.plant.arm_angles(), robot.plant.tcp()
-        heard = [schedule.telegram(LOSES_MDT, axis, cycle) is None for axis in AXES]
+        heard = [schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in AXES]
         status = robot.cycle(motors, control, self._answers, payload, heard)
         answers = self._answers.copy()
         received = [
-            None if schedule.telegram(LOSES_AT, axis, cycle) else (answers[:, index].tolist(), status[index])
+            None if schedule.telegram(AT_LOSSES, axis, cycle) else (answers[:, index].tolist(), status[index])
             for index, axis in enumerate(AXES)
         ]
         starts = NEVER if self.stopped else self._start
@@ -109,8 +102,8 @@ class Disturbed:
         nominal = self._parameters.drive.dc_link_voltage_v
         changes, active = self._schedule.due(cycle), self._schedule.active
         for axis, drive in zip(AXES, self._robot.drives, strict=True):
-            change_drive(drive.state[0], axis, changes, active, nominal)
-        change_plant(self._robot.plant.state[0], changes, active)
+            apply_to_drive(drive.state[0], axis, changes, active, nominal)
+        apply_to_plant(self._robot.plant.state[0], changes, active)
         for fault, _ in changes:
             if fault.kind == 'emergency_stop':
                 self._stop(emergency_stop(cycle))
@@ -128,7 +121,7 @@ def run_disturbed(
     Raises
     ------
     RunError
-        A fault befalls a process: here there is only one.
+        A fault concerns a process: here there is only one.
 
     """
     disturbed = Disturbed(faults, robot, task, parameters)

@@ -6,12 +6,12 @@ from enum import StrEnum
 from typing import Any
 
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.faults.injection import KINDS, NODES, OF_PROCESSES, TASK, UNIT_ROBOT
+from delta3_pacdrive.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 
 
 class State(StrEnum):
-    """What the robot does when the fault befalls it."""
+    """What the robot does when the fault occurs."""
 
     DISABLED = 'disabled'  # brakes applied
     ENABLING = 'enabling'  # in torque, the brakes about to open
@@ -67,7 +67,7 @@ class Case:
     def lasts(self) -> bool:
         """Whether the fault is there until it is cleared."""
         kind = KINDS[self.kind]
-        return not kind.telegram and not kind.at_once and 'for_s' not in self.fault
+        return not kind.telegram and not kind.once and 'for_s' not in self.fault
 
     @property
     def line(self) -> str:
@@ -223,7 +223,7 @@ SHORT = (
 def _of_row(row: _Row) -> list[Case]:
     cases = []
     for state in State:
-        if state == State.STARTING and row.fault['fault'] not in OF_PROCESSES:
+        if state == State.STARTING and row.fault['fault'] not in PROCESS_FAULTS:
             continue  # without cyclic operation nothing else can be injected
         expected = row.expected
         if state == State.STOPPED_BY_FAULT:

@@ -13,7 +13,7 @@ from delta3_pacdrive import dynamics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup, Options
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
-from delta3_pacdrive.faults.injection import KINDS, OF_PROCESSES, UNIT_ROBOT
+from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 from delta3_pacdrive.verification.cases import Case, Outcome, State
@@ -128,7 +128,7 @@ class Catalogue(Witness):
         losses, repeated = self._counters(case)
         self._recorded.clear()
         self._first = self._failed_s = None
-        self._befallen = ''
+        self._process_fault = ''
         notes = len(self._bringup.notes)
         held = self._static_torque() if case.kind == 'payload_lost' else 0.0
         end = self._begin[case.state](self, case)
@@ -147,7 +147,7 @@ class Catalogue(Witness):
             outcome.evidence = self._evidence(case, losses, repeated)
         else:
             killed = (note for note in self._bringup.notes[notes:] if 'was killed' in note)
-            outcome.evidence = self._befallen or next(killed, '')
+            outcome.evidence = self._process_fault or next(killed, '')
         if case.kind == 'payload_lost' and not outcome.reported:
             outcome.evidence = self._payload_evidence(held)
 
@@ -164,7 +164,7 @@ class Catalogue(Witness):
         """Note how long the detection took: in bus time, or on the wall clock if bus time stood meanwhile."""
         if not outcome.reported or self._first is None or case.state == State.STOPPED_BY_FAULT:
             return
-        if case.kind not in OF_PROCESSES:
+        if case.kind not in PROCESS_FAULTS:
             cycles = self.progress['fault_cycle'] - self._first
             outcome.detected_s = cycles * self._robot.bus.cycle_time_s
             return
@@ -234,7 +234,7 @@ class Catalogue(Witness):
         return self._home
 
     def _while_starting(self, case: Case) -> Floats:
-        """Let the plant hang until the phase has fallen, replace it, and meanwhile let the fault befall a process."""
+        """Let the plant hang until the phase has fallen, replace it, and meanwhile let the fault happen."""
         plant = self._child(PLANT)
         plant.send(signal.SIGSTOP)
         try:
@@ -246,7 +246,7 @@ class Catalogue(Witness):
         if case.kind == 'kill':
             child.send(signal.SIGKILL)
             self.wait(lambda: self._child(case.target) is not child, f'replacement of {case.target}')
-            self._befallen = f'{child.name} was killed in CP0'
+            self._process_fault = f'{child.name} was killed in CP0'
             return self._home
         child.send(signal.SIGSTOP)
         try:
@@ -254,7 +254,7 @@ class Catalogue(Witness):
             self.wait(lambda: time.monotonic() > over, 'end of the time that it hangs')
         finally:
             child.send(signal.SIGCONT)
-        self._befallen = f'{child.name} was stopped in CP0'
+        self._process_fault = f'{child.name} was stopped in CP0'
         return self._home
 
     _begin: ClassVar[dict[State, Callable[['Catalogue', Case], Floats]]] = {

@@ -11,7 +11,7 @@ import psutil
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup, Options
 from delta3_pacdrive.errors import Delta3Error, ProgramError
-from delta3_pacdrive.faults.injection import LOSES_AT, LOSES_MDT, OF_PROCESSES
+from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification.invariants import Invariants
 from delta3_pacdrive.verification.operator import Attendant, run_attended
@@ -233,14 +233,14 @@ class Soak(Attendant):
         now = self._count()
         if now.session != before.session or 'kill' in drawn.kinds:
             return  # others count now, or drives have stopped without a master
-        complete = complete and not OF_PROCESSES.intersection(drawn.kinds)
+        complete = complete and not PROCESS_FAULTS.intersection(drawn.kinds)
         figures, cycle = self.figures, self.progress['cycles']
-        injected, apart = drawn.lost(LOSES_AT)
+        injected, apart = drawn.lost(AT_LOSSES)
         figures.lost_at += now.at - before.at
         figures.lost_at_injected += injected
         self._invariants.check_losses('AT', now.at - before.at, injected, complete and apart, cycle)
         for axis, lost, lost_before in zip(DRIVES, now.mdt, before.mdt, strict=True):
-            injected, apart = drawn.lost(LOSES_MDT, axis)
+            injected, apart = drawn.lost(MDT_LOSSES, axis)
             figures.lost_mdt += lost - lost_before
             figures.lost_mdt_injected += injected
             what = f'MDT of {axis}'

@@ -12,7 +12,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import Child
-from delta3_pacdrive.faults.injection import LOSES_AT, LOSES_MDT, TASK, UNIT_ROBOT
+from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, TASK, UNIT_ROBOT
 from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.ros.fault_injection import SCHEDULE, read_schedule
 from delta3_pacdrive.ros.qos import FAULTS, REPORT
@@ -43,7 +43,7 @@ class Witness(Attendant):
         self._newest = -1  # bus cycle
         self._first: int | None = None  # bus cycle of the newest fault
         self._failed_s: float | None = None  # when the fault of the robot was seen first
-        self._befallen = ''  # what a process said about the fault that befalls it
+        self._process_fault = ''  # what a process said about its fault
         self._drives: dict[str, dict[str, str]] = {}  # diagnostics of the drives, by axis
         self._tap = Tap(self.operator, robot.bus.cycle_time_s, lambda _: None)
         self.operator.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
@@ -55,7 +55,7 @@ class Witness(Attendant):
 
     def _on_log(self, message: Log) -> None:
         if ' begins in bus cycle ' in message.msg:
-            self._befallen = message.msg
+            self._process_fault = message.msg
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -106,11 +106,11 @@ class Witness(Attendant):
 
     def _counters(self, case: Case) -> tuple[int, int]:
         """Return how many telegrams of the axis have been lost and how many were late or repeated so far."""
-        if case.kind in LOSES_AT:
+        if case.kind in AT_LOSSES:
             return int(self.fresh()['lost_telegrams']), 0
         if case.kind == 'duplicate_at':
             return 0, int(self.fresh()['repeated_telegrams'])
-        if case.kind in LOSES_MDT:
+        if case.kind in MDT_LOSSES:
             return self.mdt_losses(case.target), 0
         if case.kind == 'duplicate_mdt':
             self._drives.pop(case.target, None)

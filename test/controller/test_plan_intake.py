@@ -8,7 +8,7 @@ import pytest
 from delta3_pacdrive.controller.messages import FAULT, ORDER, Origin
 from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
 from delta3_pacdrive.errors import Code, Reason
-from delta3_pacdrive.faults.injection import Fault
+from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion import program, program_planner
 
 MOVES = [[0.1, 0.0, -0.8], [0.0, 0.1, -0.8], [0.0, 0.0, -0.75]]

@@ -12,7 +12,7 @@ import pytest
 
 from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
-from delta3_pacdrive.faults.injection import KINDS, OF_PROCESSES
+from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification import cases
 
@@ -24,7 +24,7 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
     tried = {(case.kind, case.state) for case in every}
     states = set(cases.State) - {cases.State.STARTING}
     expected = {(kind, state) for kind in KINDS if kind != 'clear' for state in states}
-    assert tried == expected | {(kind, cases.State.STARTING) for kind in OF_PROCESSES}
+    assert tried == expected | {(kind, cases.State.STARTING) for kind in PROCESS_FAULTS}
     assert {case.target for case in every if case.kind.startswith('encoder')} == set(DRIVES)
     assert len({case.line for case in every}) == len(every)
     assert [case.line for case in cases.cases(short=True)] == sorted(

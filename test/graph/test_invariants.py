@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.faults.injection import KINDS, LOSES_AT, LOSES_MDT, parse
+from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
 from delta3_pacdrive.motion import program
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.verification import invariants, soak_programs
@@ -267,7 +267,7 @@ def test_injected_losses_are_counted_by_axis() -> None:
         {'fault': 'duplicate_at', 'axis': 'axis3', 'cycles': 5, 'after_s': 0.2},
     ]
     drawn = soak_programs.Drawn(1, [], faults)
-    assert drawn.lost(LOSES_MDT, 'axis1') == (3, False)
-    assert drawn.lost(LOSES_MDT, 'axis2') == (0, True)
-    assert drawn.lost(LOSES_AT) == (5, True)
+    assert drawn.lost(MDT_LOSSES, 'axis1') == (3, False)
+    assert drawn.lost(MDT_LOSSES, 'axis2') == (0, True)
+    assert drawn.lost(AT_LOSSES) == (5, True)
     assert drawn.last_fault_s == 0.3

@@ -15,7 +15,8 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.faults.injection import Scheduled, parse
+from delta3_pacdrive.faults.fault import parse
+from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.at_receiver import AtReceiver
 from delta3_pacdrive.ros.deferred_service import create_deferred_service

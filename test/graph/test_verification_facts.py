@@ -106,8 +106,8 @@ def test_a_fault_that_hides_in_a_disabled_drive_shows_itself_in_the_exercise(cat
 def test_a_robot_that_no_fault_befalls_is_not_as_expected_whatever_it_says(
     expected: str, fault: dict[str, Any], catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mc4_drive, 'change_drive', lambda *_: None)
-    monkeypatch.setattr(plant, 'change_plant', lambda *_: None)
+    monkeypatch.setattr(mc4_drive, 'apply_to_drive', lambda *_: None)
+    monkeypatch.setattr(plant, 'apply_to_plant', lambda *_: None)
     found = outcome_of(catalogue, State.STANDING, expected, **fault)
     assert not found.reported
     assert not found.problem

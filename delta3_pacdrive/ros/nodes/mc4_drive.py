@@ -25,8 +25,9 @@ from delta3_pacdrive.drive.diagnostics import (
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.operation_data import Register
 from delta3_pacdrive.errors import ParameterError, TelegramError
-from delta3_pacdrive.faults.injection import MDT_FAULTS, change_drive
-from delta3_pacdrive.faults.telegram_faults import Transit
+from delta3_pacdrive.faults.effects import apply_to_drive
+from delta3_pacdrive.faults.fault import MDT_FAULTS
+from delta3_pacdrive.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
@@ -120,7 +121,7 @@ class MC4DriveNode(RobotNode):
         self._faults = Faults(self, axis, lambda: self._cycle, lambda: self._session)
         # cycles whose MDT an injected fault has taken away
         self._lost: set[int] = set()
-        self._transit: Transit[_Command] = Transit(self._faults, MDT_FAULTS, self._refuse)
+        self._link: FaultyLink[_Command] = FaultyLink(self._faults, MDT_FAULTS, self._refuse)
         self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._health = Health(self, axis)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
@@ -180,7 +181,7 @@ class MC4DriveNode(RobotNode):
         """Leave the bus without torque; a fault stays latched."""
         self._commands.clear()
         self._lost.clear()
-        self._transit.clear()
+        self._link.clear()
         self._shafts.clear()
         self._resting_position = None
         self._frame = b''
@@ -216,7 +217,7 @@ class MC4DriveNode(RobotNode):
                 return
             self._master.heard(time.monotonic())
             command = (values[self._index], *self._words[1:])
-            for arrived, what in self._transit.arrivals(self._axis, cycle, command):
+            for arrived, what in self._link.arrivals(self._axis, cycle, command):
                 self._take_mdt(arrived, what)
         elif self._resting_position is not None and not self._cyclic:
             position = self._drive.encoder_position(self._resting_position)
@@ -305,7 +306,7 @@ class MC4DriveNode(RobotNode):
 
     def _change_faults(self, cycle: int) -> None:
         changes = self._faults.begin_and_end(cycle)
-        change_drive(self._drive.state[0], self._axis, changes, self._faults.active, self._dc_link_v)
+        apply_to_drive(self._drive.state[0], self._axis, changes, self._faults.active, self._dc_link_v)
 
     def _current_frame(self, released: bool, payload: float) -> bytes:
         frame = self._current_frames.get((released, payload))

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.faults.injection import change_plant
+from delta3_pacdrive.faults.effects import apply_to_plant
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
@@ -202,7 +202,7 @@ class PlantNode(RobotNode):
     def _integrate(self) -> None:
         if self._exchange >= self._faults.next_cycle * self._exchanges_per_cycle:
             changes = self._faults.begin_and_end(self._exchange // self._exchanges_per_cycle)
-            change_plant(self._plant.state[0], changes, self._faults.active)
+            apply_to_plant(self._plant.state[0], changes, self._faults.active)
         brakes = []
         for index, waiting in enumerate(self._currents):
             released = False

@@ -21,8 +21,8 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import FOLLOWING_ERROR, TCP_ACTUAL, Transformation
 from delta3_pacdrive.errors import ParameterError, RunError, UnreachableError
-from delta3_pacdrive.faults.injection import AT_FAULTS, TASK, UNIT_ROBOT
-from delta3_pacdrive.faults.telegram_faults import Transit
+from delta3_pacdrive.faults.fault import AT_FAULTS, TASK, UNIT_ROBOT
+from delta3_pacdrive.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import hear_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver, Content
@@ -112,7 +112,7 @@ class TransformationTaskNode(PollingNode):
         self._phase_up = PhaseUp(self, self._participants, identity)
         self._desk = ServiceDesk(self, self._channel_closed)
         self._faults = Faults(self, TASK, lambda: self.next_cycle, lambda: self._session)
-        self._transit: Transit[Content] = Transit(self._faults, AT_FAULTS, self._receiver.refuse)
+        self._link: FaultyLink[Content] = FaultyLink(self._faults, AT_FAULTS, self._receiver.refuse)
         fault_desk = FaultDesk(
             self, bus.cycle_time_s, self.closed, lambda: self.next_cycle, lambda: self._session
         )
@@ -232,7 +232,7 @@ class TransformationTaskNode(PollingNode):
         if self.next_cycle or self._state.fault:
             self._task.enable_cycle = NEVER  # who comes back enables nothing by himself
         self._inbox.begin(self.next_cycle)
-        self._transit.clear()
+        self._link.clear()
         self._axes.begin()
         self._participants.close()
         self._enter(Phase.CP4)
@@ -302,7 +302,7 @@ class TransformationTaskNode(PollingNode):
             cycle = self.next_cycle
             outstanding = cycle - self.answered
             if cycle >= self._faults.next_cycle:
-                self._befall(cycle)
+                self._begin_faults(cycle)
             command = self._cycle.command(cycle)
             data = self._mdt.encode(self._cycles.stamp(cycle), self._frame(command), command.motors.tolist())
             self._statistics.sent(cycle, outstanding, self._pacing.late_s, time.time_ns())
@@ -315,7 +315,7 @@ class TransformationTaskNode(PollingNode):
             if self._state.actions:
                 self._carry_out()
 
-    def _befall(self, cycle: int) -> None:
+    def _begin_faults(self, cycle: int) -> None:
         """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
         for fault, _ in self._faults.begin_and_end(cycle):
             if fault.kind == 'emergency_stop':
@@ -344,7 +344,7 @@ class TransformationTaskNode(PollingNode):
         if cycle >= self.next_cycle:
             self._go_down(f'{DRIVES[index]} went on to bus cycle {cycle} without the master (8506)')
             return
-        for arrived, what in self._transit.arrivals(DRIVES[index], cycle, content):
+        for arrived, what in self._link.arrivals(DRIVES[index], cycle, content):
             if not self._cyclic:
                 return
             if self._inbox.put(index, arrived, what):

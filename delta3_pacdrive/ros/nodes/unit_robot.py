@@ -40,7 +40,7 @@ from delta3_pacdrive.controller.messages import (
 )
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.errors import ProgramError, Reason, TelegramError, shown
-from delta3_pacdrive.faults.injection import UNIT_ROBOT
+from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.ros import cdr, node_process

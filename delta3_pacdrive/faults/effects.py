@@ -1,0 +1,45 @@
+"""What faults do: to the state of a drive, and to that of the plant."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from delta3_pacdrive.faults.fault import Fault
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+
+def apply_to_drive(
+    state: Any, axis: str, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault], dc_link_v: float
+) -> None:
+    """Bring the state of a drive up to date after faults have begun (True) or ended (False).
+
+    ``active`` are the faults that last, ``dc_link_v`` is the nominal voltage of the DC link [V]. Where several of one
+    kind last, jumps, drifts and noises add up, and the last voltage holds.
+    """
+    for fault, begins in changes:
+        if fault.kind == 'clear':
+            state['encoder_offset'] = 0.0
+        elif fault.kind == 'encoder_jump' and fault.target == axis:
+            state['encoder_offset'] += fault.value if begins else -fault.value
+    values = _values(axis, active)
+    state['encoder_broken'] = len(values('encoder_failure')) > 0
+    state['encoder_drift'] = sum(values('encoder_drift'))
+    state['encoder_noise'] = sum(values('encoder_noise'))
+    state['winding_short'] = len(values('winding_short')) > 0
+    state['dc_link'] = [dc_link_v, *values('dc_link')][-1]
+
+
+def apply_to_plant(state: Any, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault]) -> None:
+    """Bring the state of the plant up to date, as ``apply_to_drive`` does; torques add up, so do losses of a brake."""
+    if any(fault.kind == 'payload_lost' for fault, _ in changes):
+        state['payload_lost'] = 1
+    for index, axis in enumerate(DRIVES):
+        values = _values(axis, active)
+        state['brake_share'][..., index] = math.prod(1.0 - lost for lost in values('brake_worn'))
+        state['brake_stuck'][..., index] = len(values('brake_stuck')) > 0
+        state['load_torque'][..., index] = sum(values('overload'))
+
+
+def _values(axis: str, active: Sequence[Fault]) -> Callable[[str], list[float]]:
+    """Return the function that gives the numbers of all active faults of a kind at an axis."""
+    return lambda kind: [fault.value for fault in active if fault.kind == kind and fault.target == axis]

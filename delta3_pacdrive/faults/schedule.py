@@ -1,0 +1,119 @@
+"""When faults happen: the bus cycles that each begins and ends with."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.faults.fault import DUPLICATES, KINDS, Fault, parse
+from delta3_pacdrive.sercos.bus_time import NEVER
+
+
+@dataclass(frozen=True)
+class Scheduled:
+    """A fault with the bus cycles that it begins and ends with.
+
+    Attributes
+    ----------
+    first
+        First cycle in which it is there.
+    end
+        First cycle in which it is over.
+
+    """
+
+    fault: Fault
+    first: int
+    end: int
+
+    @staticmethod
+    def of(fault: Fault, cycle: int, cycle_time_s: float) -> 'Scheduled':
+        """Place a fault on the bus cycles from a cycle on that its time counts from."""
+        first = cycle + round(fault.after_s / cycle_time_s)
+        if KINDS[fault.kind].telegram:
+            return Scheduled(fault, first, first + fault.cycles)
+        return Scheduled(
+            fault, first, NEVER if math.isinf(fault.for_s) else first + math.ceil(fault.for_s / cycle_time_s)
+        )
+
+    def to_document(self) -> dict[str, Any]:
+        """Return it for a message."""
+        return self.fault.to_document() | {'first': self.first, 'end': self.end}
+
+    @staticmethod
+    def from_document(value: Any) -> 'Scheduled':
+        """Read back what ``to_document`` wrote; raises ProgramError."""
+        fault = parse(value, 'fault', 'first', 'end')
+        first, end = value.get('first'), value.get('end')
+        if not isinstance(first, int) or not isinstance(end, int) or not 0 <= first < end:
+            raise ProgramError(f'a fault from bus cycle {shown(first)} to {shown(end)} is none')
+        return Scheduled(fault, first, end)
+
+
+class Schedule:
+    """Faults of one participant, in the order of bus time.
+
+    Attributes
+    ----------
+    next_cycle
+        Cycle of the next change, ``NEVER`` if none is due.
+    active
+        Faults that have begun and not ended, in the order in which they began.
+
+    """
+
+    def __init__(self) -> None:
+        self.next_cycle = NEVER
+        self.active: list[Fault] = []
+        self._changes: list[tuple[int, bool, Scheduled]] = []  # cycle, whether it begins then
+        self._telegrams: list[Scheduled] = []
+
+    def add(self, scheduled: Scheduled) -> None:
+        """Add a fault."""
+        if KINDS[scheduled.fault.kind].telegram:
+            self._telegrams.append(scheduled)
+            # what is lost cannot come twice
+            self._telegrams.sort(key=lambda one: one.fault.kind in DUPLICATES)
+            return
+        self._changes.append((scheduled.first, True, scheduled))
+        if scheduled.end < NEVER:
+            self._changes.append((scheduled.end, False, scheduled))
+        self._sort()
+
+    def _sort(self) -> None:
+        self._changes.sort(key=lambda change: change[:2])
+        self.next_cycle = self._changes[0][0] if self._changes else NEVER
+
+    def due(self, cycle: int) -> list[tuple[Fault, bool]]:
+        """Return faults that begin (True) or end (False) up to a cycle, in their order, once."""
+        due = [change for change in self._changes if change[0] <= cycle]
+        self._changes = [change for change in self._changes if change[0] > cycle]
+        self._sort()
+        for _, begins, scheduled in due:
+            if begins and not KINDS[scheduled.fault.kind].once:
+                self.active.append(scheduled.fault)
+            elif not begins:
+                self.active.remove(scheduled.fault)
+        if any(scheduled.fault.kind == 'clear' for _, _, scheduled in due):
+            self._telegrams.clear()
+            self._changes.clear()
+            self.active.clear()
+            self.next_cycle = NEVER
+        return [(scheduled.fault, begins) for _, begins, scheduled in due]
+
+    def telegram(self, kinds: frozenset[str], axis: str, cycle: int) -> Fault | None:
+        """Return the fault of some kinds that disturbs the telegram of an axis in a cycle."""
+        for scheduled in self._telegrams:
+            fault = scheduled.fault
+            if scheduled.first <= cycle < scheduled.end and fault.kind in kinds and fault.target == axis:
+                return fault
+        return None
+
+    def forget_telegrams_before(self, cycle: int) -> None:
+        """Forget faults of telegrams that are over."""
+        self._telegrams = [scheduled for scheduled in self._telegrams if scheduled.end > cycle]
+
+    @property
+    def disturbs_telegrams(self) -> bool:
+        """Whether any fault of telegrams is to come, or not forgotten yet."""
+        return bool(self._telegrams)
