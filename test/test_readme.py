@@ -1,6 +1,6 @@
 """The README says what is so: every block of it that needs no running robot runs as it stands, line by line.
 
-Blocks that need one: ``graph/test_readme.py`` and ``graph/test_up.py``.
+Blocks that need one: ``system/test_readme.py`` and ``system/test_up.py``.
 """
 
 import contextlib

@@ -148,7 +148,7 @@ def test_a_bring_up_refuses_what_cannot_work_before_anything_starts(tmp_path):
     with pytest.raises(RunError, match="namespace '/cell 2' is not valid"):
         Bringup(Options(program=None, namespace='/cell 2'))
     file = tmp_path / 'robot.yaml'
-    packaged = Path(__file__).parent.parent / 'config' / 'delta3.yaml'
+    packaged = Path(__file__).parents[2] / 'config' / 'delta3.yaml'
     text = packaged.read_text(encoding='utf-8')
     (line,) = (row for row in text.splitlines() if row.strip().startswith('enable_cycle:'))
     file.write_text(text.replace(line, line.partition(':')[0] + ': -1'), encoding='utf-8')

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-GOLDEN = Path(__file__).resolve().parent / 'golden'
+GOLDEN = Path(__file__).resolve().parent
 SAME = 2e-9  # relative: the figures have nine digits
 # Elsewhere a sine may be rounded otherwise and an encoder read one increment more: that moves currents by a thousandth
 ELSEWHERE = 5e-3

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
+
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
 from delta3_pacdrive.motion import program
