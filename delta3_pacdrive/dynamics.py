@@ -23,8 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from delta3_pacdrive.kinematics import Floats, combine, dot, geometry, inverse_columns, pose, rows, upper_arm
+from delta3_pacdrive.kinematics import geometry, inverse_columns, pose, rows, upper_arm
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import combine, dot
 from delta3_pacdrive.parameters import Parameters
 
 INERTIA = np.dtype(

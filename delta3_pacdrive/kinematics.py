@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import combine, cross, difference, dot, triple
 from delta3_pacdrive.parameters import Kinematics, Parameters, Rich
 
-Floats = NDArray[np.float64]
 Lengths = Kinematics | Parameters  # the parameters of a robot, or their group of lengths
 Unreachable = Literal['raise', 'nan']  # what becomes of points for which there is no solution
 
@@ -52,34 +53,6 @@ def geometry(kinematics: Lengths, errors: Rich | None = None) -> NDArray[Any]:
     record['cos_alpha'] = np.cos(azimuth)
     record['sin_alpha'] = np.sin(azimuth)
     return record
-
-
-@kernel
-def dot(a, b):
-    """Scalar product of two 3-tuples."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def cross(a, b):
-    """Vector product of two 3-tuples."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@kernel
-def combine(x, a, y, b, z, c):
-    """Return x a + y b + z c of scalars and 3-tuples."""
-    return (
-        x * a[0] + y * b[0] + z * c[0],
-        x * a[1] + y * b[1] + z * c[1],
-        x * a[2] + y * b[2] + z * c[2],
-    )
-
-
-@kernel
-def difference(a, b):
-    """Return a - b of two 3-tuples."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @kernel
@@ -224,14 +197,9 @@ def jacobian_columns(s, b):
 
 
 @kernel
-def _tuple3(a):
-    return (a[0], a[1], a[2])
-
-
-@kernel
 def _inverse_all(points, out, geometry_record):
     for n in range(points.shape[0]):
-        p = _tuple3(points[n])
+        p = triple(points[n])
         for i in range(3):
             for branch in range(2):
                 out[n, i, branch] = arm_angle(p, i, geometry_record[0], branch == 1)
@@ -242,7 +210,7 @@ def _inverse(points, out, geometry_record):
     """Fill ``out``; return the first row that holds a nan, or -1."""
     bad = -1
     for n in range(points.shape[0]):
-        angles = arm_angles(_tuple3(points[n]), geometry_record[0])
+        angles = arm_angles(triple(points[n]), geometry_record[0])
         for i in range(3):
             out[n, i] = angles[i]
         if bad < 0 and math.isnan(angles[0] + angles[1] + angles[2]):
@@ -256,7 +224,7 @@ def _forward(angles, side, out, geometry_record):
     bad = -1
     g = geometry_record[0]
     for n in range(angles.shape[0]):
-        theta = _tuple3(angles[n])
+        theta = triple(angles[n])
         c1 = elbow(0, math.cos(theta[0]), math.sin(theta[0]), g)
         c2 = elbow(1, math.cos(theta[1]), math.sin(theta[1]), g)
         c3 = elbow(2, math.cos(theta[2]), math.sin(theta[2]), g)
@@ -271,7 +239,7 @@ def _forward(angles, side, out, geometry_record):
 @kernel
 def _jacobian(angles, points, out, geometry_record):
     for n in range(angles.shape[0]):
-        s, b = forearms(_tuple3(angles[n]), _tuple3(points[n]), geometry_record[0])
+        s, b = forearms(triple(angles[n]), triple(points[n]), geometry_record[0])
         columns = jacobian_columns(s, b)
         for i in range(3):
             for axis in range(3):
@@ -282,7 +250,7 @@ def _jacobian(angles, points, out, geometry_record):
 def _singularity(angles, points, out, geometry_record):
     g = geometry_record[0]
     for n in range(angles.shape[0]):
-        s, b = forearms(_tuple3(angles[n]), _tuple3(points[n]), g)
+        s, b = forearms(triple(angles[n]), triple(points[n]), g)
         for i in range(3):
             out[n, i] = dot(s[i], b[i]) / (g.l_a[i] * g.l_b[i])
         out[n, 3] = abs(inverse_columns(s)[3]) / (g.l_b[0] * g.l_b[1] * g.l_b[2])

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
     from numpy.typing import NDArray
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 BEFORE_S = 0.05  # shown of the idle cycles before the program
 AFTER_S = 0.10  # and of the rest after its end

@@ -15,7 +15,7 @@ from delta3_pacdrive.benchmarks.case import program_file
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 REAL_TIME_FACTOR_AIM = 100.0

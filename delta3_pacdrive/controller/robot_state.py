@@ -14,8 +14,8 @@ from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import Code, ProgramError, Reason, UnreachableError
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES

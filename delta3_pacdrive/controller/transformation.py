@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.kinematics import Floats, arm_angles, geometry, plate_position
+from delta3_pacdrive.kinematics import arm_angles, geometry, plate_position
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import Course, MasterState, Timeline, course_at
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, plan_path_at
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.increments import on_grid

@@ -21,16 +21,15 @@ from delta3_pacdrive.drive.sensors import (
 )
 from delta3_pacdrive.drive.shaft_observer import advance_observer, reset_observer
 from delta3_pacdrive.drive.state_machine import (
+    accept_telegram,
     advance_state,
-    bridge_telegram,
     clear_fault,
+    extrapolate_telegram,
     follows,
     is_powered,
     leave_bus,
     stopping_speed,
-    take_telegram,
 )
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motor import (
     motor,
     phase_currents,
@@ -39,6 +38,7 @@ from delta3_pacdrive.motor import (
     winding_current,
 )
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.increments import to_increments
 from delta3_pacdrive.sercos.words import payload_on_grid
@@ -56,7 +56,7 @@ def _encoder(position, s, c):
 
 
 @kernel
-def mc4_begin_cycle(heard, command, control, position, speed, coupling, answer, state, constants):
+def mc4_begin_cycle(received, command, control, position, speed, coupling, answer, state, constants):
     """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine."""
     s, c = state[0], constants[0]
     reset_observer(position, speed, coupling, s)
@@ -68,10 +68,10 @@ def mc4_begin_cycle(heard, command, control, position, speed, coupling, answer, 
     s.sampled_position = answer[0]
     if s.started == 0:
         s.last_sampled = answer[0]
-    if heard:
-        take_telegram(command, control, s)
+    if received:
+        accept_telegram(command, control, s)
     else:
-        bridge_telegram(s)
+        extrapolate_telegram(s)
     advance_state(s, c)
     return s.status
 
@@ -203,7 +203,7 @@ class MC4:
             )
         )
 
-    def bridge_cycle(self, position: float, speed: float, coupling: float) -> int:
+    def extrapolate_cycle(self, position: float, speed: float, coupling: float) -> int:
         """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
         return int(

@@ -55,7 +55,7 @@ STILL_CYCLES = 20  # without a change of the command, after which the master has
 
 
 @kernel
-def take_telegram(command, control, s):
+def accept_telegram(command, control, s):
     """Store the MDT of this cycle and make that of the last one valid, in this drive as in all."""
     if s.started == 0:
         s.started = 1
@@ -80,7 +80,7 @@ def _validate_last(s):
 
 
 @kernel
-def bridge_telegram(s):
+def extrapolate_telegram(s):
     """Go on without the MDT of this cycle: the command that is due is extrapolated at constant speed.
 
     Control words stay as they are. Two losses in a row or ten in a window are a fault (8112).

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.path import DEGREE, SEGMENT_COLUMNS, sample_path
+from delta3_pacdrive.numerics.types import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

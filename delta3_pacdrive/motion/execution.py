@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
 from delta3_pacdrive.motion.virtual_master import (
     PHASE_COLUMNS,
@@ -27,6 +26,7 @@ from delta3_pacdrive.motion.virtual_master import (
     slowest,
 )
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.bus_time import NEVER
 
 RATE_MIN, RATE_MAX = 0.01, 1.5  # of an override

@@ -11,11 +11,11 @@ import numpy as np
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, UnreachableError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PARALLEL, RATE, SERIAL, SWING, THETA, Demand, path_demand
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.motion.virtual_master import sample_master
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit

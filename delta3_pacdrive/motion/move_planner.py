@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError, UnreachableError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.blending import Leg, lower
 from delta3_pacdrive.motion.curves import Curve
@@ -25,6 +24,7 @@ from delta3_pacdrive.motion.path_dynamics import (
 )
 from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.virtual_master import end_acceleration, master_at_distances, plan_master
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 MOVE_MAX_S = 3600.0

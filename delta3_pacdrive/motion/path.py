@@ -7,8 +7,8 @@ z in powers of s minus that start. ``curves`` makes the pieces; whoever evaluate
 import numpy as np
 from numpy.typing import ArrayLike
 
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.numerics.kernel import kernel, row_at
+from delta3_pacdrive.numerics.types import Floats
 
 DEGREE = 5
 SEGMENT_COLUMNS = 1 + 3 * (DEGREE + 1)

@@ -16,17 +16,10 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.dynamics import inertia, motion_terms, multiply
 from delta3_pacdrive.errors import UnreachableError
-from delta3_pacdrive.kinematics import (
-    Floats,
-    arm_angles,
-    combine,
-    dot,
-    forearms,
-    geometry,
-    inverse_columns,
-    upper_arm,
-)
+from delta3_pacdrive.kinematics import arm_angles, forearms, geometry, inverse_columns, upper_arm
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import combine, dot
 from delta3_pacdrive.parameters import Parameters
 
 COLUMNS = 25

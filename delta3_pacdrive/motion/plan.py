@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, master_at, sample_master, slowest
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 
 VERSION = 2

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive.configuration.checked import Errors, Refusal
 from delta3_pacdrive.errors import ProgramError, UnreachableError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import curves, time_parametrization
 from delta3_pacdrive.motion.blending import Leg, blended
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
@@ -43,6 +42,7 @@ from delta3_pacdrive.motion.program import (
     point_text,
 )
 from delta3_pacdrive.motion.virtual_master import rest
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 SAME_DECIMALS = 9  # of two starts [m] that are one

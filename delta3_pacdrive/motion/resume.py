@@ -7,11 +7,11 @@ import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.execution import BACK_M_S, Course, Timeline, remainder
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.virtual_master import master_at_distances, profile_rows, sample_master, slowest
+from delta3_pacdrive.numerics.types import Floats
 
 CANDIDATES = 200  # places of a move at which the plan may be joined
 SAMPLES = 64  # places at which a way to the plan is compared with it

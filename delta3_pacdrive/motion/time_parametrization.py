@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 
 HALVINGS = 26  # of the square of the speed: its relative error is 1e-8
 SAMPLE_S, PHASES_MAX = 4e-3, 50_000  # longest phase of a smoothed master, but for very slow ones: how many

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.numerics.kernel import kernel, row_at
+from delta3_pacdrive.numerics.types import Floats
 
 PHASE_COLUMNS = (
     5  # time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.dynamics import motion_terms, multiply, rotor_inertia, solve
 from delta3_pacdrive.motor import friction_torque
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.vector3 import middle, plus, triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.brake import acceleration_under_brakes, advance_brake, caught_speed
 from delta3_pacdrive.plant.contact import contact_torque, end_stop_torque, take_payload
@@ -186,23 +187,6 @@ def _accelerations(theta, thetadot, shaft, rate, bristle, current, s, c, g, n, m
 
 
 @kernel
-def _plus(x, h, v):
-    """Return x + h v of 3-tuples and a number."""
-    return (x[0] + h * v[0], x[1] + h * v[1], x[2] + h * v[2])
-
-
-@kernel
-def _middle(a, b):
-    """Mean of two 3-tuples."""
-    return (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]))
-
-
-@kernel
-def _tuple3(a):
-    return (a[0], a[1], a[2])
-
-
-@kernel
 def _bristles(bristle, rate, h, c, m, r):
     """Deflections after a step; none without bristles."""
     if r.bristle_stiffness == 0.0:
@@ -236,26 +220,26 @@ def advance_rich(
     g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
     take_payload(payload_kg, s, n)
     h = c.step / r.substeps
-    theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
+    theta, thetadot, last = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
     shaft, rate, turning, bristle = (
-        _tuple3(q.shaft),
-        _tuple3(q.rate),
-        _tuple3(q.acceleration),
-        _tuple3(q.bristle),
+        triple(q.shaft),
+        triple(q.rate),
+        triple(q.acceleration),
+        triple(q.bristle),
     )
-    before = _tuple3(s.current)
+    before = triple(s.current)
     for k in range(currents.shape[0]):
         for i in range(3):
             advance_brake(i, rate[i], s, c)
         now = (currents[k, 0], currents[k, 1], currents[k, 2])
         rise = (now[0] - before[0], now[1] - before[1], now[2] - before[2])
         for part in range(r.substeps):
-            mean = _plus(before, (part + 0.5) / r.substeps, rise)
-            middle_rate = _plus(rate, 0.5 * h, turning)
+            mean = plus(before, (part + 0.5) / r.substeps, rise)
+            middle_rate = plus(rate, 0.5 * h, turning)
             last, turning, _ = _accelerations(
-                _plus(theta, 0.5 * h, thetadot),
-                _plus(thetadot, 0.5 * h, last),
-                _plus(shaft, 0.5 * h, rate),
+                plus(theta, 0.5 * h, thetadot),
+                plus(thetadot, 0.5 * h, last),
+                plus(shaft, 0.5 * h, rate),
                 middle_rate,
                 _bristles(bristle, middle_rate, 0.5 * h, c, m, r),
                 mean,
@@ -271,16 +255,16 @@ def advance_rich(
                 caught_speed(1, rate[1], rate[1] + h * turning[1], s),
                 caught_speed(2, rate[2], rate[2] + h * turning[2], s),
             )
-            mean_rate = _middle(rate, after)
-            shaft = _plus(shaft, h, mean_rate)
+            mean_rate = middle(rate, after)
+            shaft = plus(shaft, h, mean_rate)
             bristle = _bristles(bristle, mean_rate, h, c, m, r)
             rate = after
             if r.elastic != 0:
-                arms = _plus(thetadot, h, last)
-                theta = _plus(theta, h, _middle(thetadot, arms))
+                arms = plus(thetadot, h, last)
+                theta = plus(theta, h, middle(thetadot, arms))
                 thetadot = arms
             else:
-                theta, thetadot = _plus(shaft, 1.0, c.angle_error), rate
+                theta, thetadot = plus(shaft, 1.0, c.angle_error), rate
         before = now
     _, _, coupling = _accelerations(theta, thetadot, shaft, rate, bristle, before, s, c, g, n, m, r)
     for i in range(3):
@@ -299,7 +283,7 @@ def settle(state, constants, geometry_record, inertia_record, rich_state, rich_r
     if r.elastic == 0:
         return
     for _ in range(SETTLING):
-        _, weight = motion_terms(_tuple3(s.theta), (0.0, 0.0, 0.0), geometry_record[0], inertia_record[0])
+        _, weight = motion_terms(triple(s.theta), (0.0, 0.0, 0.0), geometry_record[0], inertia_record[0])
         for i in range(3):
             twist = weight[i] / r.stiffness + math.copysign(0.5 * r.backlash, weight[i])
             s.theta[i] = q.shaft[i] + c.angle_error[i] - twist

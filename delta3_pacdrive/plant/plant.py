@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.dynamics import inertia, motion_terms, multiply
-from delta3_pacdrive.kinematics import Floats, geometry, plate_position
+from delta3_pacdrive.kinematics import geometry, plate_position
 from delta3_pacdrive.motor import friction_torque, motor
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.brake import acceleration_under_brakes, advance_brake, caught_speed
 from delta3_pacdrive.plant.built_robot import RICH_STATE, advance_rich, rich_constants, settle
@@ -117,11 +119,6 @@ def coupling_torques(acceleration, mass, bias, c):
 
 
 @kernel
-def _tuple3(a):
-    return (a[0], a[1], a[2])
-
-
-@kernel
 def advance_plant(
     currents, brakes, payload_kg, shafts, state, constants, geometry_record, inertia_record, motor_record
 ):
@@ -135,8 +132,8 @@ def advance_plant(
     g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
     take_payload(payload_kg, s, n)
     h = c.step
-    theta, thetadot, last = _tuple3(s.theta), _tuple3(s.thetadot), _tuple3(s.thetaddot)
-    before = _tuple3(s.current)
+    theta, thetadot, last = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
+    before = triple(s.current)
     for k in range(currents.shape[0]):
         for i in range(3):
             advance_brake(i, thetadot[i], s, c)
@@ -222,7 +219,7 @@ def advance(
 @kernel
 def true_tcp(state, geometry_record):
     """TCP [m] of the arms as they are built and stand."""
-    return plate_position(_tuple3(state[0].theta), geometry_record[0])
+    return plate_position(triple(state[0].theta), geometry_record[0])
 
 
 class Plant:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from delta3_pacdrive.controller.transformation import (
     TCP_ERROR,
     THETA,
 )
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros.publishers import TelegramOutput
 from delta3_pacdrive.sercos import telegrams

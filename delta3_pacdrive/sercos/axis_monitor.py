@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.numerics.kernel import interpreted
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos import losses
 from delta3_pacdrive.sercos.configuration_check import DRIVES

@@ -17,7 +17,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor

@@ -7,10 +7,10 @@ import numpy as np
 from delta3_pacdrive.controller.transformation import Transformation, answer_cycle, command_cycle
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import true_tcp
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS

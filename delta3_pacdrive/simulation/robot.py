@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import Plant, advance
 from delta3_pacdrive.sercos.words import payload_on_grid

@@ -38,7 +38,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 107
+KERNELS = 106
 Show = Callable[[int, int], None]
 
 
@@ -143,7 +143,7 @@ def _rehearse_drive(parameters: Parameters) -> None:
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
     drive.clear_fault()
-    drive.bridge_cycle(*shaft)
+    drive.extrapolate_cycle(*shaft)
     drive.leave_bus()
 
 

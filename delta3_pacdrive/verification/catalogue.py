@@ -14,7 +14,7 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup, Options
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 from delta3_pacdrive.verification.cases import Case, Outcome, State
 from delta3_pacdrive.verification.fault_signatures import COUPLING, OF_AXIS, AxisRecord

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.verification.telegram_log import AT, SHAFTS, Telegrams
 
 ENCODER_RAD = 1e-4  # ten times what the grid of the encoder makes

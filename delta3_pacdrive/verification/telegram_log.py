@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import WATCHER

@@ -13,7 +13,7 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import Child
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, TASK, UNIT_ROBOT
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.ros.fault_injection import SCHEDULE, read_schedule
 from delta3_pacdrive.ros.qos import FAULTS, REPORT
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT

@@ -567,7 +567,7 @@ def lose(bench, cycles, axes=(0, 1, 2)):
         for i, drive in enumerate(bench.robot.drives):
             shaft = shafts[i], shafts[3 + i], shafts[6 + i]
             if i in axes:
-                status.append(drive.bridge_cycle(*shaft))
+                status.append(drive.extrapolate_cycle(*shaft))
             else:
                 status.append(drive.begin_cycle(bench.start[i], CONTROL_ENABLE, *shaft))
         brakes, currents = [], np.empty((16, 3))
@@ -1084,7 +1084,7 @@ def test_a_halted_drive_reacts_to_faults_and_does_not_come_back_with_one(robot):
     stand(drive, 0.0, 50, control=halt)
     assert drive.drive_state == DriveState.HALTED
     for _ in range(2):
-        drive.bridge_cycle(0.0, 0.0, 0.0)
+        drive.extrapolate_cycle(0.0, 0.0, 0.0)
         drive.run_period(0.0, 0.0, 0.0)
     assert drive.fault == DriveFault.TELEGRAM
     stand(drive, 0.0, 600, control=halt)
@@ -1117,7 +1117,7 @@ def test_a_fault_of_a_drive_whose_power_was_taken_away_can_be_cleared(robot):
     drive = enabled_drive(robot)
     stand(drive, 0.0, 5, control=0)
     for _ in range(2):
-        drive.bridge_cycle(0.0, 0.0, 0.0)
+        drive.extrapolate_cycle(0.0, 0.0, 0.0)
         drive.run_period(0.0, 0.0, 0.0)
     assert (drive.drive_state, drive.fault) == (DriveState.FAULT, DriveFault.TELEGRAM)
     stand(drive, 0.0, 5, control=CONTROL_ON)

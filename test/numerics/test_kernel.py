@@ -104,7 +104,7 @@ def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, t
     for name in ('kinematics.py', 'errors.py'):
         with (copy / PACKAGE.name / name).open('a') as file:
             file.write('\n# an edit\n')
-        assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] > 5, name
+        assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] >= 3, name
 
 
 def test_a_damaged_binary_is_made_again(tmp_path):

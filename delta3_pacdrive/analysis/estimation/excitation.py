@@ -22,10 +22,10 @@ from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, slope
 from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS
 from delta3_pacdrive.errors import EstimationError, ProgramError, UnreachableError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from delta3_pacdrive.analysis.estimation.problem import Problem
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 Z_95 = 1.959964
 WEAK = 0.25  # half width of the 95 % interval, of the value, from which on a number says nothing

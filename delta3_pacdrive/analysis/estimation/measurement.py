@@ -11,9 +11,9 @@ from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.mc4 import mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.errors import EstimationError, RunError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Output
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.plant.plant import advance
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.increments import on_grid

@@ -13,7 +13,7 @@ from delta3_pacdrive.analysis.estimation.measurement import NOISE, moving_rows, 
 from delta3_pacdrive.analysis.estimation.problem import Block
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS, base_constants
 from delta3_pacdrive.errors import EstimationError
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from delta3_pacdrive.analysis.estimation.quantities import Quantity, values_of
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 if TYPE_CHECKING:

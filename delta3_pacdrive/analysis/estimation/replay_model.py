@@ -13,7 +13,7 @@ from delta3_pacdrive.analysis.estimation.problem import Block
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS, base_constants, values_of, with_values
 from delta3_pacdrive.drive.arrays import drive_constants
 from delta3_pacdrive.errors import EstimationError
-from delta3_pacdrive.kinematics import Floats
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from delta3_pacdrive.analysis.estimation.problem import Problem
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
     OnIterate = Callable[['Iterate'], None]
 

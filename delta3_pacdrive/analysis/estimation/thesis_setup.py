@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from delta3_pacdrive.analysis.estimation.solver import OnIterate
-    from delta3_pacdrive.kinematics import Floats
     from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.recording.trace import Trace
 

@@ -29,8 +29,8 @@ from delta3_pacdrive.parameters import flatten
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from delta3_pacdrive.kinematics import Floats
     from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
     OnProgress = Callable[[int, int], None]

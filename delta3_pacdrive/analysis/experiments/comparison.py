@@ -24,7 +24,7 @@ from delta3_pacdrive.recording.signals import TRUE_SIGNALS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.recording.trace import Trace
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.experiments.attribution import Attribution
     from delta3_pacdrive.analysis.experiments.comparison import Comparison
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 PER_EXPERIMENT = 8
 ATTRIBUTION = 'attribution.png'

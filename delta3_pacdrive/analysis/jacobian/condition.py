@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Kinematics
 
 HEIGHTS = 6  # of the rays, between top and bottom of the workspace

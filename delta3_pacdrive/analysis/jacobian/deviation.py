@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 THRESHOLD = 0.05
 THRESHOLDS = (0.01, 0.02, 0.05, 0.10, 0.20)

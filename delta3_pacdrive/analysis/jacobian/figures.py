@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.analysis.jacobian.study import Trial
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 EXACT: dict[str, Any] = {'color': COLOURS[0], 'linewidth': 2.6, 'solid_capstyle': 'round'}
 INEXACT: dict[str, Any] = {'color': COLOURS[1], 'linewidth': 1.3}

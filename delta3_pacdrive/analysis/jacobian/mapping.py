@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Kinematics
 
 # lengths of P1 by the thesis' symbols

@@ -25,7 +25,7 @@ from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 WINDOW = 4  # cycles on each side that the parabola through recorded samples takes in

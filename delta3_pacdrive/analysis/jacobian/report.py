@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.jacobian.motion import Motion
     from delta3_pacdrive.analysis.jacobian.study import Settings, Trial
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 AXES = (1, 2, 3)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Kinematics
 
 STEP_M = 1e-5  # its square leaves 1e-9 of the slope, rounding 1e-10

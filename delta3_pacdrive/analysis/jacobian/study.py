@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.jacobian.mapping import JointMotion
     from delta3_pacdrive.analysis.jacobian.motion import Motion
     from delta3_pacdrive.analysis.jacobian.sensitivity import Sensitivity
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 # the one length whose error, by itself, comes closest to the thesis' 10 %, 5 %, 10 % of the peak velocities
 ERRORS_M = {'R_A': 0.035}

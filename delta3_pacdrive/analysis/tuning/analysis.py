@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.analysis.tuning.bench import Run
     from delta3_pacdrive.analysis.tuning.identification import Measured
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
     Complex = NDArray[np.complex128]

@@ -11,8 +11,8 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.kinematics import Floats
     from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 

@@ -16,7 +16,7 @@ from delta3_pacdrive.errors import TuningError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 LINES_PER_DECADE = 16
 

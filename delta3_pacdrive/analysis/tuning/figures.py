@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.tuning.identification import Measured
     from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.analysis.tuning.study import SweepPoint, Variant
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 WAYS = (COLOURS[0], COLOURS[1])  # before, after
 DECIBELS = (-60.0, 60.0)  # of what is shown of an open loop

@@ -19,7 +19,7 @@ from delta3_pacdrive.errors import TuningError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 AVERAGES_MIN = 3
 ERROR_MAX = 0.05  # of |H|, one standard deviation, 0.4 dB and 3 degrees: what is trustworthy

@@ -18,7 +18,7 @@ from delta3_pacdrive.errors import TuningError, UnreachableError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 RADII, DIRECTIONS, HEIGHTS = 7, 12, 6  # of the grid over the workspace

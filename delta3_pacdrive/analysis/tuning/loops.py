@@ -23,7 +23,7 @@ import numpy as np
 from delta3_pacdrive.analysis.tuning.periodic import Periodic
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.analysis.tuning.bench import OnProgress
     from delta3_pacdrive.analysis.tuning.excitation import Multisine
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 PERIODS = 4  # of the multisine that are recorded, after one that settles

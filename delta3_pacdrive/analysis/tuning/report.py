@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.tuning.identification import Measured
     from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.analysis.tuning.study import SweepPoint, Variant
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 

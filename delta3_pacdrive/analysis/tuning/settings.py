@@ -22,7 +22,7 @@ from delta3_pacdrive.sercos.service_channel import format_idn
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 POINTS = (2, 200)  # of a sweep

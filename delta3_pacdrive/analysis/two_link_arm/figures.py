@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 SPEED_M_S = 1.0  # of the tool, along its line
 CLEARANCES = (0.2, 0.05, 0.005)  # least distances of the lines from the singular circles, of the ring's width

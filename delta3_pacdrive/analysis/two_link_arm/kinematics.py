@@ -23,7 +23,7 @@ from delta3_pacdrive.errors import ParameterError, SingularityError, Unreachable
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from delta3_pacdrive.kinematics import Floats
+    from delta3_pacdrive.numerics.types import Floats
 
 LENGTH_MIN_M, LENGTH_MAX_M = 1e-3, 1e3
 ROUNDING = 1e-12  # of the reach: a point that much outside of it lies on it

@@ -284,7 +284,7 @@ class MC4DriveNode(RobotNode):
                 elif cycle in self._lost or self._newest_command > cycle or self._parting:
                     # telegrams of one sender keep their order: a later one says that this one was lost
                     self._lost.discard(cycle)
-                    status = drive.bridge_cycle(*shaft)
+                    status = drive.extrapolate_cycle(*shaft)
                     if self._parting:
                         self._master.heard(time.monotonic())
                         self._parted += 1
