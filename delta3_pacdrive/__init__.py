@@ -6,6 +6,7 @@ The public face of the package, all of it without ROS:
 
     robot = d3.load_parameters()                                  # or a file, or 'rich': the built robot
     trace = d3.simulate('experiment1', robot)                     # or a file, or a program
+    trace = d3.load_trace('my_bag')                               # of a robot that was recorded
     theta = d3.kinematics.inverse([0.1, 0.0, -0.8], robot)        # rad, of points of shape (..., 3)
     tau = d3.dynamics.inverse(theta, [0.0] * 3, [0.0] * 3, robot)     # N m
 """
@@ -13,9 +14,11 @@ The public face of the package, all of it without ROS:
 from __future__ import annotations
 
 from importlib import import_module, metadata
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from delta3_pacdrive import dynamics, kinematics
@@ -32,6 +35,7 @@ __all__ = [
     'kinematics',
     'load_parameters',
     'load_program',
+    'load_trace',
     'simulate',
 ]
 
@@ -67,13 +71,13 @@ def load_parameters(path: str | Path | None = None) -> Parameters:
     return parameters.load(path)
 
 
-def load_program(path: str | Path, parameters: Parameters) -> Program:
+def load_program(source: str | Path | Mapping[str, Any], parameters: Parameters) -> Program:
     """Read a motion program.
 
     Parameters
     ----------
-    path
-        A YAML file, or the name of a packaged program such as ``experiment1``.
+    source
+        A YAML file, the name of a packaged program such as ``experiment1``, or what such a file would hold.
     parameters
         Of the robot: what the program does not limit, they do.
 
@@ -90,7 +94,33 @@ def load_program(path: str | Path, parameters: Parameters) -> Program:
     """
     from delta3_pacdrive.motion import program
 
-    return program.load(path, parameters.motion)
+    if isinstance(source, (str, PathLike)):
+        return program.load(source, parameters.motion)
+    return program.parse(source, parameters.motion)
+
+
+def load_trace(path: str | Path) -> Trace:
+    """Read a recording.
+
+    Parameters
+    ----------
+    path
+        A trace (``.npz``, or ``.csv`` with units in its header), or the folder of a bag.
+
+    Returns
+    -------
+    trace
+        Its signals, as those of ``simulate``; a bag has no true values, which no topic tells.
+
+    Raises
+    ------
+    TraceError
+        There is no such recording, or it cannot be read.
+
+    """
+    from delta3_pacdrive.recording import bag_trace
+
+    return bag_trace.load(path)
 
 
 def simulate(program: Program | str | Path, parameters: Parameters | None = None) -> Trace:

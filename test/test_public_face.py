@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.errors import UnreachableError
+from delta3_pacdrive.errors import ProgramError, TraceError, UnreachableError
 
 FUNCTIONS = [
     d3.load_parameters,
     d3.load_program,
+    d3.load_trace,
     d3.simulate,
     d3.kinematics.inverse,
     d3.kinematics.forward,
@@ -41,6 +42,24 @@ def test_a_program_is_simulated_by_its_name_or_as_it_was_read():
     by_name, read = d3.simulate('experiment1'), d3.simulate(d3.load_program('experiment1', robot), robot)
     np.testing.assert_array_equal(by_name['tcp_error'], read['tcp_error'])
     assert isinstance(by_name, d3.Trace)
+
+
+def test_a_program_may_be_written_in_python_and_is_checked_as_a_file_is():
+    robot = d3.load_parameters()
+    there = d3.load_program({'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.75]}}]}, robot)
+    end = d3.simulate(there, robot).meta['figures']['final_tcp_m']
+    assert end == pytest.approx([0.1, 0.0, -0.75], abs=1e-4)
+    with pytest.raises(ProgramError, match=r'moves\[0\]'):
+        d3.load_program({'moves': [{'move_l': {'to': [0.1, 0.0, -0.75]}}]}, robot)
+
+
+def test_a_trace_is_read_back_as_it_was_written(tmp_path):
+    trace = d3.simulate('experiment1')
+    trace.save(tmp_path / 'run.npz')
+    again = d3.load_trace(tmp_path / 'run.npz')
+    np.testing.assert_array_equal(again['current'], trace['current'])
+    with pytest.raises(TraceError, match='there is no recording'):
+        d3.load_trace(tmp_path / 'absent.npz')
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,10 @@ def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
     room = max(1.0, rate, before)
     limits = (move.stop_acceleration * room**2, move.stop_jerk * room**3)
     if held:
+        # the first cycle after a stop may be a rounding of its end before it
+        stands = cycle >= timeline.end_cycle
+        state = (now.distance_m, 0.0 if stands else now.speed_m_s, 0.0 if stands else now.acceleration_m_s2)
         for gentle in GENTLE:
-            state = (now.distance_m, now.speed_m_s, now.acceleration_m_s2)
             table = _join(move, state, rate, room, (limits[0] * gentle, limits[1] * gentle))
             if table is not None:
                 return Course(cycle, now.number, table, rate)

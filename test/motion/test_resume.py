@@ -7,7 +7,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.plan import MoveKind, Plan, PlanBuilder
+from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, PlanBuilder
 from delta3_pacdrive.motion.resume import left_of_plan
 from delta3_pacdrive.motion.virtual_master import sample_master
 
@@ -70,6 +70,20 @@ def test_what_is_left_is_the_rest_of_the_move_and_every_move_after_it(number, sh
         assert first.master[0, 1] == pytest.approx(now.distance_m, abs=ROUNDING_M)
         assert first.master[0, 2:4].tolist() == [0.0, 0.0]
         assert first.length_m == plan.move(number).length_m
+
+
+@pytest.mark.parametrize('cycle', [150, 250, 350])
+def test_the_rest_of_a_move_begins_at_rest_where_a_hard_stop_takes_whole_cycles(cycle, robot):
+    slow = {
+        'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.75], 'speed_m_s': 0.2}}]
+    }  # stops within 4 ms and a rounding
+    plan = program_planner.plan(programs.parse(slow, robot.motion), START, robot).plan
+    timeline = Timeline(plan, CYCLE_S)
+    timeline.start(0)
+    timeline.change(timeline.stop(cycle, robot.motion.fault_stop_acceleration_m_s2))
+    _, (left,) = left_of_plan(timeline)
+    assert left.master[0, 2:4].tolist() == [0.0, 0.0]
+    Move.from_array(left.to_array(0, 1))  # as the transformation task reads it
 
 
 @pytest.mark.parametrize('share', [0.1, 0.4, 0.5])

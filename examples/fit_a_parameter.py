@@ -1,0 +1,30 @@
+"""Find masses and friction from a run: the dynamics are linear in their constants, so least squares do it at once."""
+
+import numpy as np
+
+import delta3_pacdrive as d3
+
+robot = d3.load_parameters()
+trace = d3.simulate('excitation', robot)  # a recording does as well: d3.load_trace(FOLDER)
+gear, motor = robot.dynamics.gear_ratio, robot.motor
+
+start, end = trace.meta['start_cycle'], trace.meta['end_cycle']
+shaft = trace['motor_speed'][start:end]
+theta = d3.kinematics.inverse(trace['tcp_actual'][start:end], robot)
+thetaddot = np.gradient(shaft, trace.meta['cycle_time_s'], axis=0) / gear
+
+# K_m I = Y [I_b, m_nt, m_br r_Gb] / k_r + F_s tanh(w / w_s) + F_v w, for every axis and cycle one row
+regressor = d3.dynamics.regressor(theta, shaft / gear, thetaddot, robot) / gear
+friction = np.stack([np.tanh(shaft / motor.friction_smoothing_rad_s), shaft], axis=-1)
+matrix = np.concatenate([regressor, friction], axis=-1).reshape(-1, 5)
+torque = (motor.torque_constant_n_m_a * trace['current'][start:end]).ravel()
+found, *_ = np.linalg.lstsq(matrix, torque, rcond=None)
+
+p = robot.dynamics
+truth = p.plate_total_mass_kg, motor.static_friction_n_m, motor.viscous_friction_n_m_s_rad
+for name, value, true in zip(
+    ('m_nt [kg]', 'F_s [N m]', 'F_v [N m s/rad]'), found[[1, 3, 4]], truth, strict=True
+):
+    print(f'{name:16} {value:.5f}, in the robot {true:.5f} ({100 * (value / true - 1):+.2f} %)')
+print(f'residual: {np.std(matrix @ found - torque):.4f} N m of {np.std(torque):.4f} N m')
+print('with intervals, and what the signals do not show: delta3 estimate')

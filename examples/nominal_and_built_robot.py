@@ -1,0 +1,28 @@
+"""The same program on the robot of the thesis and on a built one, with elastic gears, stiction and inexact lengths."""
+
+import numpy as np
+
+import delta3_pacdrive as d3
+
+ROBOTS = {'nominal': d3.load_parameters(), 'built': d3.load_parameters('rich')}
+
+
+def largest_mm(vectors):
+    """Largest length of the rows, in mm."""
+    return 1e3 * np.linalg.norm(vectors, axis=1).max()
+
+
+traces = {name: d3.simulate('experiment1', robot) for name, robot in ROBOTS.items()}
+for name, trace in traces.items():
+    seen = largest_mm(trace['tcp_error'])  # by the encoders, as the controller has it
+    true = largest_mm(trace['tcp_true'] - trace['tcp_actual'])  # what only an external measurement shows
+    print(f'{name:8} error seen by the drives {seen:.3f} mm, TCP beside where they think it is {true:.3f} mm')
+
+errors = ROBOTS['built'].rich
+print(
+    'lengths of the built arms:',
+    ', '.join(f'{1e3 * error:+.2f} mm' for error in errors.forearm_error_m),
+    'of l_B',
+)
+peaks = {name: np.abs(trace['current']).max() for name, trace in traces.items()}
+print(f'largest current: {peaks["nominal"]:.2f} A nominal, {peaks["built"]:.2f} A built')

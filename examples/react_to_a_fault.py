@@ -1,0 +1,33 @@
+"""A fault stops a robot on its way; bring it back onto its path. In another terminal: delta3 up."""
+
+from delta3_pacdrive.ros.robot_client import operating
+
+PROGRAM = 'moves: [move_l: {to_m: [0.2, 0.0, -0.8], speed_m_s: 0.2}, move_l: {to_m: [0.0, 0.0, -0.75]}]'
+FAULT = (
+    '{fault: drop_mdt, axis: axis2, cycles: 2, after_s: 0.3}'  # a drive stops at the second telegram in a row
+)
+
+
+def reason(robot):
+    """Return why the robot has stopped, and where."""
+    robot.wait_until(lambda: robot.progress.get('fault'), 'reason')
+    return f'at x = {robot.progress["tcp_m"][0]:.3f} m: {robot.progress["fault"]}'
+
+
+with operating('') as robot:  # waits are bounded; a refusal is an exception with the robot's sentence
+    robot.take_control('watchman')
+    print(robot.send_program(PROGRAM))
+    print(robot.call('start'))
+    print(robot.inject(FAULT))
+    robot.wait_until(lambda: robot.state == 'error', 'stop')
+    print(reason(robot))
+
+    print(robot.call('reset'))  # clears the drives, once the causes are gone
+    print(robot.enable(True))
+    robot.wait_until(lambda: robot.progress['in_torque'], 'torque')
+    print(robot.call('resume'))  # straight back to where the program was stopped, then on
+    changes = robot.state_changes
+    robot.wait_until(lambda: robot.state_changes > changes + 1 or robot.state == 'idle', 'end of the program')
+    robot.wait_until(lambda: robot.progress['finished'], 'news')
+    print(f'{robot.state} at x = {robot.progress["tcp_m"][0]:.3f} m')
+    robot.release_control()

@@ -1,0 +1,30 @@
+"""Read a trace or a bag and ask it questions: python read_a_recording.py [FILE.npz | FILE.csv | FOLDER of a bag]."""
+
+import sys
+
+import numpy as np
+
+import delta3_pacdrive as d3
+
+if len(sys.argv) > 1:
+    recording = sys.argv[1]
+else:  # nobody has recorded anything yet: delta3 run experiment3 --bag FOLDER would
+    recording = 'experiment3.npz'
+    d3.simulate('experiment3').save(recording)
+
+trace = d3.load_trace(recording)
+print(f'{recording}: {trace.meta["program"]}, {len(trace.time_s)} cycles')
+print('signals:', ', '.join(trace.signals))
+
+error = np.linalg.norm(trace['tcp_error'], axis=1)
+worst = int(error.argmax())
+x, y, z = trace['tcp_command'][worst]
+print(
+    f'largest TCP error {1e3 * error[worst]:.3f} mm at {trace.time_s[worst]:.3f} s, ({x:.3f}, {y:.3f}, {z:.3f}) m'
+)
+
+lag = np.degrees(np.abs(trace['following_error'])).max(axis=0)
+print('largest following error:', ', '.join(f'axis{n} {value:.4f} deg' for n, value in enumerate(lag, 1)))
+
+rms = np.sqrt(np.mean(trace['current'] ** 2, axis=0))
+print('current, rms:', ', '.join(f'axis{n} {value:.3f} A' for n, value in enumerate(rms, 1)))

@@ -1,0 +1,113 @@
+"""Every example runs as it stands, and what it prints is so; those with a robot: ``test/system/test_examples.py``."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import delta3_pacdrive as d3
+
+EXAMPLES = Path(__file__).parents[2] / 'examples'
+LINES_MAX = 40
+WITH_A_ROBOT = {'own_node', 'react_to_a_fault', 'a_second_robot'}
+
+
+@pytest.fixture
+def run(shell):
+    """Return what runs an example in a folder of its own, and gives the numbers of each line that it prints."""
+
+    def numbers(name, *arguments):
+        done = shell(f'python -P {EXAMPLES / name}.py {" ".join(arguments)}')
+        assert done.returncode == 0, done.stderr
+        found = [
+            [float(text) for text in re.findall(r'[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?', line)]
+            for line in done.stdout.splitlines()
+        ]
+        return done.stdout, found
+
+    return numbers
+
+
+def test_examples_are_short_begin_with_a_sentence_and_have_a_test_each():
+    texts = {path.stem: path.read_text(encoding='utf-8') for path in EXAMPLES.glob('*.py')}
+    assert len(texts) >= 10
+    assert {name: text.count('\n') for name, text in texts.items() if text.count('\n') > LINES_MAX} == {}
+    assert all(re.match(r'"""[A-Z][^"]*[.\])]"""\n', text) for text in texts.values())
+    tested = {name.removeprefix('test_') for name in globals() if name.startswith('test_')}
+    assert set(texts) - tested == WITH_A_ROBOT
+
+
+def test_kinematics_of_a_grid(run):
+    _, ((points, _, reached), (error,), (low, high), (best, worst)) = run('kinematics_of_a_grid')
+    assert 0.5 * points < reached < points
+    assert error < 1e-12
+    limits = d3.load_parameters().kinematics
+    assert limits.arm_angle_min_deg < low < high < limits.arm_angle_max_deg
+    assert 2.0 <= best < worst < 4.4  # of the whole workspace
+
+
+def test_simulate_and_plot(run, tmp_path):
+    _, ((cycles, period_ms, *_), (error_mm,), (current, nominal)) = run('simulate_and_plot', 'run.png')
+    figures = d3.simulate('experiment1').meta['figures']
+    assert (cycles, period_ms, nominal) == (1603, 1, 4.1)
+    assert error_mm == pytest.approx(1e3 * figures['tcp_error_max_m'], abs=1e-3)
+    assert current == pytest.approx(max(figures['current_peak_a']), abs=0.01)
+    assert (tmp_path / 'run.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_program_in_python(run):
+    _, ((moves, _), (fastest,), (error_mm,)) = run('program_in_python')
+    assert moves == 1 + 2 * 5
+    assert fastest == pytest.approx(1.0, rel=1e-3)  # on the cruise the TCP has the speed of the master (6.2)
+    assert 0.0 < error_mm < 0.5
+
+
+def test_torques_along_a_path(run):
+    _, ((gravity,), (inertia,), (coriolis,), (current, error)) = run('torques_along_a_path')
+    assert coriolis < gravity < inertia
+    assert 1.0 < current < 1.7
+    assert error < 0.1 * current
+
+
+def test_tune_a_gain(run):
+    _, (_, *rows, _) = run('tune_a_gain')
+    gains, with_it, without = np.array(rows).T
+    assert gains.tolist() == [30, 60, 120]
+    np.testing.assert_allclose(gains * without, np.mean(gains * without), rtol=0.05)  # speed over gain
+    assert (with_it < without / 50).all()
+
+
+def test_fit_a_parameter(run):
+    text, lines = run('fit_a_parameter')
+    errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]
+    assert len(errors) == 3
+    assert max(map(abs, errors[:2])) < 1.0
+    assert abs(errors[2]) < 10.0
+    residual, torque = lines[3]
+    assert residual < 0.05 * torque
+
+
+@pytest.mark.parametrize('ending', ['', 'csv'])
+def test_read_a_recording(ending, run, tmp_path, shell):
+    if ending:
+        assert shell('delta3 simulate experiment3 --trace run.csv').returncode == 0
+    text, lines = run('read_a_recording', *(['run.csv'] if ending else []))
+    assert 'experiment 3' in text
+    assert 'coupling_torque' in text
+    trace = d3.simulate('experiment3')
+    worst = np.linalg.norm(trace['tcp_error'], axis=1).argmax()
+    error_mm, time_s, *place = lines[2]
+    assert error_mm == pytest.approx(1e3 * trace.meta['figures']['tcp_error_max_m'], abs=1e-3)
+    assert [time_s, *place] == pytest.approx([worst * 1e-3, *trace['tcp_command'][worst]], abs=1e-3)
+
+
+def test_nominal_and_built_robot(run):
+    _, ((seen, true), (seen_built, true_built), lengths, (current, current_built)) = run(
+        'nominal_and_built_robot'
+    )
+    assert true == 0.0
+    assert true_built > 3 * seen_built
+    assert seen_built > seen
+    assert len(lengths) == 3
+    assert current_built > current

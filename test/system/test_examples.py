@@ -1,0 +1,68 @@
+"""The examples that need a robot run as they stand beside one; the others: ``test/examples``."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / 'examples'
+
+
+@pytest.fixture
+def up(start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None) -> Iterator[Callable]:
+    """Return what brings a robot up, as an example says; it ends with the test."""
+
+    @contextmanager
+    def running(*options: str) -> Iterator[None]:
+        process = start_delta3('up', '--single-process', *options)
+        try:
+            assert process.stderr is not None
+            line = process.stderr.readline()
+            assert line.startswith('ready after'), line + process.stderr.read()
+            yield
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=20.0)
+
+    with ExitStack() as robots:
+        yield lambda *options: robots.enter_context(running(*options))
+
+
+def run(name: str) -> list[str]:
+    """Run an example; return its lines."""
+    command = [sys.executable, '-P', EXAMPLES / f'{name}.py']
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_own_node_drives_a_square(up: Callable) -> None:
+    up()
+    *answers, started, end = run('own_node')
+    assert [answer.startswith('accepted: planned') for answer in answers] == [True] * 4
+    assert started.startswith('started "program": 4 moves')
+    place = [float(text) for text in end.split('(')[1].split(')')[0].split(',')]
+    assert place == pytest.approx([0.0, 0.0, -0.8], abs=2e-4)
+
+
+def test_a_robot_that_a_fault_has_stopped_is_brought_back_and_drives_to_its_end(up: Callable) -> None:
+    up()
+    _, _, _, stop, cleared, _, resumed, end = run('react_to_a_fault')
+    place, reason = stop.split(': ')
+    assert 0.0 < float(place.split()[-2]) < 0.2
+    assert reason.startswith('axis2 reports a fault')
+    assert cleared.startswith('faults cleared')
+    assert resumed.startswith('resumed after the fault: 3 moves')
+    assert end in ('idle at x = 0.000 m', 'idle at x = -0.000 m')
+
+
+def test_two_robots_are_driven_at_the_same_time_each_to_its_own_place(up: Callable) -> None:
+    up()
+    up('--namespace', 'cell2')
+    first, second = run('a_second_robot')
+    assert first.endswith('it went 0.200 m to the side')
+    assert second.endswith('it went 0.100 m to the side')
