@@ -1,4 +1,6 @@
-"""Names of the signals of a run, each with its unit and what it is."""
+"""Names of the signals of a run, each with its unit and what it is, and the topics that carry them."""
+
+from delta3_pacdrive.sercos import telegrams
 
 # name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
 SIGNALS = {
@@ -13,6 +15,16 @@ SIGNALS = {
     'shaft_position': ('rad', 'true motor shaft position'),
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
+}
+# signals that a telegram carries, one for each of its arrays, by its topic
+CARRIED = {
+    telegrams.MDT.topic: ('motor_command',),
+    **{telegram.topic: ('motor_position', 'motor_speed', 'current') for telegram in telegrams.AT},
+    telegrams.FOLLOWING_ERROR.topic: ('following_error',),
+    telegrams.TCP_COMMAND.topic: ('tcp_command',),
+    telegrams.TCP_ACTUAL.topic: ('tcp_actual',),
+    telegrams.TCP_ERROR.topic: ('tcp_error',),
+    telegrams.SHAFTS.topic: ('shaft_position', 'shaft_speed', 'coupling_torque'),
 }
 # what no topic tells: only simulations hold it
 TRUE_SIGNALS = {

@@ -1,0 +1,439 @@
+"""The table of interfaces: every topic and service of a robot.
+
+Publishers, subscriptions, the recorder, the check for a second writer and the table in the documentation come from it.
+Names are relative; a name with ``axisN`` stands for three topics.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.srv import AddDiagnostics
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from nav_msgs.msg import Path
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, Header, String
+from std_srvs.srv import SetBool, Trigger
+
+from delta3_pacdrive.recording.signals import CARRIED
+from delta3_pacdrive.ros import qos
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
+
+TASK, PLANNER, DRIVE, PLANT, RECORDER, OPERATOR = (
+    'transformation_task',
+    'unit_robot',
+    'mc4_drive',
+    'plant',
+    'recorder',
+    'operator',
+)
+EVERY_AXIS = 'axisN'
+_ARRAYS = ('position', 'velocity', 'effort')
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """How the messages of a topic reach their readers, and why so.
+
+    Attributes
+    ----------
+    publisher, subscription
+        What the writer offers, and what readers of the robot ask for.
+
+    """
+
+    name: str
+    publisher: QoSProfile
+    subscription: QoSProfile
+    reason: str
+
+    @property
+    def recorder(self) -> QoSProfile:
+        """What the recorder asks for."""
+        return qos.RECORDER if self in (CYCLIC, CYCLIC_NEWEST, REPORT) else self.subscription
+
+
+CYCLIC = Delivery(
+    'cyclic',
+    qos.CYCLIC_PUBLISHER,
+    qos.CYCLIC_SUBSCRIPTION,
+    'Any client may ask for reliable delivery, and lag by as many cycles as the queue is deep. The robot itself asks '
+    'for best effort: on one machine the flow control of the bus (at most 16 outstanding cycles) keeps queues from '
+    "overflowing, so that acknowledgements, a third of the bus's processor time, buy nothing. A telegram that is lost "
+    'all the same is seen by its stamp, as on a real SERCOS bus, where cyclic telegrams are never repeated either.',
+)
+CYCLIC_NEWEST = Delivery(
+    'cyclic, newest', qos.CYCLIC_PUBLISHER, qos.NEWEST, 'The robot itself needs only the newest message.'
+)
+LATCHED = Delivery('latched', qos.LATCHED, qos.LATCHED, 'States and facts that latecomers need.')
+LATCHED_FROM_MANY = Delivery(
+    'latched, many writers',
+    qos.LATCHED,
+    qos.LATCHED_FROM_MANY,
+    'The newest word of every participant, for latecomers as well.',
+)
+PLAN = Delivery(
+    'plan',
+    qos.PLAN,
+    qos.PLAN,
+    'Every move of a program comes at once and none may be missed; who joins later must not take an old one for new.',
+)
+REQUEST = Delivery(
+    'request',
+    qos.REQUEST,
+    qos.REQUEST,
+    'Requests of operators, in the order in which they were made, and the answers to them.',
+)
+FAULTS = Delivery(
+    'faults',
+    qos.FAULTS,
+    qos.FAULTS,
+    'No injected fault may be missed, however many a program holds; who joins later has nothing to do with them.',
+)
+REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for people and tools.')
+DELIVERIES = (CYCLIC, CYCLIC_NEWEST, LATCHED, LATCHED_FROM_MANY, PLAN, REQUEST, FAULTS, REPORT)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic, or one for each axis.
+
+    Attributes
+    ----------
+    name, type, delivery
+        Relative name, type of the messages, how they are delivered.
+    writers, readers
+        Names of nodes; recorder and operator are no readers that the robot needs.
+    content
+        What a message says.
+    rate
+        When messages come.
+    frame
+        Form of ``header.frame_id``, empty if it says nothing.
+    telegrams
+        Names and lengths of a message of fixed layout, for each axis.
+    one_writer
+        Whether a second writer keeps the bus in CP0.
+    recorded
+        Whether it is part of a recording.
+
+    """
+
+    name: str
+    type: type
+    delivery: Delivery
+    writers: tuple[str, ...]
+    readers: tuple[str, ...]
+    content: str
+    rate: str
+    frame: str = ''
+    telegrams: tuple[Telegram, ...] = ()
+    one_writer: bool = False
+    recorded: bool = False
+
+    def of(self, axis: str = '') -> str:
+        """Return the name of the topic (of an axis)."""
+        return self.name.replace(EVERY_AXIS, axis) if axis else self.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all topics for which this one stands."""
+        return tuple(self.of(axis) for axis in DRIVES) if EVERY_AXIS in self.name else (self.name,)
+
+    @property
+    def of_exchange(self) -> bool:
+        """Whether it comes once in an exchange between drives and plant."""
+        return self.rate == EXCHANGE
+
+    @property
+    def cyclic(self) -> bool:
+        """Whether a message of it comes in every bus cycle or exchange."""
+        return self.rate in (CYCLE, EXCHANGE)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Signals of a trace that it carries."""
+        return CARRIED.get(self.names[0], ())
+
+    @property
+    def type_name(self) -> str:
+        """Name of the type, as the middleware has it."""
+        return f'{self.type.__module__.split(".")[0]}/msg/{self.type.__name__}'
+
+    def publisher(self, node: Node, axis: str = '', **options: Any) -> Publisher:
+        """Create a publisher."""
+        return node.create_publisher(self.type, self.of(axis), self.delivery.publisher, **options)
+
+    def subscription(
+        self, node: Node, callback: Callable[[Any], None], axis: str = '', raw: bool = False
+    ) -> Subscription:
+        """Create a subscription; ``raw`` gives the callback bytes."""
+        return node.create_subscription(
+            self.type, self.of(axis), callback, self.delivery.subscription, raw=raw
+        )
+
+
+CYCLE, EXCHANGE, CHANGE, ASKED = 'every cycle', 'every exchange', 'on a change', 'on request'
+_BASE = BASE_FRAME.decode()
+
+
+def _telegram(
+    content: str, telegram: Telegram, kind: type, readers: tuple[str, ...] = (), rate: str = CYCLE
+) -> Topic:
+    """Return what the transformation task tells of every cycle."""
+    delivery = CYCLIC_NEWEST if readers else CYCLIC
+    ends = (TASK,), readers
+    return Topic(telegram.topic, kind, delivery, *ends, content, rate, _BASE, (telegram,), recorded=True)
+
+
+# fmt: off
+# the bus, and the machine
+
+PHASE = Topic(
+    'sercos/phase', Header, LATCHED, (TASK,), (DRIVE, PLANT),
+    'communication phase and session; in CP4 the stamp is the bus time at which cyclic operation begins',
+    CHANGE, 'CPn hhhh', one_writer=True, recorded=True,
+)
+PARTICIPANTS = Topic(
+    'sercos/participants', DiagnosticStatus, LATCHED_FROM_MANY, (DRIVE, PLANT, PLANNER), (TASK,),
+    'who is there, since when, and with which parameters', CHANGE, recorded=True,
+)
+MDT = Topic(
+    'sercos/mdt', JointState, CYCLIC, (TASK,), (DRIVE,),
+    'motor shaft commands [rad], on the increment grid; in the frame the phase, the control word S-0-0134 of each '
+    'drive, its word of the service channel, the gripped payload [kg], the session',
+    CYCLE, MDT_FRAME, (telegrams.MDT,), one_writer=True, recorded=True,
+)
+AT = Topic(
+    'sercos/at/axisN', JointState, CYCLIC, (DRIVE,), (TASK,),
+    'encoder position [rad], on the increment grid, speed [rad/s], torque K_m I_eff [N m] as effort; in the frame the '
+    'status word S-0-0135, the word of the service channel, the session',
+    CYCLE, AT_FRAME, telegrams.AT, one_writer=True, recorded=True,
+)
+MOTOR_CURRENT = Topic(
+    'axisN/motor_current', JointState, CYCLIC, (DRIVE,), (PLANT,),
+    'I_eff [A] at the end of each 62.5 us of the exchange period, as efforts (16 for each millisecond); in the frame '
+    'the brake output (free, held), the gripped payload [kg], the session',
+    EXCHANGE, CURRENT_FRAME, tuple(telegrams.motor_current(axis, 16) for axis in DRIVES),
+    one_writer=True, recorded=True,
+)
+MOTOR_SHAFTS = Topic(
+    'plant/motor_shafts', JointState, CYCLIC, (PLANT,), (DRIVE,),
+    'true shaft positions [rad], speeds [rad/s], and as efforts the coupling torques d [N m] (4.31)',
+    EXCHANGE, 'hhhh', (telegrams.SHAFTS,), one_writer=True, recorded=True,
+)
+PHASE_CURRENT = Topic(
+    'axisN/phase_current', JointState, REPORT, (DRIVE,), (),
+    "phase currents I1s, I2s, I3s [A] at the cycle's start, as efforts", 'every cycle, while somebody listens',
+)
+SERVICE_REQUEST = Topic(
+    'sercos/service/request', String, REQUEST, (OPERATOR,), (TASK,),
+    '`axis1 read S-0-0104`, `axis1 write S-0-0104 70`; who begins with a mark (`#3fa9 axis1 read ...`) finds it at the '
+    'beginning of the answer',
+    ASKED,
+)
+SERVICE_ANSWER = Topic(
+    'sercos/service/answer', String, REQUEST, (TASK,), (), 'value with unit, or the message 8503', ASKED
+)
+FAULT_SCHEDULE = Topic(
+    'faults/schedule', String, FAULTS, (TASK,), (TASK, PLANNER, DRIVE, PLANT),
+    'JSON: injected faults with session, number, first cycle and the cycle in which they end', CHANGE, recorded=True,
+)
+
+# what the robot does
+FOLLOWING_ERROR = _telegram(
+    'following error of each arm [rad], dead time removed by linear extrapolation (7.3)',
+    telegrams.FOLLOWING_ERROR, JointState,
+)
+TCP_COMMAND = _telegram('TCP of the command [m]', telegrams.TCP_COMMAND, PointStamped)
+TCP_ACTUAL = _telegram('TCP by forward kinematics of the actual angles [m]', telegrams.TCP_ACTUAL, PointStamped)
+TCP_ERROR = _telegram(
+    'Cartesian error [m], the set-point delay of 1.75 cycles removed; the raw error is command - actual',
+    telegrams.TCP_ERROR, Vector3Stamped,
+)
+MASTER = _telegram(
+    'virtual master: distance [m], speed [m/s], number of the move', telegrams.MASTER, Vector3Stamped,
+)
+JOINT_STATES = _telegram(
+    'arm angles [rad], arm speeds [rad/s], motor torques [N m]',
+    telegrams.JOINT_STATES, JointState, (PLANNER,), '100 Hz',
+)
+OUTPUTS = Topic(
+    'outputs', JointState, LATCHED, (TASK,), (),
+    'eight digital outputs (`gripper`, `output1` ...) and the payload, as positions, stamped with the cycle of '
+    'the change',
+    CHANGE, recorded=True,
+)
+MOTION_STATE = Topic(
+    'motion/state', String, LATCHED, (TASK,), (), 'idle, moving, stopping, stopped, error', CHANGE, recorded=True
+)
+LOCATED = Topic(
+    'motion/located', PointStamped, LATCHED, (TASK,), (),
+    'where the robot stands [m], when it can take a program', CHANGE, _BASE, recorded=True,
+)
+PROGRESS = Topic(
+    'motion/progress', String, REPORT, (TASK,), (),
+    'JSON: state, move, master, remaining time, override, overruns, lateness, fault', '5 Hz', recorded=True,
+)
+DIAGNOSTICS = Topic(
+    '/diagnostics', DiagnosticArray, REPORT, (TASK, DRIVE), (),
+    'state of the bus and of every drive, counters, telegram times', '1 Hz',
+)
+
+# task and planner
+MOTION_PLAN = Topic(
+    'motion/plan', Float64MultiArray, PLAN, (PLANNER,), (TASK,),
+    'one message for each different move: header, phases of the master (t, s, v, a, jerk), pieces of the path '
+    '(s, coefficients of x, y, z up to the 5th power), events; then one with their order. Labels of plans and courses: '
+    'kind, identity of the planner, session, number of the order',
+    ASKED, recorded=True,
+)
+MOTION_CHANGE = Topic(
+    'motion/change', Float64MultiArray, PLAN, (PLANNER,), (TASK,),
+    'course that the planner asks for: start, resume, override', ASKED,
+)
+COURSE = Topic(
+    'motion/course', Float64MultiArray, LATCHED, (TASK,), (PLANNER,),
+    'what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
+)
+STATUS = Topic(
+    'motion/status', String, LATCHED, (TASK,), (PLANNER,),
+    'JSON: session, state, place, why no program could start, who has control', CHANGE, recorded=True,
+)
+VERDICT = Topic(
+    'motion/verdict', String, REQUEST, (TASK,), (PLANNER,), 'JSON: what became of an order or a change', ASKED,
+    recorded=True,
+)
+REFUSAL = Topic(
+    'motion/refusal',
+    String,
+    REQUEST,
+    (TASK,),
+    (),
+    'why a plan or a change of a foreign writer is refused',
+    ASKED,
+)
+PLANNER_ALIVE = Topic(
+    'unit_robot/alive', Header, REPORT, (PLANNER,), (TASK,),
+    'heartbeat: identity of the planner and the session that it knows of in the frame, a number in `stamp.sec`', '5 Hz',
+)
+
+# operators
+PLANNER_STATE = Topic(
+    'unit_robot/state', String, LATCHED, (PLANNER,), (), 'idle, moving, stopping, stopped, error', CHANGE
+)
+ANSWER = Topic(
+    'unit_robot/answer', String, LATCHED, (PLANNER,), (),
+    'one sentence for each request: `accepted: ...`, `refused: ...`', ASKED, recorded=True,
+)
+QUEUE = Topic(
+    'unit_robot/queue', String, LATCHED, (PLANNER,), (),
+    'JSON: moves in the queue, their time, the override, what is being planned', CHANGE, recorded=True,
+)
+MOVE_L = Topic(
+    'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE
+)
+MOVE_C = Topic(
+    'unit_robot/move_c',
+    Path,
+    REQUEST,
+    (),
+    (PLANNER,),
+    'circular move: circle point and end [m]',
+    ASKED,
+    _BASE,
+)
+MOVE_SB = Topic(
+    'unit_robot/move_sb', Path, REQUEST, (), (PLANNER,), 'spline through at most 100 points [m]', ASKED, _BASE
+)
+PROGRAM = Topic(
+    'unit_robot/program', String, REQUEST, (), (PLANNER,), 'YAML, or the name of a packaged program', ASKED
+)
+OVERRIDE = Topic('unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED)
+PLANNER_REQUEST = Topic(
+    'unit_robot/request', String, REQUEST, (OPERATOR,), (PLANNER,),
+    'JSON: request of an operator who says who he is: program, start, resume, clear, override, withdraw', ASKED,
+)
+PLANNER_REPLY = Topic('unit_robot/reply', String, REQUEST, (PLANNER,), (), 'JSON: the answer to it', ASKED)
+CONTROL_REQUEST = Topic(
+    'control/request', String, REQUEST, (OPERATOR,), (TASK,),
+    'JSON: take control, take control over, release control, enable, disable, reset, hold, abort, emergency stop',
+    ASKED,
+)
+CONTROL_REPLY = Topic('control/reply', String, REQUEST, (TASK,), (), 'JSON: the answer to it', ASKED)
+CONTROL_ALIVE = Topic(
+    'control/alive', Header, REPORT, (OPERATOR,), (TASK,),
+    'heartbeat of who has control: his identity in the frame, a number in `stamp.sec`', '5 Hz',
+)
+CONTROL_OPERATOR = Topic(
+    'control/operator',
+    String,
+    LATCHED,
+    (TASK,),
+    (),
+    'who has control: name and identity',
+    CHANGE,
+    recorded=True,
+)
+RECORDER_STATE = Topic(
+    'recorder/state', String, LATCHED, (RECORDER,), (),
+    '`recording`, or `stopped: ` and why nothing is written any more', CHANGE,
+)
+# fmt: on
+
+TOPICS = tuple(item for item in list(vars().values()) if isinstance(item, Topic))
+RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
+ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topic.names)
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service; ``needs_control`` says that a client is refused while an operator has control of the robot."""
+
+    name: str
+    type: type
+    node: str
+    content: str
+    needs_control: bool = False
+
+    @property
+    def type_name(self) -> str:
+        """Name of the type, as the middleware has it."""
+        return f'{self.type.__module__.split(".")[0]}/srv/{self.type.__name__}'
+
+
+SERVICES = (
+    Service('start', Trigger, PLANNER, 'start what is in the queue', needs_control=True),
+    Service('resume', Trigger, PLANNER, 'go on after a hold', needs_control=True),
+    Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True),
+    Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True),
+    Service('reset', Trigger, TASK, 'clear faults whose cause is gone', needs_control=True),
+    Service('hold', Trigger, TASK, 'stop on the path, to be resumed'),
+    Service('abort', Trigger, TASK, 'stop on the path for good'),
+    Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off'),
+    Service(
+        'inject_fault',
+        AddDiagnostics,
+        TASK,
+        'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',
+    ),
+)
+
+
+def second_writer(node: Node) -> str:
+    """Say which topic of the bus has two writers, and who they are; empty if none has."""
+    for name in ONE_WRITER:
+        if node.count_publishers(name) > 1:
+            writers = sorted(
+                f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                for info in node.get_publishers_info_by_topic(node.resolve_topic_name(name))
+            )
+            return f'{name} has {len(writers)} writers: {", ".join(writers)}'
+    return ''

@@ -1,0 +1,146 @@
+"""The table of interfaces is what a robot offers: every topic and service, with type, QoS, writers and readers."""
+
+import importlib
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from delta3_pacdrive.ros.interface_tables import markdown, rst, service_table, topic_table
+from delta3_pacdrive.ros.interfaces import (
+    DRIVE,
+    ONE_WRITER,
+    RECORDED,
+    SERVICES,
+    TOPICS,
+    Topic,
+)
+from delta3_pacdrive.ros.nodes.recorder import RecorderNode
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+# what rclpy gives every node
+OF_EVERY_NODE = {'/rosout', '/parameter_events'}
+BY_NAME = {name: topic for topic in TOPICS for name in topic.names}
+
+
+@pytest.fixture(scope='module')
+def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    shared_graph.robot(motion__start_cycle=-1)
+    shared_graph.add(UnitRobotNode, motion__start_cycle=-1)
+    shared_graph.add(RecorderNode, bag=str(tmp_path_factory.mktemp('bags') / 'bag'))
+    shared_graph.add(OperatorNode, shared_graph.spin_for)
+    shared_graph.spin_for(0.5)
+    return shared_graph
+
+
+def kind(node: str) -> str:
+    return DRIVE if node.startswith(DRIVE) else node
+
+
+def endpoints(robot: Any, whose: str) -> Iterator[tuple[str, str, Any]]:
+    """Yield (node, relative name, information) of all publishers or subscriptions of the robot."""
+    listener: Node = robot.listener
+    for name, _ in listener.get_topic_names_and_types():
+        if name in OF_EVERY_NODE:
+            continue
+        for info in getattr(listener, f'get_{whose}_info_by_topic')(name):
+            if info.node_name != 'listener':
+                yield kind(info.node_name), name if name in BY_NAME else name.lstrip('/'), info
+
+
+def alike(found: QoSProfile, wanted: QoSProfile) -> bool:
+    # the middleware tells others neither history nor depth
+    return (found.reliability, found.durability) == (wanted.reliability, wanted.durability)
+
+
+def test_every_topic_that_a_node_writes_is_in_the_table_with_its_type_and_qos(robot: Any) -> None:
+    found = set()
+    for node, name, info in endpoints(robot, 'publishers'):
+        topic = BY_NAME[name]
+        assert info.topic_type == topic.type_name, name
+        assert alike(info.qos_profile, topic.delivery.publisher), name
+        found.add((node, topic.name))
+    assert found == {(writer, topic.name) for topic in TOPICS for writer in topic.writers}
+
+
+def test_writers_queue_as_many_messages_as_the_table_says(robot: Any) -> None:
+    looked = 0
+    for node in robot.nodes:
+        for publisher in node.publishers:
+            name = publisher.topic_name
+            if node is not robot.listener and name not in OF_EVERY_NODE:
+                wanted = BY_NAME[name if name in BY_NAME else name.lstrip('/')].delivery.publisher
+                assert publisher.qos_profile.history == wanted.history, name
+                assert publisher.qos_profile.depth == wanted.depth, name
+                looked += 1
+    assert looked > len(TOPICS) // 2
+
+
+def test_every_topic_that_a_node_reads_is_in_the_table_with_its_type_and_qos(robot: Any) -> None:
+    found = set()
+    for node, name, info in endpoints(robot, 'subscriptions'):
+        topic = BY_NAME[name]
+        assert info.topic_type == topic.type_name, name
+        profile = topic.delivery.recorder if node == 'recorder' else topic.delivery.subscription
+        assert alike(info.qos_profile, profile), (node, name)
+        if node not in ('recorder', 'operator'):
+            found.add((node, topic.name))
+    assert found == {(reader, topic.name) for topic in TOPICS for reader in topic.readers}
+
+
+def test_the_recorder_reads_what_the_table_says_and_nothing_else(robot: Any) -> None:
+    found = {name for node, name, _ in endpoints(robot, 'subscriptions') if node == 'recorder'}
+    assert found == {name for topic in RECORDED for name in topic.names}
+
+
+def test_every_service_is_in_the_table_with_its_type(robot: Any) -> None:
+    found = {
+        (kind(node.get_name()), service.srv_name.lstrip('/'), service.srv_type)
+        for node in robot.nodes
+        for service in node.services
+        if node.get_name() not in service.srv_name
+    }
+    assert found == {(item.node, item.name, item.type) for item in SERVICES}
+
+
+def test_a_telegram_of_the_table_is_a_message_of_its_type_and_topic() -> None:
+    for topic in TOPICS:
+        for name, telegram in zip(topic.names, topic.telegrams, strict=bool(topic.telegrams)):
+            package, _, message = telegram.type.split('/')
+            assert telegram.topic == name
+            assert getattr(importlib.import_module(f'{package}.msg'), message) is topic.type
+            assert (
+                len(topic.frame.split()[0]) == len(topic.frame) or len(topic.frame) == telegram.frame_length
+            )
+
+
+def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
+    assert set(ONE_WRITER) == {
+        'sercos/phase',
+        'sercos/mdt',
+        *(f'sercos/at/{axis}' for axis in DRIVES),
+        *(f'{axis}/motor_current' for axis in DRIVES),
+        'plant/motor_shafts',
+    }
+
+
+def test_tables_for_people_have_a_row_for_each_topic_and_service() -> None:
+    for table, names in (
+        (topic_table(), [topic.name for topic in TOPICS]),
+        (service_table(), [item.name for item in SERVICES]),
+    ):
+        text = markdown(table).splitlines()
+        assert [line.split('|')[1].strip() for line in text[2:]] == [f'`{name}`' for name in names]
+        assert {line.count('|') for line in text} == {len(table[0]) + 1}
+        assert rst(table).count('   * - ') == 1 + len(names)
+
+
+def test_a_name_with_axis_n_stands_for_three() -> None:
+    topic = next(topic for topic in TOPICS if topic.name == 'sercos/at/axisN')
+    assert isinstance(topic, Topic)
+    assert topic.names == tuple(f'sercos/at/{axis}' for axis in DRIVES)
+    assert topic.of('axis2') == 'sercos/at/axis2'
