@@ -13,6 +13,7 @@ from delta3_pacdrive.ros.qos import CYCLIC_SUBSCRIPTION
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 Content = tuple[Any, int, int]  # position, speed, torque; status word; word of the service channel
 
@@ -49,7 +50,7 @@ class AtReceiver:
         statistics: BusStatistics,
         receive: Callable[[int, int, Content, int], None],
     ) -> None:
-        self.session = cdr.NO_SESSION
+        self.session = NO_SESSION
         self._cycles, self._statistics, self._receive = cycles, statistics, receive
         self._log = node.get_logger()
         self._codecs = [cdr.at_codec(axis) for axis in DRIVES]
@@ -73,7 +74,7 @@ class AtReceiver:
                 self._on_at(index, taken[0], taken[1]['received_timestamp'])
 
     def _on_at(self, index: int, data: bytes, received_ns: int) -> None:
-        if self.session is cdr.NO_SESSION:
+        if self.session is NO_SESSION:
             return
         try:
             sec, nanosec, frame, values = self._codecs[index].decode(data)

@@ -22,9 +22,10 @@ from delta3_pacdrive.controller.messages import Numbering
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
 from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
-from delta3_pacdrive.ros import cdr, node_process
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.qos import FAULTS
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 SCHEDULE = 'faults/schedule'
 LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard of it by then
@@ -143,7 +144,7 @@ class Faults(Schedule):
     def _on_schedule(self, message: String) -> None:
         session, serial, scheduled = read_schedule(message.data)
         own = self._session().decode()
-        if own == cdr.NO_SESSION.decode() or session != own:
+        if own == NO_SESSION.decode() or session != own:
             raise ProgramError(f'a fault of session {shown(session)} is not for {self._name}, in {own}')
         if not isinstance(serial, int) or not self._serials.is_new(own, serial):
             raise ProgramError(f'fault {shown(serial)} of session {own} was heard before')
@@ -157,9 +158,9 @@ class Faults(Schedule):
         self.forget_telegrams_before(self._cycle() - LEAD_CYCLES)
         self.add(scheduled)
 
-    def begin_and_end(self, cycle: int) -> list[tuple[Fault, bool]]:
+    def due(self, cycle: int) -> list[tuple[Fault, bool]]:
         """Return what begins or ends by a cycle; a fault of this process happens at once."""
-        changes = self.due(cycle)
+        changes = super().due(cycle)
         for fault, begins in changes:
             self._node.get_logger().warning(
                 f'{self._name}: {fault.text} {"begins" if begins else "ends"} in bus cycle {cycle}'

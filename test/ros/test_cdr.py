@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.numbers import numbers, row_of
+from delta3_pacdrive.sercos.telegrams import NO_SESSION, new_session
 from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, Phase
 
 CODECS = {
@@ -175,9 +176,9 @@ def test_what_belongs_to_another_session_is_refused_by_both_names(parse: Callabl
 
 
 def test_sessions_are_drawn_anew_and_never_the_one_of_nobody() -> None:
-    drawn = {cdr.new_session() for _ in range(200)}
+    drawn = {new_session() for _ in range(200)}
     assert len(drawn) > 150
-    assert cdr.NO_SESSION not in drawn
+    assert NO_SESSION not in drawn
     assert {len(session) for session in drawn} == {cdr.SHAFTS_FRAME_LENGTH}
 
 

@@ -44,6 +44,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Participants
 from delta3_pacdrive.sercos.scheduler import Pacing
 from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.telegrams import NO_SESSION, new_session
 from delta3_pacdrive.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S, Watch
 from delta3_pacdrive.sercos.words import CONTROL_OFF, Phase
 
@@ -105,7 +106,7 @@ class TransformationTaskNode(PollingNode):
         self._phase_publisher = self.create_publisher(Header, 'sercos/phase', LATCHED)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(self, self._cycles, factor > 0.0, self._statistics, self._on_at)
-        self._session = cdr.new_session()
+        self._session = new_session()
         self._participants = Participants()
         self._participants.begin(self._session.decode())
         identity = Identity.of(parameters)
@@ -274,8 +275,8 @@ class TransformationTaskNode(PollingNode):
         self._desk.close()
         self._state.lose_bus(reason)
         self._wait_for_program = False
-        self._receiver.session = cdr.NO_SESSION
-        self._session = cdr.new_session()
+        self._receiver.session = NO_SESSION
+        self._session = new_session()
         self._participants.begin(self._session.decode())
         self._orders.begin_session(self._session.decode())
         self._calls = 0
@@ -317,7 +318,7 @@ class TransformationTaskNode(PollingNode):
 
     def _begin_faults(self, cycle: int) -> None:
         """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
-        for fault, _ in self._faults.begin_and_end(cycle):
+        for fault, _ in self._faults.due(cycle):
             if fault.kind == 'emergency_stop':
                 self._state.stop_for(emergency_stop(cycle))
                 self._carry_out()

@@ -54,6 +54,7 @@ from delta3_pacdrive.ros.planning_thread import PlanningThread
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import LATCHED, NEWEST, PLAN, REPORT, REQUEST
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 LOOK_S = 0.05  # between two looks at time limits and injected faults
 FETCH_S = 0.005  # between two looks at what the planning thread has done, while it has something to do
@@ -115,7 +116,7 @@ class UnitRobotNode(PollingNode):
         for name in ('start', 'resume', 'clear'):
             create_deferred_service(self, Trigger, name, self._service(name))
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
-        self._participant.announce(cdr.NO_SESSION)
+        self._participant.announce(NO_SESSION)
         self._beat()
         self._tell_queue()
         self.create_timer(LOOK_S, self._look)
@@ -133,13 +134,13 @@ class UnitRobotNode(PollingNode):
     def _look(self) -> None:
         self._looks += 1
         if self._faults.next_cycle < NEVER:
-            self._faults.begin_and_end(self._newest())
+            self._faults.due(self._newest())
         self._planner.look(time.monotonic())
         self._carry_out()
         if self._looks % ALIVE_EVERY == 0:
             self._beat()
         if self._looks % ANNOUNCE_EVERY == 0 and not self._planner.listened_to:
-            self._participant.announce(cdr.NO_SESSION)
+            self._participant.announce(NO_SESSION)
         if self._looks % PROGRESS_EVERY == 0:
             self._tell_progress()
 
@@ -153,7 +154,7 @@ class UnitRobotNode(PollingNode):
 
     def _session(self) -> bytes:
         status = self._planner.status
-        return status.session.encode() if status else cdr.NO_SESSION
+        return status.session.encode() if status else NO_SESSION
 
     def _beat(self) -> None:
         """Let the transformation task know that this planner is there, and which session it knows of."""

@@ -9,9 +9,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive import dynamics, parameters
+from delta3_pacdrive.plant.plant_clock import REST_S
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.ros.nodes.plant import REST_S, PlantNode
+from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.sercos.words import Phase, Status

@@ -33,6 +33,7 @@ from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Occasion, Participants
 from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.words import Phase
 
 ROBOT = parameters.load()
@@ -138,7 +139,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
         graph.spin_until(all_came, 'all of them', SOON_S)
 
     send(range(1))
-    graph.spin_until(lambda: look() or receiver.session == cdr.NO_SESSION, 'a look without a session')
+    graph.spin_until(lambda: look() or receiver.session == NO_SESSION, 'a look without a session')
     assert (taken, statistics.refused) == ([], 0)  # between two sessions nobody expects anything
     receiver.session = SESSION
     published_ns = time.time_ns()
@@ -175,8 +176,8 @@ def test_a_fault_of_the_schedule_befalls_whom_it_is_for_once_and_in_its_session(
     schedule(SESSION, 4, 499)  # too late
     graph.spin_until(lambda: faults.late, 'the last of them', SOON_S)
     assert faults.late == 1
-    assert [(fault.target, begins) for fault, begins in faults.begin_and_end(599)] == [('axis2', True)]
-    assert [(fault.target, begins) for fault, begins in faults.begin_and_end(700)] == [('axis2', True)]
+    assert [(fault.target, begins) for fault, begins in faults.due(599)] == [('axis2', True)]
+    assert [(fault.target, begins) for fault, begins in faults.due(700)] == [('axis2', True)]
     assert faults.next_cycle == NEVER
     assert 2 * ROBOT.bus.outstanding_cycles_max < LEAD_CYCLES  # everybody has heard of it by then
 

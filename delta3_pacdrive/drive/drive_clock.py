@@ -1,0 +1,178 @@
+"""When a drive goes on: exchange by exchange, as commands and shafts come, in the order of their stamps."""
+
+import math
+from collections.abc import Callable
+from enum import Enum, auto
+
+from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.faults.effects import apply_to_drive
+from delta3_pacdrive.faults.schedule import Schedule
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.service_channel import Access, Answer, ServiceSlave
+
+PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
+Command = tuple[float, int, int, float]  # position, control word, word of the service channel, payload
+Shaft = tuple[float, float, float]  # position, speed, coupling torque
+
+
+class Taken(Enum):
+    """What became of a command that came."""
+
+    IN_TIME = auto()
+    LATE = auto()  # or a second time
+    CONTRADICTED = auto()  # by another one of the same cycle
+
+
+class DriveClock:
+    """One drive in bus time.
+
+    A command is awaited until a later one says that it was lost, since telegrams of one sender keep their order; a
+    shaft is awaited for as long as it takes. A drive that parts awaits no commands any more.
+
+    Parameters
+    ----------
+    drive, axis, parameters
+        The drive, its axis and the robot's parameters.
+    faults
+        Of the drive.
+    serve
+        Answers accesses of the service channel.
+    send_answer
+        Called with bus cycle and status word when ``drive.answer`` is that of a cycle.
+    send_current
+        Called with the number of an exchange and the brake output when ``drive.currents`` are those of its period.
+    stood
+        Called when the stop of a drive that parts is over.
+
+    Attributes
+    ----------
+    exchange
+        Number of the present exchange period.
+    running
+        Whether bus time goes on.
+    service
+        The drive's end of the service channel.
+    late
+        Commands that came late or repeatedly.
+
+    """
+
+    def __init__(
+        self,
+        drive: MC4,
+        axis: str,
+        parameters: Parameters,
+        faults: Schedule,
+        serve: Callable[[Access], Answer],
+        send_answer: Callable[[int, int], None],
+        send_current: Callable[[int, bool], None],
+        stood: Callable[[], None],
+    ) -> None:
+        bus = parameters.bus
+        self._drive, self._axis, self._faults, self._serve = drive, axis, faults, serve
+        self._send_answer, self._send_current, self._stood = send_answer, send_current, stood
+        self._dc_link_v = parameters.drive.dc_link_voltage_v
+        self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
+        stop_s = parameters.drive.stop_time_max_s + parameters.motor.brake_apply_s
+        self._parting_cycles = math.ceil(stop_s / bus.cycle_time_s) + PARTING_CYCLES
+        self.exchange = 0
+        self.running = False
+        self.service = ServiceSlave(serve)
+        self.late = 0
+        self._parting = False
+        self._parted = 0  # bus cycles since the drive parts
+        self._commands: dict[int, Command] = {}
+        self._lost: set[int] = set()  # cycles whose command an injected fault has taken away
+        self._newest = -1  # cycle of the newest command
+        self._last_taken: tuple[int, Command | None] = -1, None
+        self._shafts: dict[int, Shaft] = {}
+
+    @property
+    def cycle(self) -> int:
+        """Present bus cycle."""
+        return self.exchange // self._per_cycle
+
+    @property
+    def awaits_command(self) -> bool:
+        """Whether it is a command that is waited for, not a shaft."""
+        return self.exchange % self._per_cycle == 0 and self.exchange in self._shafts
+
+    def begin(self, cycle: int) -> None:
+        """Begin cyclic operation with a bus cycle; what came of it already waits."""
+        self.exchange = cycle * self._per_cycle
+        self._commands = {key: value for key, value in self._commands.items() if key >= cycle}
+        self._shafts = {key: value for key, value in self._shafts.items() if key >= self.exchange}
+        self._newest = max(self._commands, default=-1)
+        self.running, self._parting = True, False
+        self._advance()
+
+    def part(self) -> None:
+        """Go on without a master: stop by reaction BD2, with the plant only."""
+        self._parting, self._parted = True, 0
+        self._drive.state['silent'] = 1
+        self._advance()
+
+    def leave(self) -> None:
+        """End bus time without torque; a fault stays latched."""
+        self.running = self._parting = False
+        self._commands.clear()
+        self._lost.clear()
+        self._shafts.clear()
+        self._drive.leave_bus()
+        self.service = ServiceSlave(self._serve)
+
+    def take_command(self, cycle: int, command: Command | None) -> Taken:
+        """Take the command of a bus cycle, None for one that an injected fault has taken away."""
+        if command is None:
+            self._lost.add(cycle)
+            self._advance()
+            return Taken.IN_TIME
+        taken = self._commands.get(cycle)
+        if taken is None and cycle * self._per_cycle >= self.exchange and cycle not in self._lost:
+            self._commands[cycle] = command
+            if cycle > self._newest:
+                self._newest = cycle
+            self._advance()
+            return Taken.IN_TIME
+        self.late += 1
+        if taken is None and self._last_taken[0] == cycle:
+            taken = self._last_taken[1]
+        return Taken.LATE if taken is None or taken == command else Taken.CONTRADICTED
+
+    def take_shaft(self, exchange: int, shaft: Shaft) -> None:
+        """Take the true shaft at the start of an exchange period."""
+        self._shafts[exchange] = shaft
+        self._advance()
+
+    def _advance(self) -> None:
+        """Run every exchange whose telegrams are there."""
+        drive = self._drive
+        while self.running:
+            exchange = self.exchange
+            shaft = self._shafts.get(exchange)
+            if shaft is None:
+                return
+            cycle, within = divmod(exchange, self._per_cycle)
+            if within == 0:
+                if cycle >= self._faults.next_cycle:
+                    changes = self._faults.due(cycle)
+                    apply_to_drive(drive.state[0], self._axis, changes, self._faults.active, self._dc_link_v)
+                command = self._commands.pop(cycle, None)
+                if command is not None:
+                    position, control, service, payload = command
+                    self._last_taken = cycle, command
+                    self.service.received(service)
+                    status = drive.begin_cycle(position, control, *shaft, payload)
+                elif cycle in self._lost or self._newest > cycle or self._parting:
+                    self._lost.discard(cycle)
+                    status = drive.extrapolate_cycle(*shaft)
+                    self._parted += self._parting
+                    if self._parted > self._parting_cycles:
+                        self._stood()
+                        return
+                else:
+                    return
+                self._send_answer(cycle, status)
+            del self._shafts[exchange]
+            self._send_current(exchange, drive.run_period(*shaft))
+            self.exchange = exchange + 1
