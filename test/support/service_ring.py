@@ -1,0 +1,69 @@
+"""A service channel between a controller and a drive, with latency, loss and repetition."""
+
+from collections import deque
+
+from hypothesis import strategies as st
+
+from delta3_pacdrive.sercos.service_channel import (
+    ANSWER_CYCLES_MAX,
+    IDLE,
+    Access,
+    Operation,
+    ServiceMaster,
+    ServiceSlave,
+    parse_idn,
+)
+
+KV, K_I, MASS_OBSERVER, SPEED, UNKNOWN = (
+    parse_idn(text) for text in ('S-0-0104', 'P-0-0011', 'P-0-0022', 'S-0-0040', 'S-0-4000')
+)
+WORDS = st.integers(0, 0xFFFF)
+
+
+class Ring:
+    """Master and slave joined by telegrams that take whole cycles, get lost or come twice."""
+
+    def __init__(self, handler, there=1, back=1, **options):
+        self.master = ServiceMaster(**options)
+        self.slave = ServiceSlave(handler)
+        self.latencies = there, back
+        self.mdts, self.ats = deque([None] * there), deque([None] * back)
+        self.answers = []
+        self.cycle = 0
+
+    def step(self, mdt='once', at='once', drive_alive=True):
+        """One bus cycle; ``mdt`` and ``at``: what happens to the telegrams that arrive in it."""
+        word = self.ats.popleft()
+        if word is not None:
+            for taken in {'once': [word], 'twice': [word, word], 'lost': [None], 'empty': [IDLE]}[at]:
+                self._take(self.master.received(taken))
+        self.mdts.append(self.master.to_send())
+        word = self.mdts.popleft()
+        if word is not None and drive_alive:
+            for taken in {'once': [word], 'twice': [word, word], 'lost': [], 'empty': [IDLE]}[mdt]:
+                self.slave.received(taken)
+        self.ats.append(self.slave.to_send() if drive_alive else IDLE)
+        self.cycle += 1
+
+    def _take(self, answer):
+        if answer is not None:
+            self.answers.append(answer)
+
+    def access(self, access, **events):
+        """Run one access to its end; return the answer and the cycles from its request on."""
+        self.master.request(access)
+        begin, count = self.cycle, len(self.answers)
+        while len(self.answers) == count:
+            assert self.cycle - begin < 3 * ANSWER_CYCLES_MAX, 'the access has no end'
+            self.step(**events)
+        return self.answers[-1], self.cycle - begin
+
+    def read(self, idn):
+        return self.access(Access(idn, Operation.READ))[0]
+
+    def write(self, idn, value):
+        return self.access(Access(idn, Operation.WRITE, value))[0]
+
+
+def events(cycles, kinds):
+    return st.dictionaries(st.integers(0, cycles), st.tuples(st.sampled_from(kinds), st.sampled_from(kinds)))
