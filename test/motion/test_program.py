@@ -1,31 +1,19 @@
 """Facts about program files: what each statement means, and the one sentence with which a bad one is refused."""
 
-import contextlib
-import datetime as dt
 import itertools
 import json
 import math
 
-import numpy as np
 import pytest
 import yaml
-from hypothesis import event, example, given, settings
-from hypothesis import strategies as st
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program as programs
-from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind, sample_plan
+from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.motion.program import Cubic, Dwell, MoveC, MoveL, MoveSB, Output, Program, Target
-
-SENTENCE_MAX = 500  # of one error
-HOME = (0.0, 0.0, -0.75)
-
-
-def parse(document, robot):
-    return programs.parse(document, robot.motion)
+from programs_read import parse, refusal
 
 
 def statement(document, robot, **fields):
@@ -36,20 +24,6 @@ def statement(document, robot, **fields):
 
 def to(x, y, z, **options):
     return {'move_l': {'to_m': [x, y, z], **options}}
-
-
-def refusal(function, *arguments, **options):
-    """Return the sentence with which a program is refused."""
-    with pytest.raises(ProgramError) as caught:
-        function(*arguments, **options)
-    return checked(caught.value)
-
-
-def checked(error):
-    sentence = str(error)
-    assert '\n' not in sentence
-    assert all(0 < len(one) < SENTENCE_MAX for one in sentence.split('; '))
-    return sentence
 
 
 # what statements mean
@@ -119,6 +93,7 @@ def test_one_hundred_points_are_read_and_not_101(robot):
 
 
 # what is refused
+
 
 GOOD = {
     'name': 'x',
@@ -439,40 +414,6 @@ def test_text_that_comes_as_a_message_tells_line_and_column(robot):
     assert sentence == "line 1, column 36: moves[0].move_l.to_m[1] must be a number, not 'x'"
 
 
-@pytest.mark.parametrize(
-    ('text', 'value'),
-    [
-        ('2e4', 2e4),
-        ('1e-1', 0.1),
-        ('1e-05', 1e-5),
-        ('-2E+3', -2e3),
-        ('1.', 1.0),
-        ('.5', 0.5),
-        ('+3', 3),
-        ('1_000', 1000),
-        ('0x10', 16),
-        ('.inf', math.inf),
-        ('-.inf', -math.inf),
-        ('010', '010'),  # 8 or 10: who can tell
-        ('1:30', '1:30'),
-        ('"2e4"', '2e4'),
-        ('e4', 'e4'),
-        ('1e', '1e'),
-        ('-a', '-a'),
-        ('yes', True),
-        ('off', False),
-        ('', None),
-        ('~', None),
-        ('2026-01-01', '2026-01-01'),
-        ('!!str 5', '5'),
-    ],
-)
-def test_scalars_are_what_they_look_like(text, value):
-    found = yaml_file.parse(f'a: {text}', 'it', ProgramError)['a']
-    assert type(found) is type(value)
-    assert found == value
-
-
 def test_a_small_number_in_json_is_a_number(robot):
     text = json.dumps({'moves': [{'move_l': {'to_m': [0.00001, 0.0, -0.8]}}]})
     assert '1e-05' in text
@@ -480,55 +421,11 @@ def test_a_small_number_in_json_is_a_number(robot):
     assert move.to.point_m == (1e-5, 0.0, -0.8)
 
 
-@pytest.mark.parametrize(
-    ('text', 'reason'),
-    [
-        ('a: !!float 5', 'tags are not allowed'),
-        ('a: !!set {b}', 'tags are not allowed'),
-        ('{[1]: 2}', 'a key must not be a list or a mapping'),
-        ('a: 1\n---\nb: 2', 'a second document begins at line 2'),
-        ('[' * 51 + ']' * 51, 'more than 50 deep'),
-        ('a: ' + '9' * 5000, 'is not valid YAML'),
-    ],
-)
-def test_what_yaml_has_and_programs_do_not_need_is_refused(text, reason):
-    assert reason in refusal(yaml_file.parse, text, 'it', ProgramError)
-
-
 def test_what_was_read_can_be_written(tmp_path):
     document = yaml_file.parse(BAD, 'it', ProgramError)
     path = tmp_path / 'again.yaml'
     yaml_file.write(path, document)
     assert yaml_file.read(path, 'it', ProgramError) == document
-
-
-JSON_TEXTS = st.text(
-    st.characters(exclude_categories=('Cc', 'Cs', 'Cn', 'Zl', 'Zp'), exclude_characters='\ufeff')
-)
-JSON_DOCUMENTS = st.recursive(
-    st.one_of(
-        st.none(),
-        st.booleans(),
-        st.integers(-(10**20), 10**20),
-        st.floats(allow_nan=False, allow_infinity=False),
-        JSON_TEXTS,
-    ),
-    lambda children: st.one_of(
-        st.lists(children, max_size=4),
-        st.dictionaries(JSON_TEXTS.filter(lambda key: key != '<<' and len(key) < 50), children, max_size=4),
-    ),
-    max_leaves=15,
-)
-
-
-@settings(max_examples=200)
-@given(JSON_DOCUMENTS)
-def test_every_json_document_is_read_as_what_it_is(document):
-    text = json.dumps(document, ensure_ascii=False)
-    read = yaml_file.parse(text, 'it', ProgramError)
-    assert (
-        json.dumps(read, ensure_ascii=False) == text
-    )  # numbers to the last digit, and whole ones as whole ones
 
 
 def test_the_parsers_in_c_and_in_python_read_the_same(monkeypatch):
@@ -545,157 +442,3 @@ def test_packaged_programs_are_found_by_their_names(robot):
     assert 'experiment1' in names
     for name in names:
         assert programs.load(name, robot.motion).statements
-
-
-# whatever comes
-
-KEYS = st.sampled_from(
-    [
-        'name', 'start_m', 'repeat', 'limits', 'points', 'payload_kg', 'moves', 'move_l', 'move_c', 'move_sb', 'cubic',
-        'dwell', 'output', 'to_m', 'via_m', 'through_m', 'by_m', 'point', 'time_s', 'duration_s', 'speed_m_s',
-        'blend_m', 'strict', 'value', 'before_m',
-    ]
-)  # fmt: skip
-SCALARS = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.floats(),
-    st.text(max_size=5),
-    st.binary(max_size=3),
-    st.just(dt.date(2026, 1, 1)),
-)
-VALUES = st.recursive(
-    SCALARS,
-    lambda children: st.one_of(
-        st.lists(children, max_size=4),
-        st.dictionaries(st.one_of(KEYS, SCALARS.filter(lambda key: key == key)), children, max_size=4),
-    ),
-    max_leaves=12,
-)
-NUMBERS = st.one_of(st.floats(-1.0, 1.0), VALUES)
-COORDINATES = st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.95, -0.7)).map(list)
-STEPS = st.fixed_dictionaries({'by_m': st.lists(st.floats(-0.1, 0.1), min_size=3, max_size=3)})
-
-
-def statements(points, limits, numbers, flags):
-    """Return a strategy for statements whose fields come from others."""
-    path = {
-        'speed_m_s': limits,
-        'acceleration_m_s2': limits,
-        'jerk_m_s3': limits,
-        'blend_m': numbers,
-        'strict': flags,
-    }
-    return st.one_of(
-        *[
-            st.fixed_dictionaries({kind: st.fixed_dictionaries(required, optional=optional)})
-            for kind, required, optional in (
-                ('move_l', {'to_m': points}, path),
-                ('move_c', {'via_m': points, 'to_m': points}, path),
-                ('move_sb', {'through_m': st.lists(points, max_size=5)}, path),
-                ('cubic', {'to_m': points, 'duration_s': numbers}, {'end_velocity_m_s': points}),
-                ('dwell', {'time_s': numbers}, {}),
-                (
-                    'output',
-                    {'name': st.one_of(st.sampled_from(OUTPUTS), points), 'value': flags},
-                    {'before_m': numbers, 'payload_kg': numbers},
-                ),
-            )
-        ]
-    )
-
-
-ANY_POINT = st.one_of(st.lists(NUMBERS, min_size=3, max_size=3), VALUES)
-ANY_STATEMENT = st.one_of(statements(ANY_POINT, NUMBERS, NUMBERS, st.one_of(st.booleans(), VALUES)), VALUES)
-ANY_PROGRAM = st.fixed_dictionaries(
-    {'moves': st.one_of(st.lists(ANY_STATEMENT, max_size=3), VALUES)},
-    optional={
-        'name': VALUES,
-        'repeat': st.one_of(st.integers(1, 20_000), VALUES),
-        'start_m': ANY_POINT,
-        'limits': VALUES,
-        'points': st.one_of(st.dictionaries(st.text(max_size=3), ANY_POINT, max_size=2), VALUES),
-        'payload_kg': NUMBERS,
-    },
-)
-
-
-@settings(max_examples=300)
-@given(st.one_of(ANY_PROGRAM, VALUES))
-def test_whatever_a_document_holds_it_is_a_program_or_refused_with_one_sentence(robot, document):
-    try:
-        program = parse(document, robot)
-    except ProgramError as error:
-        checked(error)
-    else:
-        assert program.statements
-        assert 1 <= program.repeat <= programs.REPEAT_MAX
-
-
-@settings(max_examples=200)
-@given(st.text(alphabet='moves:{}[]-, \n\tl_&*!#|>\'"0123.e\x00\x85\ud800', max_size=60))
-@example('moves: &a [*a]')
-@example('moves: [{move_l: {to_m: [0, 0, .nan]}}]')
-def test_whatever_a_file_holds_it_is_a_program_or_refused(robot, tmp_path_factory, text):
-    path = tmp_path_factory.getbasetemp() / 'program.yaml'
-    path.write_bytes(text.encode('utf-8', 'surrogatepass'))
-    with contextlib.suppress(ProgramError):
-        programs.load(path, robot.motion)
-
-
-PLACES = st.one_of(COORDINATES, COORDINATES, STEPS)
-SOME_OPTIONS = {
-    'speed_m_s': st.one_of(st.floats(1e-6, 1e9), st.floats(0.1, 10.0)),
-    'acceleration_m_s2': st.one_of(st.floats(1e-6, 1e9), st.floats(1.0, 500.0)),
-    'jerk_m_s3': st.one_of(st.floats(1e-6, 1e9), st.floats(10.0, 1e5), st.just(math.inf)),
-    'strict': st.sampled_from([False, False, True]),
-}
-SOME_STATEMENT = st.one_of(
-    *[
-        st.fixed_dictionaries({kind: st.fixed_dictionaries(required, optional=optional)})
-        for kind, required, optional in (
-            ('move_l', {'to_m': PLACES}, SOME_OPTIONS),
-            ('move_l', {'to_m': PLACES, 'blend_m': st.floats(0.0, 0.03)}, SOME_OPTIONS),
-            ('move_c', {'via_m': PLACES, 'to_m': PLACES}, SOME_OPTIONS),
-            ('move_sb', {'through_m': st.lists(PLACES, min_size=1, max_size=5)}, SOME_OPTIONS),
-            ('cubic', {'to_m': PLACES, 'duration_s': st.floats(0.05, 5.0)}, {}),
-            ('dwell', {'time_s': st.floats(0.001, 5.0)}, {}),
-            (
-                'output',
-                {'name': st.sampled_from(OUTPUTS), 'value': st.booleans()},
-                {'payload_kg': st.floats(0.0, 10.0)},
-            ),
-        )
-    ]
-)
-SOME_PROGRAM = st.fixed_dictionaries(
-    {'moves': st.lists(SOME_STATEMENT, min_size=1, max_size=5)},
-    optional={'repeat': st.integers(1, 3), 'payload_kg': st.floats(0.0, 10.0)},
-)
-
-
-@settings(max_examples=150)
-@given(SOME_PROGRAM)
-def test_whatever_is_read_is_planned_within_the_workspace_or_refused_with_one_sentence(robot, document):
-    try:
-        planned = program_planner.plan(parse(document, robot), HOME, robot)
-    except ProgramError as error:
-        event(checked(error)[:40])
-        return
-    event('planned')
-    for notice in planned.notices:
-        checked(notice)
-    plan = planned.plan
-    p, master, numbers = sample_plan(plan, np.linspace(0.0, plan.duration_s, 500))
-    assert np.isfinite(p).all()
-    assert np.hypot(p[:, 0], p[:, 1]).max() <= 0.6 + 1e-4
-    assert -0.95 - 1e-4 <= p[:, 2].min() <= p[:, 2].max() <= -0.7 + 1e-4
-    assert (master[:, 1] >= -1e-6).all()
-    assert max(planned.rms_current_a) <= robot.motor.nominal_current_a * (1.0 + 1e-6)
-    lengths = np.array([plan.move(n).length_m for n in numbers])
-    assert (master[:, 0] <= lengths * (1.0 + 1e-9)).all()
-    ends = [plan.move(n).end_m() for n in range(len(plan))]
-    for n in range(1, len(plan)):
-        assert np.abs(plan.move(n).segments[0, 1::6] - ends[n - 1]).max() < 1e-6
-    assert all(plan.move(n).kind in MoveKind for n in range(len(plan)))

@@ -1,124 +1,37 @@
-"""Facts about recordings: a bag is read by the stamps of its messages; what cannot be read gets one sentence."""
-
-import io
-import json
+"""Facts about bags: they are read by the stamps of their messages; what cannot be read gets one sentence."""
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 
-from delta3_pacdrive.errors import Delta3Error, TraceError
-from delta3_pacdrive.recording import bag_trace
-from delta3_pacdrive.recording.bag_writer import BagWriter
-from delta3_pacdrive.recording.signals import SIGNALS
-from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-JOINT_STATE, POINT, VECTOR = (
-    'sensor_msgs/msg/JointState',
-    'geometry_msgs/msg/PointStamped',
-    'geometry_msgs/msg/Vector3Stamped',
+from bags import (
+    AXES,
+    CLOCK,
+    CYCLES,
+    FRAMES,
+    JOINT_STATE,
+    META,
+    POINT,
+    STORE,
+    TYPES,
+    assert_holds,
+    message,
+    messages,
+    numbers,
+    record,
+    refusal,
 )
-AXES = ('axis1', 'axis2', 'axis3')
-ANSWERS = [f'sercos/at/{axis}' for axis in AXES]
-TYPES = {
-    'sercos/mdt': JOINT_STATE,
-    **dict.fromkeys(ANSWERS, JOINT_STATE),
-    'plant/motor_shafts': JOINT_STATE,
-    'following_error': JOINT_STATE,
-    'tcp/command': POINT,
-    'tcp/actual': POINT,
-    'tcp/error': VECTOR,
-}
-FRAMES = {
-    'sercos/mdt': 'CP4 e000 e000 e000 0000 0000 0000 000.5000 3fa9',
-    **dict.fromkeys(ANSWERS, 'c008 0000 3fa9'),
-    'plant/motor_shafts': '3fa9',
-}
-TORQUE_CONSTANT = 0.5  # a power of two: current times it and back is exact
-META = {'gear_ratio': 32.0, 'torque_constant_n_m_a': TORQUE_CONSTANT, 'cycle_time_s': 1e-3, 'program': 'a'}
-CYCLES = 8
-CLOCK = Clock(1e-3)
-RUN = {name: np.random.default_rng(i).normal(size=(CYCLES, 3)) for i, name in enumerate(SIGNALS)}
-
-
-def numbers(topic, cycle):
-    """Return the arrays of the message that carries the signals of ``RUN`` in a cycle."""
-    row = {name: values[cycle] for name, values in RUN.items()}
-    if topic in ANSWERS:
-        answer = row['motor_position'], row['motor_speed'], TORQUE_CONSTANT * row['current']
-        return tuple(values[[ANSWERS.index(topic)]] for values in answer)
-    return {
-        'sercos/mdt': (row['motor_command'], [], []),
-        'plant/motor_shafts': (row['shaft_position'], row['shaft_speed'], row['coupling_torque']),
-        'following_error': (row['following_error'], [], []),
-        'tcp/command': row['tcp_command'],
-        'tcp/actual': row['tcp_actual'],
-        'tcp/error': row['tcp_error'],
-    }[topic]
-
-
-def message(topic, stamp, values, frame=None, names=None, little_endian=True):
-    types, kind = STORE.types, TYPES[topic]
-    frame = FRAMES.get(topic, 'base') if frame is None else frame
-    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](*stamp), frame)
-    if kind == JOINT_STATE:
-        own = [topic.rsplit('/', 1)[1]] if topic in ANSWERS else list(AXES)
-        arrays = [np.array(array, float) for array in values]
-        whole = types[kind](header, own if names is None else names, *arrays)
-    else:
-        inner = 'geometry_msgs/msg/Point' if kind == POINT else 'geometry_msgs/msg/Vector3'
-        whole = types[kind](header, types[inner](*values))
-    return bytes(STORE.serialize_cdr(whole, kind, little_endian=little_endian))
-
-
-def messages(cycles=range(CYCLES), topics=TYPES, **layout):
-    """Return (topic, bytes) of every topic in every cycle, as a robot publishes them."""
-    return [(t, message(t, CLOCK.stamp(k), numbers(t, k), **layout)) for k in cycles for t in topics]
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 
 
 def greetings(topics=TYPES):
     """Return what participants publish before cyclic operation."""
     return [(t, message(t, (ACYCLIC_SEC, 0), numbers(t, 7))) for t in topics]
-
-
-def record(folder, arrivals, meta=META, namespace='/', types=TYPES, storage=StoragePlugin.MCAP):
-    """Write a bag as the recorder does; the messages get receive times in the order of their arrival."""
-    with Writer(folder, version=9, storage_plugin=storage) as writer:
-        topics = {
-            topic: writer.add_connection(namespace + topic, kind, typestore=STORE)
-            for topic, kind in types.items()
-        }
-        for i, (topic, data) in enumerate(arrivals):
-            writer.write(topics[topic], 1_700_000_000 * NANOSECONDS + i, data)
-        if meta is not None:
-            writer.set_custom_data('delta3_pacdrive', meta if isinstance(meta, str) else json.dumps(meta))
-    return folder
-
-
-def assert_holds(trace, cycles=range(CYCLES), signals=SIGNALS):
-    cycles = list(cycles)
-    assert list(trace.signals) == list(signals)
-    assert trace.time_s.tolist() == [cycle * 1e-3 for cycle in cycles]
-    for name in signals:
-        np.testing.assert_array_equal(trace[name], RUN[name][cycles], err_msg=name)
-
-
-def refusal(path):
-    """Return the one sentence in which a recording is refused; it names the recording."""
-    with pytest.raises(TraceError) as caught:
-        bag_trace.load(path)
-    sentence = str(caught.value)
-    assert isinstance(caught.value, Delta3Error)
-    assert str(path) in sentence
-    assert '\n' not in sentence
-    assert len(sentence.replace(str(path), '')) < 300
-    return sentence
 
 
 # stamps, not arrival
@@ -411,137 +324,6 @@ def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
     assert expected in refusal(record(tmp_path / 'bag', messages(), meta))
 
 
-# damage
-
-
-@pytest.mark.parametrize(
-    ('damage', 'expected'),
-    [
-        (lambda bag: [file.unlink() for file in bag.iterdir()], 'it is no bag, metadata.yaml is missing'),
-        (lambda bag: (bag / 'bag.mcap').unlink(), 'damaged'),
-        (lambda bag: (bag / 'bag.mcap').write_bytes(b''), 'damaged'),
-        (lambda bag: (bag / 'bag.mcap').write_bytes(bytes(1000)), 'damaged'),
-    ],
-)
-def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
-    bag = record(tmp_path / 'bag', messages())
-    assert_holds(bag_trace.load(bag))
-    damage(bag)
-    assert expected in refusal(bag)
-
-
-@pytest.mark.parametrize(
-    'damage',
-    [
-        lambda path: path.unlink(),
-        lambda path: path.write_bytes(b''),
-        lambda path: path.write_bytes(b'\xff\xfe\x00'),
-        lambda path: path.write_text('a: [1,\nb: {'),
-        lambda path: path.write_text('rosbag2_bagfile_information: 5'),
-        lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
-    ],
-)
-def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
-    bag = record(tmp_path / 'bag', messages())
-    damage(bag / 'metadata.yaml')
-    trace = bag_trace.load(bag)
-    assert_holds(trace)
-    assert trace.meta == META  # the file keeps it too, and nothing is missing
-
-
-@settings(max_examples=60)
-@given(data=st.data())
-def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
-    bag = record(tmp_path_factory.mktemp('cut') / 'bag', messages())
-    content = (bag / 'bag.mcap').read_bytes()
-    whole = [content.find(message) + len(message) for _, message in messages()]
-    size = data.draw(st.integers(0, len(content) - 1))
-    (bag / 'bag.mcap').write_bytes(content[:size])
-    left = sum(end <= size for end in whole)
-    if left < len(TYPES):
-        try:  # not one cycle is whole: it is refused, or holds the topics that are left
-            trace = bag_trace.load(bag)
-        except TraceError:
-            refusal(bag)
-        else:
-            assert trace.time_s.tolist() == [0.0]
-            assert set(trace.signals) < set(SIGNALS)
-        return
-    trace = bag_trace.load(bag)
-    assert_holds(trace, range(left // len(TYPES)))
-    if left < len(whole):
-        assert f'{len(whole) - left} of {len(whole)} messages are missing' in trace.meta['cut']
-        assert trace.meta['cut'].endswith(f'it ends at bus time {trace.time_s[-1]:.3f} s')
-        assert bag_trace.cut(bag) in trace.meta['cut']
-    else:
-        assert 'cut' not in trace.meta  # the index only
-        assert bag_trace.cut(bag) == ''
-
-
-def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_path, caplog, robot):
-    bag = record(tmp_path / 'bag', messages())
-    (bag / 'metadata.yaml').unlink()
-    content = (bag / 'bag.mcap').read_bytes()
-    (bag / 'bag.mcap').write_bytes(content[: content.find(messages()[-1][1])])
-    trace = bag_trace.load(bag)
-    assert trace.meta['cycle_time_s'] == 1e-3  # from the stamps
-    assert trace.meta['gear_ratio'] == robot.dynamics.gear_ratio
-    for words in ('cut off', 'those of the packaged parameters', 'it ends at bus time'):
-        assert words in trace.meta['cut']
-        assert words in caplog.text
-    assert '; ;' not in trace.meta['cut']
-    factor = TORQUE_CONSTANT / robot.motor.torque_constant_n_m_a
-    np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
-
-
-def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
-    bag = record(tmp_path / 'bag', messages(), meta=None)
-    (bag / 'metadata.yaml').unlink()
-    assert len(bag_trace.load(bag).time_s) == CYCLES
-    assert bag_trace.cut(bag) == (
-        'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
-    )
-
-
-def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
-    writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
-    topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
-    writer.begin()
-    for i, (topic, data) in enumerate(messages(range(5))):
-        writer.write(topics[topic], i, data)
-    writer.flush()
-    for i, (topic, data) in enumerate(messages(range(5, 8))):
-        writer.write(topics[topic], 1000 + i, data)  # these wait in memory
-    trace = bag_trace.load(tmp_path / 'bag')
-    assert_holds(trace, range(5))
-    assert 'what was not yet on the disk is missing' in trace.meta['cut']
-    assert f'{5 * len(TYPES)} messages are left' in caplog.text
-
-
-def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_path):
-    writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
-    topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
-    writer.begin()
-    for i, (topic, data) in enumerate(messages(range(5))):
-        writer.write(topics[topic], i, data)
-    writer.flush()
-    file = tmp_path / 'bag' / 'bag.mcap'
-    content = file.read_bytes()
-    file.write_bytes(content + content[8:38])  # the beginning of a record that the power was cut off in
-    assert 'and 30 bytes at its end are no whole message' in bag_trace.cut(tmp_path / 'bag')
-
-
-def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
-    custom = {'delta3_pacdrive': json.dumps(META), 'delta3_pacdrive_stopped': 'no space left on device'}
-    bag = record(tmp_path / 'bag', messages())
-    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
-    document = yaml.safe_load(text)
-    document['rosbag2_bagfile_information']['custom_data'] = custom
-    (bag / 'metadata.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
-    assert bag_trace.cut(bag) == 'the recorder stopped writing: no space left on device'
-    assert_holds(bag_trace.load(bag))
-
-
 # programs
 
 
@@ -617,88 +399,3 @@ def test_a_bag_must_be_a_folder(name, tmp_path):
     ) as caught:
         bag_trace.read_bag(tmp_path / name)
     assert str(tmp_path / name) in str(caught.value)
-
-
-# trace files
-
-
-def saved(path):
-    Trace(np.arange(CYCLES) * 1e-3, RUN, META).save(path)
-    return path.read_bytes()
-
-
-def test_a_bag_saved_as_a_trace_is_the_same_recording(tmp_path):
-    trace = bag_trace.load(record(tmp_path / 'bag', messages()))
-    trace.save(tmp_path / 'bag.npz')
-    back = bag_trace.load(tmp_path / 'bag.npz')
-    assert_holds(back)
-    assert back.meta == trace.meta
-
-
-@given(data=st.data())
-def test_changed_bytes_of_a_trace_file_change_no_number(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp('changed') / 'run.npz'
-    content = bytearray(saved(path))
-    # the directory at the end says how each part is packed, and how long its own entries are
-    region = data.draw(st.sampled_from([0, len(content) - 1000]))
-    place = data.draw(st.integers(region, len(content) - 1))
-    content[place] ^= data.draw(st.integers(1, 255))
-    path.write_bytes(content)
-    try:
-        trace = bag_trace.load(path)
-    except TraceError:
-        refusal(path)
-    else:
-        assert_holds(trace, signals=[name for name in SIGNALS if name in trace.signals])
-
-
-@pytest.mark.parametrize('byte', [8, 10])
-def test_a_part_that_claims_another_packing_is_damage(byte, tmp_path):
-    path = tmp_path / 'run.npz'
-    content = bytearray(saved(path))
-    content[content.index(b'PK\x01\x02') + byte] ^= 0x21
-    path.write_bytes(content)
-    assert f'{path} is not a trace file' in refusal(path)
-
-
-def archive(**columns):
-    file = io.BytesIO()
-    columns = {'time_s': np.arange(3) * 1e-3, 'meta': np.array(json.dumps(META))} | columns
-    np.savez(file, **{name: values for name, values in columns.items() if values is not None})
-    return file.getvalue()
-
-
-def bare_array():
-    file = io.BytesIO()
-    np.save(file, np.zeros((3, 3)))
-    return file.getvalue()
-
-
-def test_an_archive_of_the_right_form_is_a_trace(tmp_path):
-    path = tmp_path / 'run.npz'
-    path.write_bytes(archive(tcp_error=np.ones((3, 3))))
-    assert bag_trace.load(path)['tcp_error'].tolist() == [[1.0] * 3] * 3
-
-
-OTHER_FORMS = [
-    (bare_array(), 'is not a trace file'),
-    (archive(meta=None), 'it has no meta'),
-    (archive(meta=None, time_s=None), 'it has no meta and no time_s'),
-    (archive(meta=np.array('{"gear_ratio"')), 'is not a trace file'),
-    (archive(meta=np.array('[1]')), 'its meta is no JSON object'),
-    (archive(meta=np.array({'a': 1}, dtype=object)), 'is not a trace file'),
-    (archive(time_s=np.array(1.0)), 'its time_s is of type float64 and shape ()'),
-    (archive(time_s=np.array(['a'])), 'its time_s is of type'),
-    (archive(time_s=np.array([0.0, 2e-3, 1e-3])), 'its time_s does not increase'),
-    (archive(time_s=np.array([np.nan])), 'its time_s does not increase'),
-    (archive(tcp_error=np.zeros((4, 3))), 'its tcp_error is of type float64 and shape (4, 3)'),
-    (archive(tcp_error=np.zeros((3, 2))), 'its tcp_error is of type float64 and shape (3, 2)'),
-    (archive(tcp_error=np.zeros((3, 3), complex)), 'its tcp_error is of type complex128'),
-]
-
-
-@pytest.mark.parametrize(('content', 'expected'), OTHER_FORMS, ids=range(len(OTHER_FORMS)))
-def test_an_archive_of_another_form_is_no_trace(content, expected, tmp_path):
-    path = tmp_path / 'run.npz'
-    path.write_bytes(content)
-    assert expected in refusal(path)

@@ -1,0 +1,143 @@
+"""Facts about bags that are damaged, cut off, or never closed."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bags import CYCLES, META, RUN, TORQUE_CONSTANT, TYPES, assert_holds, messages, record, refusal
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.bag_writer import BagWriter
+from delta3_pacdrive.recording.signals import SIGNALS
+
+
+@pytest.mark.parametrize(
+    ('damage', 'expected'),
+    [
+        (lambda bag: [file.unlink() for file in bag.iterdir()], 'it is no bag, metadata.yaml is missing'),
+        (lambda bag: (bag / 'bag.mcap').unlink(), 'damaged'),
+        (lambda bag: (bag / 'bag.mcap').write_bytes(b''), 'damaged'),
+        (lambda bag: (bag / 'bag.mcap').write_bytes(bytes(1000)), 'damaged'),
+    ],
+)
+def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
+    bag = record(tmp_path / 'bag', messages())
+    assert_holds(bag_trace.load(bag))
+    damage(bag)
+    assert expected in refusal(bag)
+
+
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda path: path.unlink(),
+        lambda path: path.write_bytes(b''),
+        lambda path: path.write_bytes(b'\xff\xfe\x00'),
+        lambda path: path.write_text('a: [1,\nb: {'),
+        lambda path: path.write_text('rosbag2_bagfile_information: 5'),
+        lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    ],
+)
+def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
+    bag = record(tmp_path / 'bag', messages())
+    damage(bag / 'metadata.yaml')
+    trace = bag_trace.load(bag)
+    assert_holds(trace)
+    assert trace.meta == META  # the file keeps it too, and nothing is missing
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
+    bag = record(tmp_path_factory.mktemp('cut') / 'bag', messages())
+    content = (bag / 'bag.mcap').read_bytes()
+    whole = [content.find(message) + len(message) for _, message in messages()]
+    size = data.draw(st.integers(0, len(content) - 1))
+    (bag / 'bag.mcap').write_bytes(content[:size])
+    left = sum(end <= size for end in whole)
+    if left < len(TYPES):
+        try:  # not one cycle is whole: it is refused, or holds the topics that are left
+            trace = bag_trace.load(bag)
+        except TraceError:
+            refusal(bag)
+        else:
+            assert trace.time_s.tolist() == [0.0]
+            assert set(trace.signals) < set(SIGNALS)
+        return
+    trace = bag_trace.load(bag)
+    assert_holds(trace, range(left // len(TYPES)))
+    if left < len(whole):
+        assert f'{len(whole) - left} of {len(whole)} messages are missing' in trace.meta['cut']
+        assert trace.meta['cut'].endswith(f'it ends at bus time {trace.time_s[-1]:.3f} s')
+        assert bag_trace.cut(bag) in trace.meta['cut']
+    else:
+        assert 'cut' not in trace.meta  # the index only
+        assert bag_trace.cut(bag) == ''
+
+
+def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_path, caplog, robot):
+    bag = record(tmp_path / 'bag', messages())
+    (bag / 'metadata.yaml').unlink()
+    content = (bag / 'bag.mcap').read_bytes()
+    (bag / 'bag.mcap').write_bytes(content[: content.find(messages()[-1][1])])
+    trace = bag_trace.load(bag)
+    assert trace.meta['cycle_time_s'] == 1e-3  # from the stamps
+    assert trace.meta['gear_ratio'] == robot.dynamics.gear_ratio
+    for words in ('cut off', 'those of the packaged parameters', 'it ends at bus time'):
+        assert words in trace.meta['cut']
+        assert words in caplog.text
+    assert '; ;' not in trace.meta['cut']
+    factor = TORQUE_CONSTANT / robot.motor.torque_constant_n_m_a
+    np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
+
+
+def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
+    bag = record(tmp_path / 'bag', messages(), meta=None)
+    (bag / 'metadata.yaml').unlink()
+    assert len(bag_trace.load(bag).time_s) == CYCLES
+    assert bag_trace.cut(bag) == (
+        'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
+    )
+
+
+def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
+    writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
+    topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
+    writer.begin()
+    for i, (topic, data) in enumerate(messages(range(5))):
+        writer.write(topics[topic], i, data)
+    writer.flush()
+    for i, (topic, data) in enumerate(messages(range(5, 8))):
+        writer.write(topics[topic], 1000 + i, data)  # these wait in memory
+    trace = bag_trace.load(tmp_path / 'bag')
+    assert_holds(trace, range(5))
+    assert 'what was not yet on the disk is missing' in trace.meta['cut']
+    assert f'{5 * len(TYPES)} messages are left' in caplog.text
+
+
+def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_path):
+    writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
+    topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
+    writer.begin()
+    for i, (topic, data) in enumerate(messages(range(5))):
+        writer.write(topics[topic], i, data)
+    writer.flush()
+    file = tmp_path / 'bag' / 'bag.mcap'
+    content = file.read_bytes()
+    file.write_bytes(content + content[8:38])  # the beginning of a record that the power was cut off in
+    assert 'and 30 bytes at its end are no whole message' in bag_trace.cut(tmp_path / 'bag')
+
+
+def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
+    custom = {'delta3_pacdrive': json.dumps(META), 'delta3_pacdrive_stopped': 'no space left on device'}
+    bag = record(tmp_path / 'bag', messages())
+    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
+    document = yaml.safe_load(text)
+    document['rosbag2_bagfile_information']['custom_data'] = custom
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
+    assert bag_trace.cut(bag) == 'the recorder stopped writing: no space left on device'
+    assert_holds(bag_trace.load(bag))

@@ -1,0 +1,71 @@
+"""Facts about units in CSV traces, and the one sentence that a bad trace gets."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import trace_csv
+
+
+def test_units_in_the_header_are_turned_into_si(tmp_path):
+    columns = [f'motor_speed_{i} [rpm]' for i in '123'] + [f'tcp_measured_{i} [mm]' for i in 'xyz']
+    path = tmp_path / 'run.csv'
+    path.write_text('\n'.join([','.join(['time [ms]', *columns]), '0,60,0,0,1,2,3', '1,0,0,0,4,5,6']))
+    trace = trace_csv.read(path)
+    assert trace.time_s.tolist() == [0.0, 0.001]
+    assert trace['motor_speed'][0, 0] == pytest.approx(2.0 * np.pi)
+    assert trace['tcp_measured'][1] == pytest.approx([4e-3, 5e-3, 6e-3])
+
+
+# written down from the definitions of the units, not from the reader's table
+ONE_UNIT_IN_SI = {
+    's': 1.0, 'ms': 0.001, 'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
+    'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977, 'A': 1.0, 'mA': 0.001, 'm': 1.0, 'mm': 0.001, 'V': 1.0,
+    'N m': 1.0,
+}  # fmt: skip
+IN_UNITS = {'s': 'time', 'rad': 'motor_position', 'rad/s': 'motor_speed', 'A': 'current', 'm': 'tcp_measured',
+            'V': 'phase_voltage', 'N m': 'coupling_torque'}  # fmt: skip
+
+
+@pytest.mark.parametrize('unit', ONE_UNIT_IN_SI)
+def test_every_unit_is_what_it_says(unit, tmp_path):
+    assert trace_csv.UNITS.keys() == ONE_UNIT_IN_SI.keys()
+    signal = IN_UNITS[trace_csv.UNITS[unit][0]]
+    suffixes = 'xyz' if signal == 'tcp_measured' else '123'
+    columns = (
+        [f'time [{unit}]']
+        if signal == 'time'
+        else ['time [s]', *(f'{signal}_{i} [{unit}]' for i in suffixes)]
+    )
+    path = tmp_path / 'run.csv'
+    path.write_text(
+        f'{",".join(columns)}\n{",".join(["0"] * len(columns))}\n{",".join(["1"] * len(columns))}\n'
+    )
+    trace = trace_csv.read(path)
+    values = trace.time_s[1] if signal == 'time' else trace[signal][1]
+    assert np.all(np.abs(values / ONE_UNIT_IN_SI[unit] - 1.0) < 1e-15)
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('', 'no column time'),
+        ('time [s]\n', 'no row of numbers'),
+        ('time [s],speed [rad/s]\n0,1\n', 'unknown column'),
+        ('time,current_1 [A],current_2 [A],current_3 [A]\n0,1,2,3\n', 'must tell its unit'),
+        ('time [s],current_1 [V],current_2 [A],current_3 [A]\n0,1,2,3\n', 'must tell its unit'),
+        ('time [s],current_1 [A],current_2 [A]\n0,1,2\n', 'not all three'),
+        ('time [s],time [s]\n0,0\n', 'twice'),
+        ('time [s]\n0\none\n', 'not only numbers'),
+        ('time [s]\n0,1\n', 'has 2 values'),
+        ('time [s]\nnan\n', 'not finite'),
+        ('time [s]\n1\n0\n', 'do not increase'),
+        ('# {"gear_ratio": \ntime [s]\n0\n', 'no JSON object'),
+    ],
+)
+def test_a_bad_csv_trace_gets_one_sentence(text, reason, tmp_path):
+    path = tmp_path / 'run.csv'
+    path.write_text(text)
+    with pytest.raises(TraceError, match=reason) as caught:
+        trace_csv.read(path)
+    assert '\n' not in str(caught.value)

@@ -1,0 +1,110 @@
+"""Bags as a robot records them, written message by message."""
+
+import json
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from delta3_pacdrive.errors import Delta3Error, TraceError
+from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+JOINT_STATE, POINT, VECTOR = (
+    'sensor_msgs/msg/JointState',
+    'geometry_msgs/msg/PointStamped',
+    'geometry_msgs/msg/Vector3Stamped',
+)
+AXES = ('axis1', 'axis2', 'axis3')
+ANSWERS = [f'sercos/at/{axis}' for axis in AXES]
+TYPES = {
+    'sercos/mdt': JOINT_STATE,
+    **dict.fromkeys(ANSWERS, JOINT_STATE),
+    'plant/motor_shafts': JOINT_STATE,
+    'following_error': JOINT_STATE,
+    'tcp/command': POINT,
+    'tcp/actual': POINT,
+    'tcp/error': VECTOR,
+}
+FRAMES = {
+    'sercos/mdt': 'CP4 e000 e000 e000 0000 0000 0000 000.5000 3fa9',
+    **dict.fromkeys(ANSWERS, 'c008 0000 3fa9'),
+    'plant/motor_shafts': '3fa9',
+}
+TORQUE_CONSTANT = 0.5  # a power of two: current times it and back is exact
+META = {'gear_ratio': 32.0, 'torque_constant_n_m_a': TORQUE_CONSTANT, 'cycle_time_s': 1e-3, 'program': 'a'}
+CYCLES = 8
+CLOCK = Clock(1e-3)
+RUN = {name: np.random.default_rng(i).normal(size=(CYCLES, 3)) for i, name in enumerate(SIGNALS)}
+
+
+def numbers(topic, cycle):
+    """Return the arrays of the message that carries the signals of ``RUN`` in a cycle."""
+    row = {name: values[cycle] for name, values in RUN.items()}
+    if topic in ANSWERS:
+        answer = row['motor_position'], row['motor_speed'], TORQUE_CONSTANT * row['current']
+        return tuple(values[[ANSWERS.index(topic)]] for values in answer)
+    return {
+        'sercos/mdt': (row['motor_command'], [], []),
+        'plant/motor_shafts': (row['shaft_position'], row['shaft_speed'], row['coupling_torque']),
+        'following_error': (row['following_error'], [], []),
+        'tcp/command': row['tcp_command'],
+        'tcp/actual': row['tcp_actual'],
+        'tcp/error': row['tcp_error'],
+    }[topic]
+
+
+def message(topic, stamp, values, frame=None, names=None, little_endian=True):
+    types, kind = STORE.types, TYPES[topic]
+    frame = FRAMES.get(topic, 'base') if frame is None else frame
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](*stamp), frame)
+    if kind == JOINT_STATE:
+        own = [topic.rsplit('/', 1)[1]] if topic in ANSWERS else list(AXES)
+        arrays = [np.array(array, float) for array in values]
+        whole = types[kind](header, own if names is None else names, *arrays)
+    else:
+        inner = 'geometry_msgs/msg/Point' if kind == POINT else 'geometry_msgs/msg/Vector3'
+        whole = types[kind](header, types[inner](*values))
+    return bytes(STORE.serialize_cdr(whole, kind, little_endian=little_endian))
+
+
+def messages(cycles=range(CYCLES), topics=TYPES, **layout):
+    """Return (topic, bytes) of every topic in every cycle, as a robot publishes them."""
+    return [(t, message(t, CLOCK.stamp(k), numbers(t, k), **layout)) for k in cycles for t in topics]
+
+
+def record(folder, arrivals, meta=META, namespace='/', types=TYPES, storage=StoragePlugin.MCAP):
+    """Write a bag as the recorder does; the messages get receive times in the order of their arrival."""
+    with Writer(folder, version=9, storage_plugin=storage) as writer:
+        topics = {
+            topic: writer.add_connection(namespace + topic, kind, typestore=STORE)
+            for topic, kind in types.items()
+        }
+        for i, (topic, data) in enumerate(arrivals):
+            writer.write(topics[topic], 1_700_000_000 * NANOSECONDS + i, data)
+        if meta is not None:
+            writer.set_custom_data('delta3_pacdrive', meta if isinstance(meta, str) else json.dumps(meta))
+    return folder
+
+
+def assert_holds(trace, cycles=range(CYCLES), signals=SIGNALS):
+    cycles = list(cycles)
+    assert list(trace.signals) == list(signals)
+    assert trace.time_s.tolist() == [cycle * 1e-3 for cycle in cycles]
+    for name in signals:
+        np.testing.assert_array_equal(trace[name], RUN[name][cycles], err_msg=name)
+
+
+def refusal(path):
+    """Return the one sentence in which a recording is refused; it names the recording."""
+    with pytest.raises(TraceError) as caught:
+        bag_trace.load(path)
+    sentence = str(caught.value)
+    assert isinstance(caught.value, Delta3Error)
+    assert str(path) in sentence
+    assert '\n' not in sentence
+    assert len(sentence.replace(str(path), '')) < 300
+    return sentence

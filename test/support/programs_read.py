@@ -1,0 +1,26 @@
+"""Programs as documents and files, and how they are refused."""
+
+import pytest
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import program as programs
+
+SENTENCE_MAX = 500  # of one error
+
+
+def parse(document, robot):
+    return programs.parse(document, robot.motion)
+
+
+def refusal(function, *arguments, **options):
+    """Return the sentence with which a program is refused."""
+    with pytest.raises(ProgramError) as caught:
+        function(*arguments, **options)
+    return checked(caught.value)
+
+
+def checked(error):
+    sentence = str(error)
+    assert '\n' not in sentence
+    assert all(0 < len(one) < SENTENCE_MAX for one in sentence.split('; '))
+    return sentence
