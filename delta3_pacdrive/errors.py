@@ -70,9 +70,14 @@ class Code(StrEnum):
     BUS = 'bus'  # the bus is not in cyclic operation
     CONTENT = 'content'  # the request itself breaks a rule or a limit
     LATE = 'late'  # its bus cycle is over
-    STRANGER = 'stranger'  # of another session, a second time, or from nobody who is there
+    FOREIGN = 'foreign'  # of another session, a second time, or from nobody who is there
     WITHDRAWN = 'withdrawn'  # given up by whoever asked for it
     SILENT = 'silent'  # somebody who should have answered did not
+
+    @classmethod
+    def of(cls, text: str) -> 'Code':
+        """Return the code that a message names; one that is unknown is taken for ``CONTENT``."""
+        return next((code for code in cls if code == text), cls.CONTENT)
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,14 @@ class Reason:
     def __str__(self) -> str:
         """Return the sentence."""
         return self.sentence
+
+
+class RefusedError(ProgramError):
+    """A request that is refused, with the reason."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason.sentence)
+        self.reason = reason
 
 
 def shown(value: object) -> str:

@@ -177,7 +177,7 @@ def refuse_recording(request: Request) -> Reply:
     sentence = (
         f'the request was made to {shown(request.receiver)}, which is not here any more; is it a recording?'
     )
-    return Reply(request.operator, request.number, True, False, str(Code.STRANGER), sentence)
+    return Reply(request.operator, request.number, True, False, str(Code.FOREIGN), sentence)
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class PlanIntake:
             return None
         if origin.number != self._number:
             if not self._numbering.is_new(f'{origin.planner} {origin.session}', origin.number):
-                return Reason(Code.STRANGER, f'order {origin.number} of this planner was heard before')
+                return Reason(Code.FOREIGN, f'order {origin.number} of this planner was heard before')
             self.begin()
             self._number = origin.number
         self.checked += 1

@@ -5,140 +5,51 @@ what has to be published, planned or answered goes out as actions. A request is 
 happened or was refused. One request is served at a time, in the order in which they came.
 """
 
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.controller.control import control_refusal
+from delta3_pacdrive.controller.course_change import Change, ChangeEvent, CourseChange
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.planning_job import Job, Result
+from delta3_pacdrive.controller.planner_actions import (
+    Action,
+    Cancelled,
+    Changed,
+    Mirrored,
+    Replied,
+    Working,
+)
+from delta3_pacdrive.controller.planning_job import Caps, Job, Result
+from delta3_pacdrive.controller.program_queue import ProgramQueue
+from delta3_pacdrive.controller.program_run import (
+    Order,
+    OrderNumbers,
+    ProgramRun,
+    Remains,
+    RunEvent,
+    RunState,
+)
+from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.robot_state import STANDING_M
-from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
-from delta3_pacdrive.faults.fault import Fault
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
+from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Course, Timeline
-from delta3_pacdrive.motion.plan import Move, Plan
+from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Timeline
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.resume import left_of_plan, rejoin
 from delta3_pacdrive.parameters import Parameters
 
-# how far ahead a change of course is planned; four times as far each time that it came too late
-LEAD_CYCLES, LEAD_CYCLES_MAX = 60, 4000
-WAITING_MAX = 100  # requests
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
-NEWS_S = 2.0  # that a request may wait for news of the transformation task
-PASSING = frozenset(
-    {Code.STATE, Code.DISABLED, Code.FAULT, Code.BUS}
-)  # refusals that the next status may end
-LEAP, LEAPS_MAX = 1000, 3  # by how much, and how often, the numbers of orders leap over those of a stranger
 MASTER_SILENT_S = 1.0  # without a status, after which that of another master counts
 NO_CAPS = (0.0, 0.0, 0.0)
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
 ACTIONS = ('program', 'start', 'resume', 'clear', 'override', 'withdraw')
-
-
-# actions --------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Ordered:
-    """A plan goes to the transformation task."""
-
-    number: int
-    moves: tuple[Move, ...]
-    faults: tuple[Fault, ...]
-    row: tuple[float, ...]  # start cycle, rate, numbers of the moves
-
-
-@dataclass(frozen=True)
-class Revoked:
-    """An order is taken back."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class Changed:
-    """A course goes to the transformation task."""
-
-    number: int
-    course: Course
-
-
-@dataclass(frozen=True)
-class Working:
-    """A job begins in the planning thread."""
-
-    job: Job
-
-
-@dataclass(frozen=True)
-class Cancelled:
-    """A job is given up."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class Replied:
-    """A request is answered: refused with a reason, or done, with a sentence."""
-
-    request: Request
-    reason: Reason | None
-    sentence: str
-
-
-@dataclass(frozen=True)
-class Mirrored:
-    """The motion is in a state."""
-
-    state: MotionState
-
-
-Action = Ordered | Revoked | Changed | Working | Cancelled | Replied | Mirrored
-
-
-@dataclass
-class _Order:
-    """An order that waits for its verdict."""
-
-    action: Ordered
-    timeline: Timeline
-    sentence: str
-    restore: Callable[[], None]
-    since_s: float
-    checked: int = 0
-
-    @property
-    def number(self) -> int:
-        """Number of the order."""
-        return self.action.number
-
-
-@dataclass
-class _Change:
-    """A change of course that waits for its verdict."""
-
-    number: int
-    rate: float
-    sentence: str
-    since_s: float
-    lasting: bool  # whether the rate is that of later programs, too
-
-
-@dataclass
-class _Waiting:
-    """A request, and since when it waits."""
-
-    request: Request
-    since_s: float
-    heard: int = 0  # statuses heard by then
 
 
 class Planner:
@@ -179,29 +90,19 @@ class Planner:
         self.rate = 1.0
         self._now_s = 0.0
         self._heard, self._heard_s = 0, 0.0  # how many statuses came, and when the last one
-        self._serials = Numbering()
-        self._courses = Numbering()
-        self._numbers = self._ordered = 0  # of orders and changes; of the last order
-        self._jobs = self._leaps = 0
-        self._waiting: deque[_Waiting] = deque()
+        self._serials, self._courses = Numbering(), Numbering()
+        self._here: Floats | None = None
+        self._mirrored: MotionState | None = None
+
+        self._requests = RequestQueue()
         self._serving: Request | None = None
         self._job: tuple[Job, Callable[[Result], None]] | None = None
-        self._order: _Order | None = None
-        self._change: _Change | None = None
-
-        self._queue = program
-        self._planned: Planned | None = None
+        self._jobs = 0
+        self._numbers = OrderNumbers()
+        self._queue = ProgramQueue(program)
+        self._run = ProgramRun(self._numbers, parameters.bus.cycle_time_s)
+        self._change = CourseChange()
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
-        self._here: np.ndarray[Any, Any] | None = None
-        self._mirrored: MotionState | None = None
-        self._running: Program | None = None  # the last one that was started
-        self._failed = False  # a fault has stopped it
-        self._cut_off: Timeline | None = None  # what a fault has left of it
-        self._restartable: Program | None = None  # all of it, from its beginning
-        self._timeline: Timeline | None = None
-        self._before: Timeline | None = None  # the same before the newest course
-        self._rate_max = RATE_MAX
-        self._lead = LEAD_CYCLES
 
     # what is known ----------------------------------------------------------------------------------------------------
 
@@ -213,21 +114,23 @@ class Planner:
     @property
     def queue(self) -> tuple[int, float]:
         """Number of moves in the queue, and how long they take [s]; 0 while they are not planned."""
-        if self._queue is None:
-            return 0, 0.0
-        if self._planned is None:
-            return len(self._queue.statements) * self._queue.repeat, 0.0
-        return len(self._planned.plan), self._planned.plan.duration_s
+        return (0, 0.0) if self._run.waits else self._queue.size
 
     @property
     def listened_to(self) -> bool:
         """Whether the transformation task takes orders of this planner."""
         return self.status is not None and self.status.planner == self._identity
 
+    @property
+    def _refusal(self) -> Reason | None:
+        """Why the transformation task would take no order now."""
+        status = self.status
+        return Reason(Code.of(status.refusal_code), status.refusal) if status and status.refusal else None
+
     # what the task tells ----------------------------------------------------------------------------------------------
 
     def hear_status(self, status: Status, now_s: float) -> bool:
-        """Take the word of the transformation task; False for what is old or a stranger's."""
+        """Take the word of the transformation task; False for what is old or comes from elsewhere."""
         self._now_s = now_s
         if status.state not in {str(state) for state in MotionState}:
             return False
@@ -235,25 +138,25 @@ class Planner:
         anew = before is None or status.session != before.session
         foreign = anew and before is not None and status.previous != before.session
         if foreign and now_s - self._heard_s < MASTER_SILENT_S:
-            return (
-                False  # another master, or a recording: believed when the present one says nothing any more
-            )
+            # another master, or a recording: believed when the present one says nothing any more
+            return False
         if not self._serials.is_new(status.session, status.serial):
             return False
         self.status, self._heard, self._heard_s = status, self._heard + 1, now_s
         if anew:
             self._begin_session()
-        elif before is not None and status.losses != before.losses:
-            self._lose_queue()
-        self._look_at_order(status)
-        self._failed = self._failed or (
-            self.motion == MotionState.ERROR and self._timeline is not None and self._order is None
-        )
+        elif before is not None and status.losses != before.losses and not self._starts_by_itself:
+            self._queue.clear()  # its operator has lost control
+        if self._run.waits:
+            self._run.note_checked(status.checked, now_s)
+            if self.listened_to and status.order >= self._run.number:
+                self._end_order(None)  # a verdict that was lost
+        if self.motion == MotionState.ERROR:
+            self._happen(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):
             self._be_located(np.array(status.tcp_m))
-        ended = self.listened_to and status.order >= self._ordered
-        if ended and self._order is None and self.motion == MotionState.IDLE:
-            self._timeline = None
+        if self.listened_to and status.order >= self._run.number and self.motion == MotionState.IDLE:
+            self._happen(RunEvent.END)
         if self._mirrored != self.motion:
             self._mirrored = self.motion
             self.actions.append(Mirrored(self.motion))
@@ -262,40 +165,19 @@ class Planner:
 
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
-        reason = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
-        self._end_order(reason)
-        if self._change is not None:
-            self._change = None
-            self._reply(reason, '')
-        if self._timeline is not None and self.motion != MotionState.ERROR:
-            self._restartable, self._timeline = self._running, None
+        if self._run.waits or self._change.waits:
+            self._reply(Reason(Code.BUS, 'the bus was phased up anew meanwhile'), '')
+        self._change.happen(ChangeEvent.PHASE_UP)
+        if self._run.waits or self.motion != MotionState.ERROR:
+            self._happen(RunEvent.PHASE_UP)
 
-    def _look_at_order(self, status: Status) -> None:
-        """See from the status what a verdict would tell, should it come later, and what has ended."""
-        order = self._order
-        if order is not None and status.checked != order.checked:
-            order.checked, order.since_s = status.checked, self._now_s
-        if status.planner != self._identity:
-            return
-        if order is not None and status.order >= order.number:
-            self._end_order(None)
-
-    def _be_located(self, here: np.ndarray[Any, Any]) -> None:
+    def _be_located(self, here: Floats) -> None:
         first = self._here is None
         self._here = here
-        if self._failed:
-            self._cut_off, self._restartable = self._timeline, self._running
-        self._failed = False
-        if self._order is None:
-            self._timeline = None
-        self._planned = None
-        if first and self._queue is not None and not self._starts_by_itself:
-            self._waiting.append(_Waiting(Request('', '', 0, 0, PLAN), self._now_s))
-
-    def _lose_queue(self) -> None:
-        """Forget the queue of an operator who has lost control."""
-        if not self._starts_by_itself:
-            self._queue = self._planned = None
+        self._happen(RunEvent.LOCATE)
+        self._queue.forget_plan()
+        if first and self._queue.program is not None and not self._starts_by_itself:
+            self._requests.add(Request('', '', 0, 0, PLAN), self._now_s, 0)
 
     def hear_course(self, origin: Origin, row: Any) -> bool:
         """Follow the course that the task follows, its own stops included; False for what is old."""
@@ -303,18 +185,7 @@ class Planner:
             return False
         if not self._courses.is_new(origin.session, origin.number):
             return False
-        timeline = self._timeline
-        if timeline is None:
-            return True
-        course = Course.from_array(row)
-        if timeline.course is None:
-            timeline.start(course.cycle, course.rate)
-        elif (course.cycle, course.held) != (timeline.course.cycle, timeline.course.held):
-            # a program that is held before it begins stops in the cycle of its start
-            if course.cycle < timeline.course.cycle and self._before is not None:
-                timeline = self._timeline = self._before  # a stop came before what was to come
-            self._before = timeline.copy()
-            timeline.change(course)
+        self._run.follow(row)
         return True
 
     def hear_verdict(self, verdict: Verdict, now_s: float) -> bool:
@@ -322,57 +193,50 @@ class Planner:
         self._now_s = now_s
         if self.status is None or (verdict.planner, verdict.session) != (self._identity, self.status.session):
             return False
-        reason = None if verdict.accepted else Reason(_code(verdict.code), verdict.sentence)
-        if self._order is not None and verdict.number == self._order.number:
+        reason = None if verdict.accepted else Reason(Code.of(verdict.code), verdict.sentence)
+        if self._run.waits and verdict.number == self._run.number:
             self._end_order(reason)
-        elif self._change is not None and verdict.number == self._change.number:
+        elif self._change.waits and verdict.number == self._change.number:
             self._end_change(reason)
         else:
             return False
         self._go_on()
         return True
 
-    def _end_order(self, reason: Reason | None) -> None:
-        order, self._order = self._order, None
-        if order is None:
-            return
-        if reason is not None and reason.code == Code.STRANGER and self._leap():
-            self._order = replace(order, action=replace(order.action, number=self._ordered))
-            self.actions.append(self._order.action)
-            return
-        if reason is not None:
-            if self._timeline is order.timeline:
-                self._timeline = None
-            order.restore()
-        self._reply(reason, order.sentence)
+    def _happen(self, event: RunEvent) -> None:
+        self.actions.extend(self._run.happen(event))
 
-    def _leap(self) -> bool:
-        """Count on from far above a number that a stranger has used up; False if that was done too often."""
-        self._leaps += 1
-        self._numbers += LEAP**self._leaps
-        self._ordered = self._numbers
-        return self._leaps <= LEAPS_MAX
+    def _end_order(self, reason: Reason | None) -> None:
+        """Answer whoever waits for the verdict on an order."""
+        if reason is not None and reason.code == Code.FOREIGN and (again := self._run.renumber()):
+            self.actions.extend(again)
+            return
+        if reason is None:
+            self._queue.clear()
+        self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
+        order = self._run.order
+        self._reply(reason, order.sentence if order else '')
+
+    def _revoke_order(self, reason: Reason) -> None:
+        self._happen(RunEvent.REVOKE)
+        self._reply(reason, '')
 
     def _end_change(self, reason: Reason | None) -> None:
-        change, self._change = self._change, None
-        if change is None:
+        """Answer whoever waits for the verdict on a change of course, or send it again for a later cycle."""
+        change = self._change.change
+        if reason is not None and reason.code == Code.LATE and self._change.may_be_later:
+            self._change.happen(ChangeEvent.MISS)
+            try:
+                self._send_change(change)
+            except Delta3Error as error:
+                self._change.happen(ChangeEvent.REFUSE)
+                self._reply(Reason(Code.CONTENT, str(error)), '')
             return
-        try:
-            if reason is not None and reason.code == Code.LATE and self._lead < LEAD_CYCLES_MAX:
-                self._lead *= 4
-                self._send_change(change.rate, change.sentence, change.lasting)
-                return
-        except Delta3Error as error:
-            reason = Reason(Code.CONTENT, str(error))
-        self._lead = LEAD_CYCLES
         sentence = change.sentence
-        if (
-            reason is not None
-            and change.lasting
-            and reason.code == Code.STATE
-            and self.motion == MotionState.IDLE
-        ):
+        ended = reason is not None and reason.code == Code.STATE and self.motion == MotionState.IDLE
+        if change.lasting and ended:
             reason, sentence = None, f'{sentence}, from the next program on: this one has ended'
+        self._change.happen(ChangeEvent.REFUSE if reason else ChangeEvent.ACCEPT)
         if reason is None:
             self.rate = change.rate
         self._reply(reason, sentence)
@@ -384,26 +248,20 @@ class Planner:
         self._now_s = now_s
         if request.action == 'withdraw':
             self._withdraw(request)
-        elif len(self._waiting) >= WAITING_MAX:
-            reason = Reason(Code.STATE, f'{WAITING_MAX} requests are waiting already')
+        elif (reason := self._requests.add(request, now_s, self._heard)) is not None:
             self.actions.append(Replied(request, reason, ''))
         else:
-            self._waiting.append(_Waiting(request, now_s, self._heard))
             self._go_on()
 
     def look(self, now_s: float) -> None:
         """Look whether somebody has waited for too long."""
         self._now_s = now_s
-        if self._order is not None and now_s - self._order.since_s > VERDICT_S:
-            self.actions.append(Revoked(self._order.number))
-            self._end_order(self._silence())
-        if self._change is not None and now_s - self._change.since_s > VERDICT_S:
-            self._end_change(self._silence())
+        silence = Reason(Code.SILENT, f'the transformation task has not answered within {VERDICT_S:g} s')
+        if self._run.waits and now_s - self._run.since_s > VERDICT_S:
+            self._revoke_order(silence)
+        if self._change.waits and now_s - self._change.since_s > VERDICT_S:
+            self._end_change(silence)
         self._go_on()
-
-    @staticmethod
-    def _silence() -> Reason:
-        return Reason(Code.SILENT, f'the transformation task has not answered within {VERDICT_S:g} s')
 
     def _withdraw(self, request: Request) -> None:
         """Give up the request of the same operator whose number is the text."""
@@ -414,56 +272,47 @@ class Planner:
                 job, self._job = self._job[0], None
                 self.actions.append(Cancelled(job.number))
                 self._reply(reason, '')
-            elif self._order is not None:
-                self.actions.append(Revoked(self._order.number))
-                self._end_order(reason)
+            elif self._run.waits:
+                self._revoke_order(reason)
             # a change of course that is under way is answered at once
-        for waiting in [w for w in self._waiting if what == (w.request.operator, str(w.request.number))]:
-            self._waiting.remove(waiting)
-            self.actions.append(Replied(waiting.request, reason, ''))
+        given_up = self._requests.withdraw(*what)
+        self.actions.extend(Replied(waiting, reason, '') for waiting in given_up)
         self.actions.append(Replied(request, None, 'withdrawn'))
         self._go_on()
 
     @property
     def _busy(self) -> bool:
-        return self._job is not None or self._order is not None or self._change is not None
+        return self._job is not None or self._run.waits or self._change.waits
 
     def _go_on(self) -> None:
         """Serve requests as long as none has to wait."""
         if self._starts_by_itself and not self._busy:
             self._start_by_itself()
-        while self._waiting and not self._busy:
-            waiting = self._waiting[0]
-            request = self._serving = waiting.request
-            may_wait = self._now_s - waiting.since_s < NEWS_S
+        while not self._busy and (waiting := self._requests.first) is not None:
+            request = waiting.request
+            unknown = self.status is None or self.status.control < request.control
+            if (unknown and waiting.may_wait(self._now_s)) or self._must_follow_first(request):
+                return
+            self._serving = request
+            reason = None
             try:
-                if (self._knows_less(request) and may_wait) or self._must_follow_first(request):
-                    self._serving = None
-                    return
-                self._waiting.popleft()
                 self._require_control(request)
                 self._serve(request)
             except RefusedError as refused:
-                if refused.reason.code in PASSING and waiting.heard == self._heard and may_wait:
-                    # what the operator has just done, enable for example, may be known in a moment
-                    self._serving = None
-                    self._waiting.appendleft(waiting)
-                    return
-                self._reply(refused.reason, '')
+                reason = refused.reason
             except Delta3Error as error:
-                self._reply(Reason(Code.CONTENT, str(error)), '')
-
-    def _knows_less(self, request: Request) -> bool:
-        """Whether an operator knows more of control than this planner."""
-        return self.status is None or self.status.control < request.control
+                reason = Reason(Code.CONTENT, str(error))
+            if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._heard):
+                self._serving = None
+                return
+            self._requests.pop()
+            if reason is not None:
+                self._reply(reason, '')
 
     def _must_follow_first(self, request: Request) -> bool:
         """Whether a change of course is still to take effect, on which the next one builds."""
-        timeline, before = self._timeline, self._before
-        if request.action != 'override' or self.motion != MotionState.MOVING or timeline is None:
-            return False
-        changed = before is not None and before.course is not None
-        return changed and timeline.course is not None and self._newest_cycle() < timeline.course.cycle
+        under_way = request.action == 'override' and self.motion == MotionState.MOVING
+        return under_way and self._newest_cycle() < self._run.changes_from()
 
     def _require_control(self, request: Request) -> None:
         status = self.status
@@ -471,22 +320,25 @@ class Planner:
             raise RefusedError(control_refusal(status.operator_name))
 
     def _serve(self, request: Request) -> None:
-        if request.action == 'program':
-            here = self._require_rest()
-            self._work(self._queue, request.text, request.caps, here, self._take_planned)
-        elif request.action == PLAN and request.operator == '':
-            self._work(self._queue, '', NO_CAPS, self._require_rest(), self._take_planned)
-        elif request.action == 'start':
-            self._start()
-        elif request.action == 'resume':
-            self._resume()
-        elif request.action == 'override':
-            self._override(request.text)
-        elif request.action == 'clear':
-            self._queue = self._planned = self._cut_off = self._restartable = None
-            self._reply(None, 'the queue is empty')
-        else:
-            raise ProgramError(f'there is no action {request.action!r:.40}, expected {", ".join(ACTIONS)}')
+        match request.action:
+            case 'program':
+                self._work(self._require_rest(), self._take_planned, request.text, request.caps)
+            case 'plan' if request.operator == '':
+                self._work(self._require_rest(), self._take_planned)
+            case 'start':
+                self._start()
+            case 'resume':
+                self._resume()
+            case 'override':
+                self._override(request.text)
+            case 'clear':
+                self._queue.clear()
+                self._happen(RunEvent.CLEAR)
+                self._reply(None, 'the queue is empty')
+            case _:
+                raise ProgramError(
+                    f'there is no action {request.action!r:.40}, expected {", ".join(ACTIONS)}'
+                )
 
     def _reply(self, reason: Reason | None, sentence: str) -> None:
         """Answer the request that is being served."""
@@ -494,31 +346,27 @@ class Planner:
         if request is not None:
             self.actions.append(Replied(request, reason, sentence))
 
-    def _require_rest(self) -> np.ndarray[Any, Any]:
+    def _require_rest(self) -> Floats:
         """Return where the robot stands; moves are taken only by a robot that is ready and stands."""
-        status = self.status
-        if status is None or self._here is None:
-            raise RefusedError(Reason(Code.BUS, 'the transformation task has not located the robot yet'))
-        if self.motion != MotionState.IDLE or self._timeline is not None:
-            if status.refusal_code == Code.FAULT:
-                raise RefusedError(Reason(Code.FAULT, status.refusal))
+        if self.status is None or self._here is None:
+            raise _refused(Code.BUS, 'the transformation task has not located the robot yet')
+        if self.motion != MotionState.IDLE or self._run.state is not RunState.NONE:
+            refusal = self._refusal
+            if refusal is not None and refusal.code == Code.FAULT:
+                raise RefusedError(refusal)
             motion = MotionState.MOVING if self.motion == MotionState.IDLE else self.motion
-            raise RefusedError(Reason(Code.STATE, f'the robot is {motion}: moves are taken when it is idle'))
+            raise _refused(Code.STATE, f'the robot is {motion}: moves are taken when it is idle')
         return self._here
 
     # planning ---------------------------------------------------------------------------------------------------------
 
     def _work(
-        self,
-        queue: Program | None,
-        text: str,
-        caps: tuple[float, float, float],
-        here: np.ndarray[Any, Any],
-        then: Callable[[Result], None],
+        self, here: Floats, then: Callable[[Result], None], text: str = '', caps: Caps = NO_CAPS
     ) -> None:
+        """Let the queue, and a text behind it, be planned."""
         self._jobs += 1
         x, y, z = here.tolist()
-        job = Job(self._jobs, queue, text, caps, (x, y, z))
+        job = Job(self._jobs, self._queue.program, text, caps, (x, y, z))
         self._job = job, then
         self.actions.append(Working(job))
 
@@ -542,115 +390,85 @@ class Planner:
     def _take_planned(self, result: Result) -> None:
         """Let a queue that is possible as a whole take the place of the present one."""
         self._require_rest()
-        self._keep(result)
-        planned = self._planned
+        self._queue.put(result.program, result.planned)
+        planned = result.planned
         if planned is None:
             return
         sentence = f'planned "{planned.name}": {len(planned.plan)} moves, {planned.plan.duration_s:.3f} s'
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
-        status = self.status
-        if status is not None and status.refusal:
-            sentence += f'; it cannot start yet: {status.refusal}'
+        if self._refusal is not None:
+            sentence += f'; it cannot start yet: {self._refusal}'
         self._reply(None, sentence)
-
-    def _keep(self, result: Result) -> None:
-        self._queue, self._planned = result.program, result.planned
 
     # running ----------------------------------------------------------------------------------------------------------
 
     def _start_by_itself(self) -> None:
         """Plan the program that was given at the start as soon as the robot is located, then start it."""
-        status = self.status
-        if status is None or self._here is None:
+        if self.status is None or self._here is None:
             return
-        if self._planned is None:
-            self._serving = Request('', '', 0, 0, 'start')
-            self._work(self._queue, '', NO_CAPS, self._here, self._keep_own)
-        elif self.listened_to and not status.refusal:
+        own = Request('', '', 0, 0, 'start')
+        if self._queue.planned is None:
+            self._serving = own
+            self._work(self._here, self._keep_own)
+        elif self.listened_to and self._refusal is None:
             self._starts_by_itself = False
-            self._serving = Request('', '', 0, 0, 'start')
+            self._serving = own
             self._launch(self._robot.motion.start_cycle)
 
     def _keep_own(self, result: Result) -> None:
         """Keep the plan of the program that starts by itself, until it can."""
-        self._keep(result)
+        self._queue.put(result.program, result.planned)
         self._serving = None
 
     def _start(self) -> None:
         here = self._require_rest()
-        if self._queue is None and self._restartable is None:
-            raise RefusedError(Reason(Code.STATE, 'no moves are in the queue'))
+        again = self._queue.program is None and self._run.remains is not Remains.NOTHING
+        if self._queue.program is None and not again:
+            raise _refused(Code.STATE, 'no moves are in the queue')
         self._require_readiness()
-        if self._queue is None and self._restartable is not None:
-            self._queue = replace(self._restartable, faults=())  # injected faults happen once
-            self._planned = None
-        if self._planned is None:
-            self._work(self._queue, '', NO_CAPS, here, self._launch_planned)
+        if again and self._run.program is not None:
+            self._queue.put(replace(self._run.program, faults=()))  # injected faults happen once
+        if self._queue.planned is None:
+            self._work(here, self._launch_planned)
         else:
             self._launch(-1)
 
     def _require_readiness(self) -> None:
         """Refuse what the transformation task would refuse anyway."""
-        status = self.status
-        if not self.listened_to or status is None:
-            raise RefusedError(
-                Reason(Code.BUS, 'the transformation task does not listen to this planner yet')
-            )
-        if status.refusal:
-            raise RefusedError(Reason(_code(status.refusal_code), status.refusal))
+        if not self.listened_to:
+            raise _refused(Code.BUS, 'the transformation task does not listen to this planner yet')
+        if self._refusal is not None:
+            raise RefusedError(self._refusal)
 
     def _launch_planned(self, result: Result) -> None:
-        self._keep(result)
+        self._queue.put(result.program, result.planned)
         self._require_rest()
         self._launch(-1)
 
     def _launch(self, cycle: int) -> None:
-        """Order what is in the queue; a refusal puts it back."""
-        program, planned = self._queue, self._planned
+        """Order what is in the queue; it leaves the queue when it is accepted."""
+        program, planned = self._queue.program, self._queue.planned
         if program is None or planned is None:
             return
-        before = (self._running, self._rate_max, self._cut_off, self._restartable)
-
-        def restore() -> None:
-            self._queue, self._planned = program, planned
-            self._running, self._rate_max, self._cut_off, self._restartable = before
-
-        self._queue = self._planned = None
-        self._rate_max, self._running = planned.rate_max, program
-        rate = min(self.rate, self._rate_max)
+        rate = min(self.rate, planned.rate_max)
         moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / rate:.3f} s'
-        self._send(planned.plan, cycle, program.faults, f'started "{planned.name}": {moves}', restore)
+        sentence = f'started "{planned.name}": {moves}'
+        self._send(Order(planned.plan, program.faults, cycle, rate, planned.rate_max, program, sentence))
 
-    def _send(
-        self,
-        plan: Plan,
-        cycle: int,
-        faults: tuple[Fault, ...],
-        sentence: str,
-        restore: Callable[[], None],
-    ) -> None:
-        self._cut_off = self._restartable = None
-        rate = min(self.rate, self._rate_max)
-        self._numbers += 1
-        self._ordered = self._numbers
-        row = (float(cycle), rate, *plan.tables.order.tolist())
-        self._timeline, self._before = Timeline(plan, self._robot.bus.cycle_time_s), None
-        action = Ordered(self._numbers, plan.moves, faults, row)
-        self._order = _Order(action, self._timeline, sentence, restore, self._now_s)
-        self.actions.append(action)
+    def _send(self, order: Order) -> None:
+        self.actions.extend(self._run.send(order, self._now_s))
 
     def _resume(self) -> None:
         if self.motion == MotionState.STOPPED:
-            status = self.status
-            if status is not None and status.refusal_code == Code.DISABLED:
-                raise RefusedError(Reason(Code.DISABLED, status.refusal))
-            self._send_change(self.rate, 'resumed', lasting=False)
+            refusal = self._refusal
+            if refusal is not None and refusal.code == Code.DISABLED:
+                raise RefusedError(refusal)
+            self._send_change(Change(self.rate, 'resumed', lasting=False))
             return
-        if self.motion != MotionState.IDLE or self._cut_off is None or self._timeline is not None:
-            raise RefusedError(
-                Reason(Code.STATE, f'the robot is {self.motion}: only a stopped program can be resumed')
-            )
-        self._resume_after_fault(self._cut_off)
+        cut_off = self._run.cut_off
+        if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
+            raise _refused(Code.STATE, f'the robot is {self.motion}: only a stopped program can be resumed')
+        self._resume_after_fault(cut_off)
 
     def _resume_after_fault(self, timeline: Timeline) -> None:
         """Go back to the path on a straight line, then on along it; whoever was told to restart may still do so."""
@@ -658,20 +476,14 @@ class Planner:
         self._require_readiness()
         on_path, moves = left_of_plan(timeline)
         if float(np.linalg.norm(here - on_path)) > STANDING_M:
-            x, y, z = on_path.tolist()
-            document = {'moves': [{'move_l': {'to_m': [x, y, z]}}]}
+            document = {'moves': [{'move_l': {'to_m': on_path.tolist()}}]}
             program = programs.parse(document, self._robot.motion)
             way_back = program_planner.plan(program, here, self._robot, returning=True)
             moves = [*way_back.plan.moves, *moves]
-        before = (self._queue, self._planned, self._cut_off, self._restartable)
-
-        def restore() -> None:
-            self._queue, self._planned, self._cut_off, self._restartable = before
-
-        self._queue = self._planned = None
-        plan = Plan.of(moves)
-        duration = plan.duration_s / min(self.rate, self._rate_max)
-        self._send(plan, -1, (), f'resumed after the fault: {len(moves)} moves, {duration:.3f} s', restore)
+        plan, rate_max = Plan.of(moves), self._run.rate_max
+        rate = min(self.rate, rate_max)
+        sentence = f'resumed after the fault: {len(moves)} moves, {plan.duration_s / rate:.3f} s'
+        self._send(Order(plan, (), -1, rate, rate_max, self._run.program, sentence))
 
     def _override(self, text: str) -> None:
         try:
@@ -682,45 +494,36 @@ class Planner:
             raise ProgramError(
                 f'override is {percent:g} %, but must be between {100 * RATE_MIN:g} and {100 * RATE_MAX:g} %'
             )
-        rate = percent / 100.0
+        rate, rate_max = percent / 100.0, self._run.rate_max
         under_way = self.motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
-        if under_way and rate > self._rate_max:
+        if under_way and rate > rate_max:
             raise ProgramError(
-                f'override is {percent:g} %, but the motors bear at most {100 * self._rate_max:.0f} % in this program'
+                f'override is {percent:g} %, but the motors bear at most {100 * rate_max:.0f} % in this program'
             )
         sentence = f'override {percent:g} %'
         if self.motion == MotionState.MOVING:
-            self._send_change(rate, sentence, lasting=True)
+            self._send_change(Change(rate, sentence, lasting=True))
             return
         self.rate = rate
         self._reply(None, sentence)
 
-    def _send_change(self, rate: float, sentence: str, lasting: bool) -> None:
+    def _send_change(self, change: Change) -> None:
         """Plan how to go over to the plan at a rate from a bus cycle in the near future on, and send it to the task."""
-        timeline = self._timeline
+        timeline = self._run.timeline
         if timeline is None or timeline.course is None:
             raise ProgramError('the program that runs is not one of this planner')
-        cycle = self._newest_cycle() + self._lead
+        cycle = self._newest_cycle() + self._change.lead_cycles
         if self.motion == MotionState.STOPPED:
             cycle = max(cycle, timeline.end_cycle)
         cycle = max(cycle, timeline.course.cycle + 1)
         if not timeline.course.held and cycle >= timeline.end_cycle:
-            self.rate = rate
-            self._reply(None, f'{sentence}, from the next program on: this one is about to end')
+            self.rate = change.rate
+            self._reply(None, f'{change.sentence}, from the next program on: this one is about to end')
             return
-        course = rejoin(timeline, cycle, rate)
-        self._numbers += 1
-        self._change = _Change(self._numbers, rate, sentence, self._now_s, lasting)
-        self.actions.append(Changed(self._numbers, course))
+        course = rejoin(timeline, cycle, change.rate)
+        self._change.send(change, self._numbers.next(), self._now_s)
+        self.actions.append(Changed(self._change.number, course))
 
 
-class RefusedError(ProgramError):
-    """A request that is refused, with its reason."""
-
-    def __init__(self, reason: Reason) -> None:
-        super().__init__(str(reason))
-        self.reason = reason
-
-
-def _code(text: str) -> Code:
-    return Code(text) if text in {str(code) for code in Code} else Code.CONTENT
+def _refused(code: Code, sentence: str) -> RefusedError:
+    return RefusedError(Reason(code, sentence))

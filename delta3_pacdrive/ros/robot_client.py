@@ -18,7 +18,15 @@ from std_msgs.msg import Header, String
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller import messages
 from delta3_pacdrive.controller.messages import Reply, Request
-from delta3_pacdrive.errors import Code, ProgramError, RunError, RunInterruptedError, TelegramError
+from delta3_pacdrive.errors import (
+    Code,
+    ProgramError,
+    Reason,
+    RefusedError,
+    RunError,
+    RunInterruptedError,
+    TelegramError,
+)
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import read_progress
@@ -39,14 +47,6 @@ OF_THE_TASK = {
 }
 OF_THE_PLANNER = ('start', 'resume', 'clear')
 SERVICES = (*OF_THE_PLANNER, *OF_THE_TASK)
-
-
-class RefusedError(ProgramError):
-    """A request that was refused, with the code of the reason."""
-
-    def __init__(self, sentence: str, code: str) -> None:
-        super().__init__(sentence)
-        self.code = code
 
 
 class OperatorNode(PollingNode):
@@ -172,7 +172,7 @@ class OperatorNode(PollingNode):
         try:
             return self._ask_once(whom, action, text, caps)
         except RefusedError as error:
-            if error.code != Code.STRANGER:
+            if error.reason.code != Code.FOREIGN:
                 raise
         # planner or bus have started anew: by now they have said so
         self.progress, self.queue = {}, ''
@@ -226,7 +226,7 @@ class OperatorNode(PollingNode):
         reply = self._reply
         self._control = max(self._control, reply.control)
         if not reply.accepted:
-            raise RefusedError(reply.sentence, reply.code)
+            raise RefusedError(Reason(Code.of(reply.code), reply.sentence))
         return reply.sentence
 
     def _take_back(self, whom: str, request: Request) -> None:

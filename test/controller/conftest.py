@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.controller import planner as planning_actions
+from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.messages import COURSE, FAULT, ORDER, REVOKE, Origin, Request
@@ -160,19 +160,19 @@ class Rig:
 
     def _carry_out_of_planner(self, action: Any) -> None:
         match action:
-            case planning_actions.Working(job):
+            case planner_actions.Working(job):
                 self.planner.take_result(self._plan(job), self.now_s)
-            case planning_actions.Ordered(number, moves, faults, row):
+            case planner_actions.Ordered(number, moves, faults, row):
                 for n, move in enumerate(moves):
                     self.row('LINE', number, move.to_array(n, len(moves)))
                 for fault in faults:
                     self.row(FAULT, number, np.array(fault.to_row()))
                 self.row(ORDER, number, np.array(row))
-            case planning_actions.Revoked(number):
+            case planner_actions.Revoked(number):
                 self.row(REVOKE, number, np.zeros(0))
-            case planning_actions.Changed(number, course):
+            case planner_actions.Changed(number, course):
                 self.orders.take_course(self.label(COURSE, number), course.to_array())
-            case planning_actions.Replied(request, reason, sentence):
+            case planner_actions.Replied(request, reason, sentence):
                 text = reason.sentence if reason else sentence
                 self.answers.append((request.operator, request.number, reason is None, text))
 

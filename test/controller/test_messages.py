@@ -107,7 +107,7 @@ def test_the_sender_that_was_heard_least_recently_is_forgotten_first() -> None:
 def test_a_request_to_somebody_else_is_refused_to_who_made_it() -> None:
     reply = refuse_recording(Request('dead', 'op', 4, 0, 'start'))
     assert (reply.operator, reply.number, reply.done, reply.accepted) == ('op', 4, True, False)
-    assert reply.code == Code.STRANGER
+    assert reply.code == Code.FOREIGN
     assert "'dead'" in reply.sentence
 
 

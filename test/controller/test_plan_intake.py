@@ -59,7 +59,7 @@ def test_an_order_that_is_heard_again_is_a_strangers(intake: PlanIntake, rows: l
         for kind, row in (('LINE', rows[0]), (ORDER, [-1.0, 1.0, 0.0])):
             reason = take(intake, number, kind, row)
             assert isinstance(reason, Reason)
-            assert reason.code == Code.STRANGER
+            assert reason.code == Code.FOREIGN
     assert isinstance(order(intake, 6, rows), Order)
 
 

@@ -5,24 +5,20 @@ from typing import Any
 
 import pytest
 
+from delta3_pacdrive.controller.course_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.controller.messages import Request, Status, Verdict
-from delta3_pacdrive.controller.planner import (
-    LEAD_CYCLES,
-    LEAD_CYCLES_MAX,
-    MASTER_SILENT_S,
-    NEWS_S,
-    VERDICT_S,
-    WAITING_MAX,
+from delta3_pacdrive.controller.planner import MASTER_SILENT_S, VERDICT_S, Planner
+from delta3_pacdrive.controller.planner_actions import (
     Cancelled,
     Changed,
     Mirrored,
     Ordered,
-    Planner,
     Replied,
     Revoked,
     Working,
 )
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
+from delta3_pacdrive.controller.request_queue import NEWS_S, WAITING_MAX
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.motion.execution import Course, Timeline
 
@@ -31,7 +27,7 @@ HOME = (0.0, 0.0, -0.75)
 ME = 'a1b2c3d4'
 
 
-class Desk:
+class Client:
     """A planner, and what a test says to it."""
 
     def __init__(self, robot: Any) -> None:
@@ -107,274 +103,274 @@ class Desk:
 
 
 @pytest.fixture
-def desk(robot) -> Desk:
-    return Desk(robot)
+def client(robot) -> Client:
+    return Client(robot)
 
 
-def test_a_start_is_answered_when_its_verdict_comes_and_not_before(desk: Desk) -> None:
-    ordered = desk.order()
-    assert desk.none(Replied)
-    assert desk.verdict(ordered.number)
-    reason, sentence = desk.answer()
+def test_a_start_is_answered_when_its_verdict_comes_and_not_before(client: Client) -> None:
+    ordered = client.order()
+    assert client.none(Replied)
+    assert client.verdict(ordered.number)
+    reason, sentence = client.answer()
     assert (reason, sentence.startswith('started "program": 1 moves')) == (None, True)
 
 
-def test_a_refused_start_puts_the_queue_back_and_the_next_one_may_succeed(desk: Desk) -> None:
-    ordered = desk.order()
-    assert desk.planner.queue == (0, 0.0)
-    desk.verdict(ordered.number, 'disabled', 'the drives are not enabled')
-    reason, _ = desk.answer()
+def test_a_refused_start_puts_the_queue_back_and_the_next_one_may_succeed(client: Client) -> None:
+    ordered = client.order()
+    assert client.planner.queue == (0, 0.0)
+    client.verdict(ordered.number, 'disabled', 'the drives are not enabled')
+    reason, _ = client.answer()
     assert (reason.code, reason.sentence) == (Code.DISABLED, 'the drives are not enabled')
-    assert desk.planner.queue[0] == 1
-    desk.ask('start')
-    again = desk.do(Ordered)
+    assert client.planner.queue[0] == 1
+    client.ask('start')
+    again = client.do(Ordered)
     assert again.number > ordered.number
-    desk.verdict(again.number)
-    assert desk.answer()[0] is None
+    client.verdict(again.number)
+    assert client.answer()[0] is None
 
 
-def test_a_verdict_that_was_lost_is_read_out_of_the_status(desk: Desk) -> None:
-    ordered = desk.order()
-    desk.say(state='moving', order=ordered.number)
-    assert desk.answer()[0] is None
+def test_a_verdict_that_was_lost_is_read_out_of_the_status(client: Client) -> None:
+    ordered = client.order()
+    client.say(state='moving', order=ordered.number)
+    assert client.answer()[0] is None
 
 
-def test_an_order_that_nobody_answers_is_taken_back_and_the_queue_is_as_before(desk: Desk) -> None:
-    ordered = desk.order()
-    desk.now_s += VERDICT_S - 0.1
-    desk.planner.look(desk.now_s)
-    assert desk.none(Revoked)
-    desk.now_s += 0.2
-    desk.planner.look(desk.now_s)
-    assert desk.do(Revoked).number == ordered.number
-    assert desk.answer()[0].code == Code.SILENT
-    assert desk.planner.queue[0] == 1
+def test_an_order_that_nobody_answers_is_taken_back_and_the_queue_is_as_before(client: Client) -> None:
+    ordered = client.order()
+    client.now_s += VERDICT_S - 0.1
+    client.planner.look(client.now_s)
+    assert client.none(Revoked)
+    client.now_s += 0.2
+    client.planner.look(client.now_s)
+    assert client.do(Revoked).number == ordered.number
+    assert client.answer()[0].code == Code.SILENT
+    assert client.planner.queue[0] == 1
 
 
-def test_a_plan_that_is_still_being_checked_may_take_its_time(desk: Desk) -> None:
-    desk.order()
+def test_a_plan_that_is_still_being_checked_may_take_its_time(client: Client) -> None:
+    client.order()
     for checked in range(1, 10):
-        desk.now_s += VERDICT_S - 1.0
-        desk.say(checked=checked)
-        desk.planner.look(desk.now_s)
-    assert desk.none(Revoked)
+        client.now_s += VERDICT_S - 1.0
+        client.say(checked=checked)
+        client.planner.look(client.now_s)
+    assert client.none(Revoked)
 
 
 @pytest.mark.parametrize('change', [{'session': 'ffff'}, {'planner': 'ffffffff'}, {'number': 99}])
-def test_a_verdict_for_somebody_else_counts_for_nothing(change: dict[str, Any], desk: Desk) -> None:
-    ordered = desk.order()
+def test_a_verdict_for_somebody_else_counts_for_nothing(change: dict[str, Any], client: Client) -> None:
+    ordered = client.order()
     verdict = replace(Verdict('5e55', ME, ordered.number, True, '', ''), **change)
-    assert not desk.planner.hear_verdict(verdict, desk.now_s)
-    assert desk.none(Replied)
+    assert not client.planner.hear_verdict(verdict, client.now_s)
+    assert client.none(Replied)
 
 
-def test_a_status_that_is_played_back_changes_nothing(desk: Desk) -> None:
-    old = desk.told
-    desk.say(state='moving')
-    assert not desk.planner.hear_status(old, desk.now_s)
-    assert desk.planner.motion == 'moving'
+def test_a_status_that_is_played_back_changes_nothing(client: Client) -> None:
+    old = client.told
+    client.say(state='moving')
+    assert not client.planner.hear_status(old, client.now_s)
+    assert client.planner.motion == 'moving'
 
 
-def test_another_master_is_believed_when_the_present_one_says_nothing_any_more(desk: Desk) -> None:
-    other = replace(desk.told, session='beef', state='error', serial=1)
-    desk.now_s += MASTER_SILENT_S - 0.1
-    assert not desk.planner.hear_status(other, desk.now_s)
-    assert desk.planner.motion == 'idle'
-    desk.now_s += 0.2
-    assert desk.planner.hear_status(replace(other, serial=2), desk.now_s)
-    assert desk.planner.motion == 'error'
+def test_another_master_is_believed_when_the_present_one_says_nothing_any_more(client: Client) -> None:
+    other = replace(client.told, session='beef', state='error', serial=1)
+    client.now_s += MASTER_SILENT_S - 0.1
+    assert not client.planner.hear_status(other, client.now_s)
+    assert client.planner.motion == 'idle'
+    client.now_s += 0.2
+    assert client.planner.hear_status(replace(other, serial=2), client.now_s)
+    assert client.planner.motion == 'error'
 
 
-def test_the_next_session_of_the_same_master_is_believed_at_once(desk: Desk) -> None:
-    assert desk.say(session='beef', previous='5e55', state='error')
-    assert desk.planner.motion == 'error'
+def test_the_next_session_of_the_same_master_is_believed_at_once(client: Client) -> None:
+    assert client.say(session='beef', previous='5e55', state='error')
+    assert client.planner.motion == 'error'
 
 
-def test_a_bus_that_was_phased_up_anew_ends_what_waits_for_a_verdict(desk: Desk) -> None:
-    desk.order()
-    desk.say(session='beef', previous='5e55', located=0)
-    assert desk.answer()[0].code == Code.BUS
-    assert desk.planner.queue[0] == 1
+def test_a_bus_that_was_phased_up_anew_ends_what_waits_for_a_verdict(client: Client) -> None:
+    client.order()
+    client.say(session='beef', previous='5e55', located=0)
+    assert client.answer()[0].code == Code.BUS
+    assert client.planner.queue[0] == 1
 
 
-def test_a_program_that_ran_on_a_bus_that_is_gone_can_be_started_again(desk: Desk) -> None:
-    desk.run()
-    desk.now_s += 2.0 * MASTER_SILENT_S
-    desk.say(session='beef', previous='', state='idle', located=1, order=0)
-    desk.ask('resume')
-    desk.now_s += NEWS_S
-    desk.planner.look(desk.now_s)
-    assert 'only a stopped program can be resumed' in desk.answer()[0].sentence
-    desk.ask('start')
-    desk.plan()
-    assert len(desk.do(Ordered).moves) == 1
+def test_a_program_that_ran_on_a_bus_that_is_gone_can_be_started_again(client: Client) -> None:
+    client.run()
+    client.now_s += 2.0 * MASTER_SILENT_S
+    client.say(session='beef', previous='', state='idle', located=1, order=0)
+    client.ask('resume')
+    client.now_s += NEWS_S
+    client.planner.look(client.now_s)
+    assert 'only a stopped program can be resumed' in client.answer()[0].sentence
+    client.ask('start')
+    client.plan()
+    assert len(client.do(Ordered).moves) == 1
 
 
-def test_the_state_is_mirrored_once_for_each_change(desk: Desk) -> None:
-    assert desk.do(Mirrored).state == 'idle'
-    desk.say()
-    assert desk.none(Mirrored)
-    desk.say(state='moving')
-    assert desk.do(Mirrored).state == 'moving'
+def test_the_state_is_mirrored_once_for_each_change(client: Client) -> None:
+    assert client.do(Mirrored).state == 'idle'
+    client.say()
+    assert client.none(Mirrored)
+    client.say(state='moving')
+    assert client.do(Mirrored).state == 'moving'
 
 
-def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(desk: Desk) -> None:
-    desk.ask('clear', control=1)
-    assert desk.none(Replied)
-    desk.say(control=1, operator='op', operator_name='Anna')
-    assert desk.answer() == (None, 'the queue is empty')
-    desk.ask('clear', operator='other')
-    assert desk.answer()[0].code == Code.CONTROL
+def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(client: Client) -> None:
+    client.ask('clear', control=1)
+    assert client.none(Replied)
+    client.say(control=1, operator='op', operator_name='Anna')
+    assert client.answer() == (None, 'the queue is empty')
+    client.ask('clear', operator='other')
+    assert client.answer()[0].code == Code.CONTROL
 
 
-def test_control_that_never_becomes_known_makes_nobody_wait_for_ever(desk: Desk) -> None:
-    desk.ask('clear', control=7)
-    desk.now_s += NEWS_S
-    desk.planner.look(desk.now_s)
-    assert desk.answer() == (None, 'the queue is empty')
+def test_control_that_never_becomes_known_makes_nobody_wait_for_ever(client: Client) -> None:
+    client.ask('clear', control=7)
+    client.now_s += NEWS_S
+    client.planner.look(client.now_s)
+    assert client.answer() == (None, 'the queue is empty')
 
 
-def test_a_refusal_for_a_state_is_given_on_news_that_are_younger_than_the_request(desk: Desk) -> None:
-    desk.queue()
-    desk.say(refusal='the drives are not enabled', refusal_code='disabled')
-    desk.ask('start')
-    assert desk.none(Replied)  # the operator may have enabled them a moment ago
-    desk.say(refusal='', refusal_code='')
-    desk.verdict(desk.do(Ordered).number)
-    assert desk.answer()[0] is None
+def test_a_refusal_for_a_state_is_given_on_news_that_are_younger_than_the_request(client: Client) -> None:
+    client.queue()
+    client.say(refusal='the drives are not enabled', refusal_code='disabled')
+    client.ask('start')
+    assert client.none(Replied)  # the operator may have enabled them a moment ago
+    client.say(refusal='', refusal_code='')
+    client.verdict(client.do(Ordered).number)
+    assert client.answer()[0] is None
 
 
-def test_a_refusal_stands_if_the_news_say_the_same(desk: Desk) -> None:
-    desk.queue()
-    desk.say(refusal='the drives are not enabled', refusal_code='disabled')
-    desk.ask('start')
-    desk.say()
-    assert desk.answer()[0].code == Code.DISABLED
+def test_a_refusal_stands_if_the_news_say_the_same(client: Client) -> None:
+    client.queue()
+    client.say(refusal='the drives are not enabled', refusal_code='disabled')
+    client.ask('start')
+    client.say()
+    assert client.answer()[0].code == Code.DISABLED
 
 
-def test_a_lost_control_empties_the_queue_and_a_released_one_does_not(desk: Desk) -> None:
-    desk.queue()
-    desk.say(control=1)
-    assert desk.planner.queue[0] == 1
-    desk.say(control=2, losses=1)
-    assert desk.planner.queue[0] == 0
+def test_a_lost_control_empties_the_queue_and_a_released_one_does_not(client: Client) -> None:
+    client.queue()
+    client.say(control=1)
+    assert client.planner.queue[0] == 1
+    client.say(control=2, losses=1)
+    assert client.planner.queue[0] == 0
 
 
-def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothing(desk: Desk) -> None:
-    request = desk.ask('program', LINE)
-    job = desk.do(Working).job
-    desk.ask('withdraw', str(request.number))
-    assert desk.do(Cancelled).number == job.number
-    replies = [action for action in desk.planner.actions if isinstance(action, Replied)]
+def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothing(client: Client) -> None:
+    request = client.ask('program', LINE)
+    job = client.do(Working).job
+    client.ask('withdraw', str(request.number))
+    assert client.do(Cancelled).number == job.number
+    replies = [action for action in client.planner.actions if isinstance(action, Replied)]
     assert [(reply.request.action, reply.reason and reply.reason.code) for reply in replies] == [
         ('program', Code.WITHDRAWN),
         ('withdraw', None),
     ]
-    desk.planner.take_result(work(job, desk.robot, lambda *_: None), desk.now_s)
-    assert desk.planner.queue[0] == 0
+    client.planner.take_result(work(job, client.robot, lambda *_: None), client.now_s)
+    assert client.planner.queue[0] == 0
 
 
-def test_nobody_withdraws_the_request_of_another(desk: Desk) -> None:
-    request = desk.ask('program', LINE)
-    desk.ask('withdraw', str(request.number), operator='other')
-    desk.plan()
-    assert desk.planner.queue[0] == 1
+def test_nobody_withdraws_the_request_of_another(client: Client) -> None:
+    request = client.ask('program', LINE)
+    client.ask('withdraw', str(request.number), operator='other')
+    client.plan()
+    assert client.planner.queue[0] == 1
 
 
-def test_an_order_that_is_withdrawn_is_taken_back(desk: Desk) -> None:
-    ordered = desk.order()
-    desk.ask('withdraw', str(desk.number))
-    assert desk.do(Revoked).number == ordered.number
-    assert desk.planner.queue[0] == 1
+def test_an_order_that_is_withdrawn_is_taken_back(client: Client) -> None:
+    ordered = client.order()
+    client.ask('withdraw', str(client.number))
+    assert client.do(Revoked).number == ordered.number
+    assert client.planner.queue[0] == 1
 
 
-def test_requests_are_served_in_their_order_and_only_so_many_wait(desk: Desk) -> None:
-    first = desk.ask('program', LINE)
-    others = [desk.ask('clear') for _ in range(WAITING_MAX)]
-    refused = desk.ask('clear')
-    (replied,) = [a for a in desk.planner.actions if isinstance(a, Replied)]
+def test_requests_are_served_in_their_order_and_only_so_many_wait(client: Client) -> None:
+    first = client.ask('program', LINE)
+    others = [client.ask('clear') for _ in range(WAITING_MAX)]
+    refused = client.ask('clear')
+    (replied,) = [a for a in client.planner.actions if isinstance(a, Replied)]
     assert (replied.request, replied.reason.code) == (refused, Code.STATE)
-    desk.planner.actions.remove(replied)
-    desk.plan()
-    served = [a.request for a in desk.planner.actions if isinstance(a, Replied)]
+    client.planner.actions.remove(replied)
+    client.plan()
+    served = [a.request for a in client.planner.actions if isinstance(a, Replied)]
     assert served == [first, *others]
 
 
-def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_far(desk: Desk) -> None:
-    desk.ask('program', 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]')
-    desk.plan()
-    desk.answer()
-    desk.ask('start')
-    ordered = desk.do(Ordered)
-    desk.verdict(ordered.number)
-    desk.answer()
-    desk.say(state='moving', order=ordered.number)
+def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_far(client: Client) -> None:
+    client.ask('program', 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]')
+    client.plan()
+    client.answer()
+    client.ask('start')
+    ordered = client.do(Ordered)
+    client.verdict(ordered.number)
+    client.answer()
+    client.say(state='moving', order=ordered.number)
     from delta3_pacdrive.motion.plan import Plan
 
-    timeline = Timeline(Plan.of(ordered.moves), desk.robot.bus.cycle_time_s)
-    timeline.start(desk.cycle, 1.0)
-    desk.follow(timeline.course, 1)
-    desk.cycle += 50
-    desk.ask('override', '50')
+    timeline = Timeline(Plan.of(ordered.moves), client.robot.bus.cycle_time_s)
+    timeline.start(client.cycle, 1.0)
+    client.follow(timeline.course, 1)
+    client.cycle += 50
+    client.ask('override', '50')
     leads = []
-    while not desk.none(Changed):
-        changed = desk.do(Changed)
-        leads.append(changed.course.cycle - desk.cycle)
-        desk.verdict(changed.number, 'late', 'bus cycle 7 is over')
+    while not client.none(Changed):
+        changed = client.do(Changed)
+        leads.append(changed.course.cycle - client.cycle)
+        client.verdict(changed.number, 'late', 'bus cycle 7 is over')
     assert leads == [LEAD_CYCLES * 4**n for n in range(len(leads))]
     assert leads[-1] >= LEAD_CYCLES_MAX
-    assert desk.answer()[0].code == Code.LATE
-    assert desk.planner.rate == 1.0  # nothing has changed
+    assert client.answer()[0].code == Code.LATE
+    assert client.planner.rate == 1.0  # nothing has changed
 
 
-def test_an_override_counts_once_it_was_taken(desk: Desk) -> None:
-    desk.run()
-    desk.ask('override', '50')
-    changed = desk.do(Changed)
-    assert (desk.planner.rate, desk.none(Replied)) == (1.0, True)
-    desk.verdict(changed.number)
-    assert desk.answer() == (None, 'override 50 %')
-    assert desk.planner.rate == 0.5
+def test_an_override_counts_once_it_was_taken(client: Client) -> None:
+    client.run()
+    client.ask('override', '50')
+    changed = client.do(Changed)
+    assert (client.planner.rate, client.none(Replied)) == (1.0, True)
+    client.verdict(changed.number)
+    assert client.answer() == (None, 'override 50 %')
+    assert client.planner.rate == 0.5
 
 
-def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(desk: Desk) -> None:
-    desk.run()
-    desk.ask('override', '50')
-    changed = desk.do(Changed)
-    desk.say(state='idle', located=2)
-    desk.verdict(changed.number, 'state', 'the robot is idle')
-    assert desk.answer() == (None, 'override 50 %, from the next program on: this one has ended')
-    assert desk.planner.rate == 0.5
+def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(client: Client) -> None:
+    client.run()
+    client.ask('override', '50')
+    changed = client.do(Changed)
+    client.say(state='idle', located=2)
+    client.verdict(changed.number, 'state', 'the robot is idle')
+    assert client.answer() == (None, 'override 50 %, from the next program on: this one has ended')
+    assert client.planner.rate == 0.5
 
 
 def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_be_resumed(
-    desk: Desk,
+    client: Client,
 ) -> None:
-    timeline = desk.run()
-    desk.ask('override', '50')
-    changed = desk.do(Changed)
-    desk.verdict(changed.number)
-    desk.answer()
-    desk.follow(changed.course, 2)
+    timeline = client.run()
+    client.ask('override', '50')
+    changed = client.do(Changed)
+    client.verdict(changed.number)
+    client.answer()
+    client.follow(changed.course, 2)
     stop = timeline.stop(changed.course.cycle - 20)  # the task has dropped what was to come
-    assert desk.follow(stop, 3)
-    desk.say(state='stopped')
-    desk.cycle = stop.cycle + 500
-    desk.ask('resume')
-    resumed = desk.do(Changed).course
+    assert client.follow(stop, 3)
+    client.say(state='stopped')
+    client.cycle = stop.cycle + 500
+    client.ask('resume')
+    resumed = client.do(Changed).course
     timeline.change(stop)
     timeline.check(resumed)  # it continues where the master stands
     assert resumed.table[0, 1] == pytest.approx(stop.table[-1, 1], abs=1e-12)
 
 
-def test_a_number_that_a_stranger_has_used_up_is_leapt_over(desk: Desk) -> None:
-    ordered = desk.order()
-    desk.verdict(ordered.number, 'stranger', 'order 1 of this planner was heard before')
-    again = desk.do(Ordered)
+def test_a_number_that_somebody_else_has_used_up_is_leapt_over(client: Client) -> None:
+    ordered = client.order()
+    client.verdict(ordered.number, 'foreign', 'order 1 of this planner was heard before')
+    again = client.do(Ordered)
     assert again.number > ordered.number + 500
     assert again.moves == ordered.moves
-    desk.verdict(again.number)
-    assert desk.answer()[0] is None
+    client.verdict(again.number)
+    assert client.answer()[0] is None
 
 
 def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> None:

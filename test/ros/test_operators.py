@@ -13,10 +13,10 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.controller.messages import DISABLE, HOLD, Reply, Request
-from delta3_pacdrive.errors import Code
+from delta3_pacdrive.errors import Code, RefusedError
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode, RefusedError
+from delta3_pacdrive.ros.robot_client import OperatorNode
 
 ON_REQUEST = {'motion__start_cycle': -1}
 POSSIBLE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75]}}]'
@@ -77,7 +77,7 @@ def test_who_has_control_is_named_to_whoever_has_not(cell: Cell, graph: Any) -> 
     ):
         with pytest.raises(RefusedError, match=r'^Anna, process \d+ on .* has control') as caught:
             attempt()
-        assert caught.value.code == 'control'
+        assert caught.value.reason.code == 'control'
     for kind, service, request in (
         (Trigger, 'start', Trigger.Request()),
         (Trigger, 'reset', Trigger.Request()),
@@ -210,9 +210,9 @@ def test_a_request_that_is_made_again_is_answered_again_and_not_done_again(cell:
 
 def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell: Cell, graph: Any) -> None:
     (reply,) = asked_as_anna(cell, graph, 'control', 'ffff', DISABLE, '', 1)
-    assert (reply.accepted, reply.code) == (False, str(Code.STRANGER))
+    assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
     (reply,) = asked_as_anna(cell, graph, 'unit_robot', 'deadbeef', 'program', POSSIBLE, 1)
-    assert (reply.accepted, reply.code) == (False, str(Code.STRANGER))
+    assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
     assert cell.task.progress()['in_torque']
     assert json.loads(cell.bert.queue)['moves'] == 0
 

@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.controller import planner as decisions
+from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.messages import (
     COURSE,
     FAULT,
@@ -168,12 +168,12 @@ class UnitRobotNode(PollingNode):
         actions, self._planner.actions = self._planner.actions, []
         for action in actions:
             match action:
-                case decisions.Working(job):
+                case planner_actions.Working(job):
                     self._thread.begin(job)
                     self._fetcher.reset()
-                case decisions.Cancelled(number):
+                case planner_actions.Cancelled(number):
                     self._thread.cancel(number)
-                case decisions.Ordered(number, moves, faults, row):
+                case planner_actions.Ordered(number, moves, faults, row):
                     count = len(moves)
                     self._rows.extend(
                         (number, (move, n, count), move.kind.name) for n, move in enumerate(moves)
@@ -182,14 +182,14 @@ class UnitRobotNode(PollingNode):
                     self._rows.append((number, row, ORDER))
                     self._sent = 0
                     self._send_rows()
-                case decisions.Revoked(number):
+                case planner_actions.Revoked(number):
                     self._rows.clear()
                     self._plan.publish(self._numbered([], REVOKE, number))
-                case decisions.Changed(number, course):
+                case planner_actions.Changed(number, course):
                     self._change.publish(self._numbered(course.to_array(), COURSE, number))
-                case decisions.Replied(request, reason, sentence):
+                case planner_actions.Replied(request, reason, sentence):
                     self._reply(request, reason, sentence)
-                case decisions.Mirrored(state):
+                case planner_actions.Mirrored(state):
                     self._state.publish(String(data=str(state)))
         if actions:
             self._tell_queue()

@@ -1,0 +1,69 @@
+"""What the planner wants done: plans and courses to be sent, programs to be planned, requests to be answered."""
+
+from dataclasses import dataclass
+
+from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.planning_job import Job
+from delta3_pacdrive.errors import Reason
+from delta3_pacdrive.faults.fault import Fault
+from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.plan import Move
+
+
+@dataclass(frozen=True)
+class Ordered:
+    """A plan goes to the transformation task."""
+
+    number: int
+    moves: tuple[Move, ...]
+    faults: tuple[Fault, ...]
+    row: tuple[float, ...]  # start cycle, rate, numbers of the moves
+
+
+@dataclass(frozen=True)
+class Revoked:
+    """An order is taken back."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A course goes to the transformation task."""
+
+    number: int
+    course: Course
+
+
+@dataclass(frozen=True)
+class Working:
+    """A job begins in the planning thread."""
+
+    job: Job
+
+
+@dataclass(frozen=True)
+class Cancelled:
+    """A job is given up."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Replied:
+    """A request is answered: refused with a reason, or done, with a sentence."""
+
+    request: Request
+    reason: Reason | None
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Mirrored:
+    """The motion is in a state."""
+
+    state: MotionState
+
+
+Action = Ordered | Revoked | Changed | Working | Cancelled | Replied | Mirrored
