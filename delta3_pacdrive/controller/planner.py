@@ -36,13 +36,13 @@ from delta3_pacdrive.controller.program_run import (
 from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.robot_state import STANDING_M
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
-from delta3_pacdrive.kinematics import Floats
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Timeline
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.resume import left_of_plan, rejoin
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
