@@ -17,6 +17,7 @@ extensions = [
     'sphinx.ext.napoleon',
     'sphinx.ext.viewcode',
     'mathml',
+    'tables',
 ]
 source_suffix = {'.md': 'markdown'}
 exclude_patterns = ['_ext']

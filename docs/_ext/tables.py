@@ -1,0 +1,61 @@
+"""Tables that the code itself holds, as directives of the pages, so that they cannot grow old."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+Rows = Iterable[Sequence[object]]
+
+
+def idns() -> Rows:
+    """Return the operation data of a drive."""
+    from delta3_pacdrive.drive.operation_data import EXECUTABLE_IN, TABLE
+    from delta3_pacdrive.sercos.service_channel import format_idn
+
+    yield 'IDN', 'name', 'unit', 'group', 'written or executed in'
+    for row in TABLE.values():
+        phases = row.writable_in or EXECUTABLE_IN.get(row.idn, ())
+        unit = '' if row.unit == '1' else row.unit
+        yield (
+            f'`{format_idn(row.idn)}`',
+            row.name,
+            unit,
+            row.group,
+            ', '.join(sorted(phase.name for phase in phases)),
+        )
+
+
+def diagnostics() -> Rows:
+    """Return the messages of a drive."""
+    from delta3_pacdrive.drive.diagnostics import FAULTS, WARNINGS
+
+    yield 'message', 'text', 'class', 'reaction', 'bit'
+    for word, table in (('S-0-0011', FAULTS), ('S-0-0012', WARNINGS)):
+        for row in table.values():
+            reaction = row.reaction.name if row.reaction else 'warning only'
+            yield row.number, row.text, row.class_, reaction, f'{word} bit {int(row.bit).bit_length() - 1}'
+
+
+class Table(SphinxDirective):
+    """Shows the rows of a function as a table; the first row is its head."""
+
+    rows: Callable[[], Rows]
+
+    def run(self) -> list[nodes.Node]:
+        """Write the table in Markdown, and have it parsed."""
+        head, *body = ([str(cell).replace('|', r'\|') for cell in row] for row in type(self).rows())
+        lines = [f'| {" | ".join(row)} |' for row in (head, ['---'] * len(head), *body)]
+        container = nodes.container()
+        self.state.nested_parse(StringList(lines, source=self.env.docname), 0, container)
+        return container.children
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Add a directive for each table."""
+    for rows in (idns, diagnostics):
+        app.add_directive(rows.__name__, type(rows.__name__, (Table,), {'rows': staticmethod(rows)}))
+    return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -1,0 +1,45 @@
+"""Every block of the README and of the documentation runs as it stands. Pages that need a robot: ``../system``."""
+
+import re
+
+import pytest
+
+import pages
+
+HERE = [page for page in pages.PAGES if not pages.needs_robot(page)]
+NAMES = [str(page.relative_to(pages.SOURCE)) for page in pages.PAGES]
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('page', HERE, ids=lambda page: str(page.relative_to(pages.SOURCE)))
+def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path):
+    pages.run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+def test_every_block_has_a_language_that_says_how_it_is_tested(page):
+    found = pages.blocks(page)
+    assert {block.language for block in found} <= pages.LANGUAGES
+    assert [block.line for block in found if block.language == 'yaml' and not block.file] == []
+
+
+@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+def test_every_file_of_a_page_is_used_by_a_command_below_it(page):
+    found = pages.blocks(page)
+    for number, block in enumerate(found):
+        if block.file:
+            assert any(block.file in later.text for later in found[number + 1 :]), block.file
+
+
+@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+def test_links_to_files_lead_to_files(page):
+    links = re.findall(
+        r'\]\(([^)#:]+?)(?:#[^)]*)?\)', re.sub(r'```.*?^```', '', page.read_text(), flags=re.S | re.M)
+    )
+    assert [link for link in links if not (page.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+def test_what_is_tested_elsewhere_names_its_test(page):
+    elsewhere = [block.words for block in pages.blocks(page) if block.mark == 'elsewhere']
+    assert [name for name in elsewhere if not (pages.SOURCE / name).is_file()] == []

@@ -1,0 +1,255 @@
+"""Runs the blocks of the README and of the pages of the documentation as a reader would (rules: CONTRIBUTING.md)."""
+
+import contextlib
+import doctest
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+SOURCE = Path(__file__).parents[2]
+PAGES = [
+    SOURCE / name for name in ('CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
+]
+LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
+DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
+ROBOT = re.compile(
+    r'^(\$ )?(delta3 (up|run|move|record|soak|drive \d|faults (?!list)|bench graph|experiment .*--graph)|ros2 )',
+    re.M,
+)
+BLOCK = re.compile(
+    r'(?:^<!-- *(?P<mark>terminal|until|ends|elsewhere): *(?P<words>[^\n]*?) *-->\n+)?'
+    r'^(?P<fence>```+|:::+) *(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=fence) *$',
+    re.M | re.S,
+)
+END_S = 60.0
+WAIT_S = 240.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of a page: its line, its language, the file it is written to, and what is said to the test about it."""
+
+    line: int
+    language: str
+    text: str
+    file: str
+    mark: str
+    words: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """Return the blocks of a page that are code."""
+    text = page.read_text(encoding='utf-8')
+    found = []
+    for match in BLOCK.finditer(text):
+        language, code, file = match['language'].strip(), match['text'], ''
+        if DIRECTIVES.fullmatch(language):
+            continue
+        if language.startswith('{code-block}'):
+            language = language.removeprefix('{code-block}').strip()
+            options = re.match(r'((?::[\w-]+:[^\n]*\n)*)\n*', code)
+            assert options is not None
+            file = dict(re.findall(r':([\w-]+): *([^\n]*)', options[1])).get('caption', '')
+            code = code[options.end() :]
+        line = text.count('\n', 0, match.start('fence')) + 1
+        found.append(Block(line, language, code, file, match['mark'] or '', match['words'] or ''))
+    return found
+
+
+def needs_robot(page: Path) -> bool:
+    """Tell whether a block of a page needs ROS and its time."""
+    return any(block.language in ('bash', 'console') and ROBOT.search(block.text) for block in blocks(page))
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Return the environment of a reader who has activated this one: its commands, its packages, and a ``ros2``."""
+    programs = folder / 'bin'
+    programs.mkdir()
+    stand_in = programs / 'ros2'
+    script = SOURCE / 'test' / 'system' / 'ros2.py'
+    stand_in.write_text(f'#!/bin/sh\nexec "{sys.executable}" -P "{script}" "$@"\n', encoding='utf-8')
+    stand_in.chmod(0o755)
+    path = [str(programs), str(Path(sys.executable).parent), os.environ['PATH']]
+    return os.environ | {
+        'PATH': os.pathsep.join(path),
+        'VIRTUAL_ENV': sys.prefix,
+        'AMENT_PREFIX_PATH': sys.prefix,
+    }
+
+
+class Terminal:
+    """A shell of a reader; one line after the other, all of them have to succeed."""
+
+    def __init__(self, folder: Path, variables: dict[str, str]) -> None:
+        self._folder, self._variables = folder, variables
+        self._process = self._start(['bash', '--norc', '-o', 'pipefail'])
+        self._number = 0
+
+    def _start(self, command: list[str]) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            command,
+            cwd=self._folder,
+            env=self._variables,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+
+    def run(self, commands: str) -> str:
+        """Run commands; return what they print."""
+        self._number += 1
+        end = f'--- end of block {self._number}:'
+        script = self._folder / 'bin' / f'block_{self._number}.sh'
+        script.write_text(commands, encoding='utf-8')
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        # an error ends the block, not the shell, whose background goes on
+        self._process.stdin.write(
+            f'trap \'status=$?; echo; echo "{end} $status $BASH_COMMAND"; trap - ERR\' ERR; '
+            f'. "{script}"; echo; echo "{end} 0"\n'
+        )
+        self._process.stdin.flush()
+        with killed_after(self._process, WAIT_S):
+            printed = []
+            for line in self._process.stdout:
+                if line.startswith(end):
+                    assert line.startswith(f'{end} 0'), f'{line}{"".join(printed)}'
+                    return ''.join(printed)[:-1]
+                printed.append(line)
+        raise AssertionError(f'the shell ended, or took over {WAIT_S:g} s: {commands}{"".join(printed)}')
+
+    def start(self, command: str, words: str) -> subprocess.Popen[str]:
+        """Start a command in a terminal of its own; return when it has printed the words."""
+        process = self._start(['bash', '-c', f'exec {command}'])
+        assert process.stdout is not None
+        printed = []
+        with killed_after(process, WAIT_S):
+            for line in process.stdout:
+                printed.append(line)
+                if words in line:
+                    threading.Thread(target=process.stdout.read, daemon=True).start()
+                    return process
+        raise AssertionError(f'{words!r} was not printed by {command}: {"".join(printed)}')
+
+    def close(self) -> None:
+        """End the shell."""
+        self._process.communicate('exit\n', timeout=END_S)
+
+
+@contextlib.contextmanager
+def killed_after(process: subprocess.Popen[str], seconds: float) -> Iterator[None]:
+    """Kill a process that takes too long, so that whoever reads from it gets to the end."""
+    timer = threading.Timer(seconds, os.killpg, (process.pid, signal.SIGKILL))
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """End a command with Ctrl-C; it has to obey."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+
+
+def commands_and_prints(text: str) -> list[tuple[str, str]]:
+    """Return the commands of a console block and what each of them prints."""
+    parts = re.split(r'^\$ (.*)\n', text, flags=re.M)
+    assert not parts[0].strip(), 'a console block begins with a command'
+    return list(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def same(expected: str, printed: str) -> bool:
+    """Compare, where ``...`` stands for anything and a number of spaces for one."""
+    checker = doctest.OutputChecker()
+    return checker.check_output(expected, printed, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+
+
+def run_page(page: Path, folder: Path) -> None:
+    """Run the blocks of a page in their order."""
+    variables = environment(folder)
+    names: dict[str, Any] = {'__name__': '__main__'}
+    with contextlib.ExitStack() as stack, contextlib.chdir(folder):
+        shell = Terminal(folder, variables)
+        stack.callback(shell.close)
+        others: dict[str, subprocess.Popen[str]] = {}
+        stack.callback(lambda: [end(process) for process in others.values()])
+        for block in blocks(page):
+            place = f'{page.relative_to(SOURCE)}:{block.line}'
+            try:
+                run_block(block, shell, others, names, folder)
+            except Exception as error:
+                raise AssertionError(f'{place}: {error}') from error
+
+
+def run_block(
+    block: Block,
+    shell: Terminal,
+    others: dict[str, subprocess.Popen[str]],
+    names: dict[str, Any],
+    folder: Path,
+) -> None:
+    """Run one block; ``others`` are the commands in terminals of their own, ``names`` those of Python."""
+    if block.language == 'text' or block.mark == 'elsewhere':
+        return
+    if block.mark == 'ends':
+        (command,) = (command for command in others if command.startswith(block.words))
+        end(others.pop(command))
+    if block.file:
+        (folder / block.file).write_text(block.text, encoding='utf-8')
+        if block.language == 'yaml':
+            yaml.safe_load(block.text)
+        return
+    match block.language:
+        case 'bash' if block.mark in ('terminal', 'until'):
+            (command,) = (re.sub(r'\s+#.*', '', line) for line in block.text.splitlines() if line.strip())
+            process = shell.start(command, block.words)
+            if block.mark == 'until':
+                end(process)
+            else:
+                others[command] = process
+        case 'bash':
+            shell.run(block.text)
+        case 'console':
+            for command, expected in commands_and_prints(block.text):
+                printed = shell.run(f'{command} || true')
+                assert same(expected, printed), f'{command} prints\n{printed}'
+        case 'python':
+            exec(compile(block.text, f'block in line {block.line}', 'exec'), names)
+        case 'pycon':
+            run_dialogue(block, names)
+        case _:
+            raise AssertionError(f'{block.language!r} is none of {sorted(LANGUAGES)}, or has no file name')
+
+
+def run_dialogue(block: Block, names: dict[str, Any]) -> None:
+    """Run a dialogue with Python; it has to go as it stands."""
+    test = doctest.DocTestParser().get_doctest(block.text, names, 'block', None, block.line)
+    report: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    runner.run(test, out=report.append, clear_globs=False)
+    names.update(test.globs)
+    assert runner.summarize(verbose=False).failed == 0, ''.join(report)
+
+
+def in_a_folder(page: Path) -> None:
+    """Run a page in an empty folder."""
+    with tempfile.TemporaryDirectory(prefix='delta3-page-') as folder:
+        run_page(page, Path(folder))
