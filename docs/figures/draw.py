@@ -1,0 +1,27 @@
+"""Draw every picture of the documentation anew: ``python docs/figures/draw.py [FOLDER]``, into this folder without."""
+
+import sys
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+sys.path.insert(0, str(FOLDER))
+
+import cascade  # noqa: E402
+import robot  # noqa: E402
+import signals  # noqa: E402
+
+from delta3_pacdrive.analysis.figure_style import save  # noqa: E402
+
+PICTURES = {
+    'robot.png': robot.make,
+    'cascade.png': cascade.make,
+    'speed_profile.png': signals.speed_profile,
+    'following_error.png': signals.following_error,
+    'fault_stop.png': signals.fault_stop,
+    'built_robot.png': signals.built_robot,
+}
+
+if __name__ == '__main__':
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    for path in save(PICTURES, folder):
+        print(path)
