@@ -1,10 +1,7 @@
 """Completeness of a cyclic topic, as one listener heard it: what the stamps of its messages say is missing."""
 
-import struct
-
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
-
-_STAMP = struct.Struct('<iI')
+from delta3_pacdrive.sercos.telegram_codec import STAMP
 
 
 class Completeness:
@@ -25,7 +22,7 @@ class Completeness:
 
     def count(self, data: bytes) -> None:
         """Take a serialised message that begins with a header."""
-        sec, nanosec = _STAMP.unpack_from(data, 4)
+        sec, nanosec = STAMP.unpack_from(data, 4)
         if sec < 0:
             self.heard = True
             return

@@ -15,8 +15,19 @@ from delta3_pacdrive.sercos.telegrams import Telegram
 
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
 IMPOSSIBLE = 1e6  # rad, rad/s, N m: nothing that turns gets there
-_HEAD = 5  # fields of the struct before the first constant: encapsulation, sec, nanosec, frame size, frame
+STAMP = struct.Struct('<iI')  # sec, nanosec: behind the encapsulation
+_HEADER = struct.Struct('<iII')  # sec, nanosec, size of the frame with its end
 Decoded = tuple[int, int, bytes, tuple[float, ...]]
+
+
+def read_header(data: bytes) -> tuple[int, int, str]:
+    """Return (sec, nanosec, frame) of a message that begins with a header; raises TelegramError."""
+    try:
+        sec, nanosec, size = _HEADER.unpack_from(data, len(ENCAPSULATION))
+        start = len(ENCAPSULATION) + _HEADER.size
+        return sec, nanosec, data[start : start + size - 1].decode()
+    except (struct.error, UnicodeDecodeError):
+        raise TelegramError('a message has no header') from None
 
 
 class Message(NamedTuple):

@@ -8,7 +8,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 
-from delta3_pacdrive.ros.nodes.recorder import CYCLIC, OTHER
+from delta3_pacdrive.ros.interfaces import MOTION_PLAN, RECORDED
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
@@ -19,7 +19,7 @@ BACK = 'moves: [{move_l: {to_m: [0.0, 0.0, -0.75], speed_m_s: 0.4}}]'
 AWAY = 'moves: [{move_l: {to_m: [0.0, 0.2, -0.75], speed_m_s: 0.002}}]'
 # what "ros2 bag record -a" records beside what our recorder does
 MORE = {
-    'motion/change': (OTHER['motion/plan'][0], OTHER['motion/plan'][1]),
+    'motion/change': (MOTION_PLAN.type, MOTION_PLAN.delivery.publisher),
     'motion/status': (String, LATCHED),
     'motion/verdict': (String, REQUEST),
     'unit_robot/alive': (Header, REPORT),
@@ -29,7 +29,8 @@ MORE = {
     'control/reply': (String, REQUEST),
     'control/alive': (Header, REPORT),
 }
-TOPICS = {**{topic: (kind, CYCLIC_PUBLISHER) for topic, kind in CYCLIC.items()}, **OTHER, **MORE}
+CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names}
+TOPICS = {name: (topic.type, topic.delivery.publisher) for topic in RECORDED for name in topic.names} | MORE
 BURST = 2  # messages that a player publishes at once: bags are played back at the pace of the robot
 STATES = ('idle', 'moving', 'stopped', 'error', 'disabled')
 

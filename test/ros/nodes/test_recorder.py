@@ -19,7 +19,8 @@ from std_msgs.msg import Header, String
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.bag_recovery import recover
-from delta3_pacdrive.ros.nodes.recorder import CYCLIC, RecorderNode
+from delta3_pacdrive.ros.interfaces import RECORDED
+from delta3_pacdrive.ros.nodes.recorder import RecorderNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
@@ -27,6 +28,7 @@ TMPFS_BYTES = 600_000
 SOON_S = 1.0  # for a recorder that has nothing else to do
 AT_ONCE = 50  # messages, fewer than the queues hold
 FRAME = 'x' * 200
+CYCLIC = {name: topic.type for topic in RECORDED if topic.cyclic for name in topic.names}
 
 
 class Studio:

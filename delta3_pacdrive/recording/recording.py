@@ -1,0 +1,117 @@
+"""A recording under way: a bag of one robot that knows what it lacks."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.bag_writer import METADATA_KEY, BagWriter
+from delta3_pacdrive.recording.completeness import Completeness
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.sercos.telegram_codec import read_header
+from delta3_pacdrive.sercos.telegrams import parse_phase_text
+from delta3_pacdrive.sercos.words import Phase
+
+Write = Callable[[int, bytes], None]  # takes the time [ns] at which a message was received, and its bytes
+
+
+class Recording:
+    """Writes what a robot publishes into a new folder, and counts what is missing.
+
+    Parameters
+    ----------
+    folder
+        Of the bag.
+    program
+        Name of the program, for the metadata.
+    parameters
+        Of the robot.
+
+    Attributes
+    ----------
+    begin
+        Puts topics and metadata on the disk; raises RunError if there is no room for them.
+    flush
+        Puts what waits on the disk.
+
+    """
+
+    def __init__(self, folder: Path, program: str, parameters: Parameters) -> None:
+        self._meta: dict[str, Any] = {
+            'program': program,
+            'checksum': parameters.checksum,
+            'gear_ratio': parameters.dynamics.gear_ratio,
+            'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
+            'cycle_time_s': parameters.bus.cycle_time_s,
+            'exchange_period_s': parameters.bus.exchange_period_s,
+        }
+        self._writer = BagWriter(folder, {METADATA_KEY: json.dumps(self._meta)}, self._about)
+        self._completeness: dict[str, Completeness] = {}
+        self._starts: set[int] = set()
+        self.begin, self.flush, self.path = self._writer.begin, self._writer.flush, folder
+
+    def add_topic(self, absolute: str, message_type: str, depth: int, latched: bool) -> Write:
+        """Announce a topic by its absolute name; the returned call writes a message of it."""
+        connection, write = self._writer.add_topic(absolute, message_type, depth, latched), self._writer.write
+        return lambda received_ns, data: write(connection, received_ns, data)
+
+    def add_cyclic_topic(self, name: str, of_exchange: bool, write: Write) -> Write:
+        """Count the messages of a topic, by its relative name, that comes every bus cycle, or every exchange."""
+        period_s = self._meta['exchange_period_s' if of_exchange else 'cycle_time_s']
+        counted = self._completeness[name] = Completeness(round(period_s * NANOSECONDS), self._starts)
+
+        def write_and_count(received_ns: int, data: bytes) -> None:
+            write(received_ns, data)
+            # what comes after a full disk is not recorded, and is not missing from what is
+            if not self._writer.stopped:
+                counted.count(data)
+
+        return write_and_count
+
+    def add_phases(self, write: Write) -> Write:
+        """Note when cyclic operation begins, from the announcements of the phases."""
+
+        def write_and_note(received_ns: int, data: bytes) -> None:
+            write(received_ns, data)
+            try:
+                sec, nanosec, frame = read_header(data)
+                if parse_phase_text(frame)[0] == Phase.CP4:
+                    self._starts.add(sec * NANOSECONDS + nanosec)
+            except TelegramError:
+                return  # a foreign writer
+
+        return write_and_note
+
+    @property
+    def stopped(self) -> str:
+        """Why nothing is written any more; '' while it is."""
+        return self._writer.stopped
+
+    @property
+    def messages(self) -> int:
+        """Messages that are on the disk."""
+        return self._writer.messages
+
+    @property
+    def hears_everything(self) -> bool:
+        """Whether every cyclic topic has been heard."""
+        return all(item.heard or item.messages for item in self._completeness.values())
+
+    def completeness(self) -> dict[str, tuple[int, int]]:
+        """Messages and missing messages by cyclic topic."""
+        return {topic: (item.messages, item.lost) for topic, item in self._completeness.items()}
+
+    def lost(self) -> dict[str, int]:
+        """Missing messages of the cyclic topics that lack some."""
+        return {topic: gone for topic, (_, gone) in self.completeness().items() if gone}
+
+    def close(self) -> None:
+        """Finish the bag; what is written is complete and readable."""
+        self._writer.close(self._about(self.stopped))
+
+    def _about(self, stopped: str) -> dict[str, str]:
+        """Return what the metadata says of a bag that ends now."""
+        found = self._meta | {'lost': self.lost()} | ({'stopped': stopped} if stopped else {})
+        return {METADATA_KEY: json.dumps(found)}
