@@ -32,12 +32,11 @@ not equivalent   a test sees what the catalogue calls equivalent
 
 The exit status is 0 if all breaks are killed or equivalent, else 1.
 
-Compiled kernels are kept for the copy as it is. A break gets those of all modules that do not import, however
-indirectly, what it changes; the others are compiled anew. ``--work DIR`` keeps copy and kernels for the next call.
+Compiled kernels know the sources that they are made of: a break compiles only what it changes, and what imports that.
+``--work DIR`` keeps copy and kernels for the next call.
 """
 
 import argparse
-import ast
 import json
 import os
 import queue
@@ -51,7 +50,6 @@ import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +61,6 @@ ROOT = HERE.parent.parent
 KEYS = {'id', 'file', 'old', 'new', 'also', 'why', 'tests', 'equivalent'}
 REQUIRED = {'id', 'file', 'old', 'new', 'why', 'tests'}
 TIME_LIMIT_S = 600.0
-# kernels take no value of these modules when they are compiled: parameters reach them as arrays
-NOT_COMPILED_IN = frozenset({'parameters', 'errors', 'configuration.yaml_file'})
 GOOD = ('killed', 'equivalent')
 PASSED, FAILED, BROKEN = 0, 1, 3  # pytest's exit status; whatever is neither of the first two tells nothing
 BOOT = f"""\
@@ -78,7 +74,6 @@ if not Path({PACKAGE}.__file__).is_relative_to(copy):
 import pytest
 sys.exit(pytest.main(sys.argv[2:]))
 """
-CACHE_QUESTION = f'from {PACKAGE}.numerics import kernel; print(kernel.CACHE_DIRECTORY)'
 WARM_UP = f"""\
 from {PACKAGE} import parameters, simulation
 simulation.load_kernels(parameters.load())
@@ -139,34 +134,6 @@ def load_catalogue(folder: Path = HERE) -> list[Break]:
     return breaks
 
 
-@cache
-def _imports(package: Path) -> dict[str, set[str]]:
-    """Modules of the package that each of its modules imports, by dotted name below the package."""
-    files = {
-        '.'.join(path.relative_to(package).with_suffix('').parts).removesuffix('.__init__'): path
-        for path in package.rglob('*.py')
-    }
-    found = {}
-    for module, path in files.items():
-        names = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.ImportFrom) and (node.module or '').split('.')[0] == PACKAGE:
-                base = (node.module or '').removeprefix(PACKAGE).removeprefix('.')
-                names.add(base)
-                names.update(f'{base}.{alias.name}'.removeprefix('.') for alias in node.names)
-        found[module] = names & files.keys()
-    return found
-
-
-def stale_modules(package: Path, changed: set[str]) -> set[str]:
-    """Modules whose compiled kernels may hold something of changed ones."""
-    stale = {module for module in changed if module not in NOT_COMPILED_IN}
-    imports = _imports(package)
-    while more := {module for module, names in imports.items() if names & stale and module not in stale}:
-        stale |= more
-    return stale
-
-
 class Workshop:
     """A copy of the package, in which one break after the other is tried."""
 
@@ -186,16 +153,8 @@ class Workshop:
             'NUMBA_CACHE_DIR': str(folder / 'kernels'),
             'MPLBACKEND': 'Agg',
         }
-        self._kernels = self._cache_directory()
         self._controls: dict[str, str] = {}
         subprocess.run([sys.executable, '-c', WARM_UP], env=self.environment, check=True, cwd=folder)
-
-    def _cache_directory(self) -> Path:
-        command = [sys.executable, '-c', CACHE_QUESTION]
-        run = subprocess.run(
-            command, env=self.environment, check=True, capture_output=True, text=True, cwd=ROOT
-        )
-        return Path(run.stdout.strip())
 
     def attempt(self, one: Break) -> Result:
         """Try a break."""
@@ -207,14 +166,7 @@ class Workshop:
         began = time.monotonic()
         self._apply(one)
         try:
-            kernels = self._cache_directory()
-            if kernels != self._kernels:
-                self._keep_kernels(one, kernels)
             status, detail = self._test(one.tests)
-            if kernels != self._kernels:
-                shutil.rmtree(kernels, ignore_errors=True)
-        except subprocess.CalledProcessError as error:
-            status, detail = BROKEN, (error.stderr or '').strip().splitlines()[-1]
         finally:
             self._restore(one)
         if status == PASSED:
@@ -268,23 +220,6 @@ class Workshop:
         """Bytecode knows its source by size and whole seconds only."""
         for compiled in (path.parent / '__pycache__').glob(f'{path.stem}.*.pyc'):
             compiled.unlink()
-
-    def _keep_kernels(self, one: Break, kernels: Path) -> None:
-        """Give a break the compiled kernels that it does not touch."""
-        changed = {'.'.join(Path(file).with_suffix('').parts) for file, _, _ in one.changes}
-        stale = stale_modules(self.package, changed)
-        # those of tests are not kept: they may call anything
-        kept = {tuple(module.split('.'))[-2:] for module in _imports(self.package).keys() - stale}
-        for path in self._kernels.rglob('*'):
-            # numba names a folder after that of the source, and a file after the module and the function
-            folder = path.parent.name.rpartition('_')[0]
-            module = path.name.partition('.')[0]
-            key = (module,) if folder == PACKAGE else (folder, module)
-            if path.is_file() and (key in kept or path.parent == self._kernels):
-                target = kernels / path.relative_to(self._kernels)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                if not target.exists():
-                    os.link(path, target)
 
 
 def run(breaks: list[Break], folder: Path, jobs: int, report: Any) -> list[Result]:

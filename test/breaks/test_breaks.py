@@ -1,9 +1,7 @@
 """Facts about the catalogue of breaks: it belongs to the present sources. No break is tried here."""
 
 import importlib.util
-import os
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
@@ -67,14 +65,6 @@ def test_a_row_that_is_no_break_and_an_id_that_stands_twice_are_refused(runner, 
             runner.load_catalogue(tmp_path)
 
 
-def test_only_kernels_that_a_break_cannot_reach_are_kept(runner):
-    package = ROOT / runner.PACKAGE
-    of_kinematics = runner.stale_modules(package, {'kinematics'})
-    assert {'kinematics', 'dynamics', 'plant.plant', 'simulation.loop', 'cli.simulate'} <= of_kinematics
-    assert not {'motor', 'drive.cascade', 'sercos.increments'} & of_kinematics
-    assert runner.stale_modules(package, {'parameters'}) == set()
-
-
 @pytest.mark.parametrize(
     ('control', 'status', 'equivalent', 'name'),
     [
@@ -97,13 +87,10 @@ def test_only_a_test_that_fails_with_the_break_and_passes_without_kills_it(
 
         def __init__(self):
             self.folder, self.package, self._original = tmp_path, tmp_path / 'package', tmp_path / 'original'
-            self._kernels, self._controls = tmp_path / 'kernels', {}
+            self._controls = {}
             for folder in (self.package, self._original):
                 folder.mkdir()
                 (folder / 'a.py').write_text('x = 1\n', encoding='utf-8')
-
-        def _cache_directory(self):
-            return self._kernels
 
         def _test(self, tests):
             found.append((self.package / 'a.py').read_text(encoding='utf-8'))
@@ -114,16 +101,3 @@ def test_only_a_test_that_fails_with_the_break_and_passes_without_kills_it(
     assert result.status == name
     assert found == ['x = 1\n', 'x = 2\n'][: 2 - bool(control)]
     assert (shelf.package / 'a.py').read_text(encoding='utf-8') == 'x = 1\n'  # as it was
-
-
-def test_the_runner_finds_the_kernels_of_the_package(runner, tmp_path):
-    environment = os.environ | {'NUMBA_CACHE_DIR': str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, '-P', '-c', runner.CACHE_QUESTION],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert Path(done.stdout.strip()).parent == tmp_path
