@@ -10,12 +10,11 @@ from rclpy.node import Node
 from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros.qos import LATCHED, LATCHED_FROM_MANY
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
 
-TOPIC = 'sercos/participants'
 CYCLE_DIGITS_MAX = 15
 INSTANCE_DIGITS = 8
 
@@ -31,7 +30,7 @@ class Participant:
     """
 
     def __init__(self, node: Node, name: str, parameters: Parameters) -> None:
-        self._publisher = node.create_publisher(DiagnosticStatus, TOPIC, LATCHED)
+        self._publisher = interfaces.PARTICIPANTS.publisher(node)
         self._name = name
         self._identity = Identity.of(parameters)
         self.instance = secrets.token_hex(INSTANCE_DIGITS // 2)
@@ -80,10 +79,6 @@ def hear_announcements(
     node: RobotNode, take: Callable[[Announcement], None], refuse: Callable[[str], None]
 ) -> None:
     """Subscribe to the announcements of all participants."""
-    node.create_bounded_subscription(
-        DiagnosticStatus,
-        TOPIC,
-        lambda message: take(read_announcement(message)),
-        LATCHED_FROM_MANY,
-        refuse=refuse,
+    interfaces.PARTICIPANTS.bounded_subscription(
+        node, lambda message: take(read_announcement(message)), refuse=refuse
     )

@@ -4,12 +4,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from sensor_msgs.msg import JointState
-
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.interfaces import AT
 from delta3_pacdrive.ros.polling import PollingNode, Taken
-from delta3_pacdrive.ros.qos import CYCLIC_SUBSCRIPTION
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.statistics import BusStatistics
@@ -56,13 +54,12 @@ class AtReceiver:
         self._codecs = [cdr.at_codec(axis) for axis in DRIVES]
         self._takes: list[Callable[[], Taken | None]] = []
         for index, axis in enumerate(DRIVES):
-            topic = f'sercos/at/{axis}'
             if polled:
                 # The clock drives the task, so that an answer need not wake it: it is read at the next tick.
-                self._takes.append(node.create_polled_subscription(JointState, topic, CYCLIC_SUBSCRIPTION))
+                self._takes.append(AT.polled_subscription(node, axis))
             else:
                 callback = partial(self._on_at, index, received_ns=0)
-                node.create_subscription(JointState, topic, callback, CYCLIC_SUBSCRIPTION, raw=True)
+                AT.subscription(node, callback, axis, raw=True)
 
     def poll(self, due: Callable[[int], bool]) -> None:
         """Read what has come, from each axis as long as anything is due."""

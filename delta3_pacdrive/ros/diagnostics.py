@@ -6,15 +6,15 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from delta3_pacdrive.ros.interfaces import DIAGNOSTICS
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import REPORT
 
 
 class Health(Output):
     """Publishes when it is told to; what is no text is told as JSON."""
 
     def __init__(self, node: Node, hardware_id: str = '') -> None:
-        super().__init__(node, DiagnosticArray, '/diagnostics', REPORT)
+        super().__init__(node, DIAGNOSTICS)
         self._node, self._hardware_id = node, hardware_id
 
     def send(self, level: bytes, sentence: str, facts: dict[str, Any]) -> None:

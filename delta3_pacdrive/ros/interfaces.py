@@ -22,6 +22,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.recording.signals import CARRIED
 from delta3_pacdrive.ros import qos
+from delta3_pacdrive.ros.polling import PollingNode, Taken
+from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
@@ -177,6 +179,26 @@ class Topic:
         """Create a subscription; ``raw`` gives the callback bytes."""
         return node.create_subscription(
             self.type, self.of(axis), callback, self.delivery.subscription, raw=raw
+        )
+
+    def bounded_subscription(
+        self,
+        node: RobotNode,
+        callback: Callable[[Any], None],
+        bytes_max: int = TEXT_BYTES_MAX,
+        refuse: Callable[[str], None] | None = None,
+    ) -> Subscription:
+        """Create a subscription that refuses what is too large, and what the callback raises a Delta3Error for."""
+        return node.create_bounded_subscription(
+            self.type, self.name, callback, self.delivery.subscription, bytes_max, refuse
+        )
+
+    def polled_subscription(
+        self, node: PollingNode, axis: str = '', profile: QoSProfile | None = None
+    ) -> Callable[[], Taken | None]:
+        """Create a subscription that nobody is woken by; the returned call takes the next serialised message."""
+        return node.create_polled_subscription(
+            self.type, self.of(axis), profile or self.delivery.subscription
         )
 
 

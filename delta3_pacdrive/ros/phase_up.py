@@ -3,6 +3,7 @@
 from rclpy.node import Node
 
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.ros.interfaces import second_writer
 from delta3_pacdrive.sercos.configuration_check import (
     DRIVES,
     PARTICIPANTS,
@@ -14,27 +15,7 @@ from delta3_pacdrive.sercos.configuration_check import (
 from delta3_pacdrive.sercos.participants import Participants
 from delta3_pacdrive.sercos.words import Phase
 
-# topics of the bus and of the machine, each with one writer
-WRITTEN_BY_ONE = (
-    'sercos/phase',
-    'sercos/mdt',
-    *(f'sercos/at/{axis}' for axis in DRIVES),
-    *(f'{axis}/motor_current' for axis in DRIVES),
-    'plant/motor_shafts',
-)
 PATIENCE = 50  # looks in vain after which a guess at the reason is told
-
-
-def doubled(node: Node) -> str:
-    """Say which topic of the bus has two writers, and who they are; empty if none has."""
-    for topic in WRITTEN_BY_ONE:
-        if node.count_publishers(topic) > 1:
-            writers = sorted(
-                f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-            )
-            return f'{topic} has {len(writers)} writers: {", ".join(writers)}'
-    return ''
 
 
 class PhaseUp:
@@ -82,7 +63,7 @@ class PhaseUp:
         return Phase(phase + 1)
 
     def _presence(self) -> str:
-        twice = doubled(self._node)
+        twice = second_writer(self._node)
         if twice:
             return f'waiting until one of them ends: {twice}'
         absent = missing(self._participants.identities)

@@ -9,9 +9,8 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from delta3_pacdrive.ros.diagnostics import Health
-from delta3_pacdrive.ros.phase_up import doubled
+from delta3_pacdrive.ros.interfaces import PROGRESS, second_writer
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import REPORT
 
 DIAGNOSTICS_S = 1.0
 # what ``motion/progress`` tells at least
@@ -63,7 +62,7 @@ class ProgressReport:
         statistics: Callable[[], dict[str, Any]],
     ) -> None:
         self._node, self._facts, self._statistics = node, progress, statistics
-        self._progress = Output(node, String, 'motion/progress', REPORT)
+        self._progress = Output(node, PROGRESS)
         self._health = Health(node)
         self._health_every = round(DIAGNOSTICS_S / period_s)
         self._reports = 0
@@ -82,7 +81,7 @@ class ProgressReport:
     def _send_health(self) -> None:
         facts = self._facts()
         level = DiagnosticStatus.ERROR if facts['fault'] else DiagnosticStatus.OK
-        twice = doubled(self._node)
+        twice = second_writer(self._node)
         if twice:
             self._node.get_logger().warning(twice, throttle_duration_sec=10.0)
             level = max(level, DiagnosticStatus.WARN)

@@ -1,14 +1,11 @@
 """Topics that cost next to nothing while nobody listens."""
 
-from typing import Any
-
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from delta3_pacdrive.ros import cdr
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
-from delta3_pacdrive.sercos.telegrams import BASE_FRAME, Telegram
+from delta3_pacdrive.ros.interfaces import Topic
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
 class Output:
@@ -23,11 +20,10 @@ class Output:
 
     """
 
-    def __init__(self, node: Node, message_type: Any, topic: str, qos: QoSProfile) -> None:
+    def __init__(self, node: Node, topic: Topic, axis: str = '') -> None:
         self.wanted = False
-        self.publisher = node.create_publisher(
-            message_type, topic, qos, event_callbacks=PublisherEventCallbacks(matched=self._on_matched)
-        )
+        told = PublisherEventCallbacks(matched=self._on_matched)
+        self.publisher = topic.publisher(node, axis, event_callbacks=told)
         self.publish = self.publisher.publish
 
     def _on_matched(self, info: QoSPublisherMatchedInfo) -> None:
@@ -37,9 +33,9 @@ class Output:
 class TelegramOutput(Output):
     """An output of fixed layout, packed only if somebody listens."""
 
-    def __init__(self, node: Node, telegram: Telegram) -> None:
-        super().__init__(node, cdr.TYPES[telegram.type], telegram.topic, CYCLIC_PUBLISHER)
-        self._encode = cdr.codec(telegram).encode
+    def __init__(self, node: Node, topic: Topic) -> None:
+        super().__init__(node, topic)
+        self._encode = cdr.codec(topic.telegrams[0]).encode
         self._publish_raw = cdr.raw_publish(self.publisher)
 
     def send(self, stamp: tuple[int, int], values: list[float]) -> None:

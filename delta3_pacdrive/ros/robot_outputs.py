@@ -27,12 +27,12 @@ from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.motion.execution import Course
 from delta3_pacdrive.motion.plan import OUTPUTS
-from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.fault_injection import FaultDesk
-from delta3_pacdrive.ros.qos import LATCHED
 from delta3_pacdrive.ros.service_requests import ServiceDesk
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.service_channel import Answer, ServiceError
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
 class RobotOutputs:
@@ -66,9 +66,9 @@ class RobotOutputs:
     ) -> None:
         self._log, self._state, self._task = node.get_logger(), state, task
         self._faults, self._drives, self._cycles = faults, drives, cycles
-        self._states = node.create_publisher(String, 'motion/state', LATCHED)
-        self._located = node.create_publisher(PointStamped, 'motion/located', LATCHED)
-        self._outputs = node.create_publisher(JointState, 'outputs', LATCHED)
+        self._states = interfaces.MOTION_STATE.publisher(node)
+        self._located = interfaces.LOCATED.publisher(node)
+        self._outputs = interfaces.OUTPUTS.publisher(node)
         self._states.publish(String(data=str(state.motion)))
         self._ways: dict[type, Callable[[Any], None]] = {
             Entered: lambda action: self._states.publish(String(data=str(action.state))),
@@ -94,7 +94,7 @@ class RobotOutputs:
 
     def _tell_place(self, action: Located) -> None:
         message = PointStamped()
-        message.header.frame_id = cdr.BASE_FRAME.decode()
+        message.header.frame_id = BASE_FRAME.decode()
         message.header.stamp.sec, message.header.stamp.nanosec = self._cycles.stamp(action.cycle)
         message.point.x, message.point.y, message.point.z = (float(value) for value in action.tcp_m)
         self._located.publish(message)

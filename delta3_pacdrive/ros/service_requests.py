@@ -16,7 +16,7 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.drive.operation_data import TABLE, refusal, value_text
 from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
-from delta3_pacdrive.ros.qos import REQUEST
+from delta3_pacdrive.ros.interfaces import SERVICE_ANSWER, SERVICE_REQUEST
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import (
     ERROR_TEXTS,
@@ -52,8 +52,8 @@ class ServiceDesk:
         self._channels = [ServiceMaster() for _ in DRIVES]
         self._waiting: list[deque[Done]] = [deque() for _ in DRIVES]
         self._accesses = 0
-        self._answers = node.create_publisher(String, 'sercos/service/answer', REQUEST)
-        node.create_subscription(String, 'sercos/service/request', self._on_request, REQUEST)
+        self._answers = SERVICE_ANSWER.publisher(node)
+        SERVICE_REQUEST.subscription(node, self._on_request)
 
     @property
     def busy(self) -> bool:

@@ -11,8 +11,8 @@ from delta3_pacdrive.controller.transformation import (
 )
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.publishers import TelegramOutput
-from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
 
@@ -25,13 +25,13 @@ class TaskOutputs:
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
         self._answers = [
-            (TelegramOutput(node, telegrams.FOLLOWING_ERROR), FOLLOWING_ERROR),
-            (TelegramOutput(node, telegrams.TCP_COMMAND), TCP_COMMAND),
-            (TelegramOutput(node, telegrams.TCP_ACTUAL), TCP_ACTUAL),
-            (TelegramOutput(node, telegrams.TCP_ERROR), TCP_ERROR),
+            (TelegramOutput(node, interfaces.FOLLOWING_ERROR), FOLLOWING_ERROR),
+            (TelegramOutput(node, interfaces.TCP_COMMAND), TCP_COMMAND),
+            (TelegramOutput(node, interfaces.TCP_ACTUAL), TCP_ACTUAL),
+            (TelegramOutput(node, interfaces.TCP_ERROR), TCP_ERROR),
         ]
-        self._joint_states = TelegramOutput(node, telegrams.JOINT_STATES)
-        self.master = TelegramOutput(node, telegrams.MASTER)
+        self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES)
+        self.master = TelegramOutput(node, interfaces.MASTER)
         self._ratio = parameters.dynamics.gear_ratio
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
 

@@ -14,11 +14,12 @@ from std_srvs.srv import SetBool, Trigger
 from delta3_pacdrive import parameters
 from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.ros.interfaces import second_writer
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.phase_up import PATIENCE, PhaseUp, doubled
+from delta3_pacdrive.ros.phase_up import PATIENCE, PhaseUp
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import Identity
@@ -162,7 +163,7 @@ def test_a_second_master_waits_and_the_robot_goes_on(cell: Cell, graph: Any) -> 
     assert second.progress()['phase'] == 'CP0'
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end of the motion')
     assert cell.task.progress()['fault'] == ''
-    graph.spin_until(lambda: 'writers' in doubled(cell.task), 'the warning')
+    graph.spin_until(lambda: 'writers' in second_writer(cell.task), 'the warning')
 
 
 def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell: Cell, graph: Any) -> None:

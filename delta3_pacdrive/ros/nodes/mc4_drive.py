@@ -32,9 +32,10 @@ from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.diagnostics import Health
 from delta3_pacdrive.ros.drive_parameters import WRITABLE, DriveParameters
 from delta3_pacdrive.ros.fault_injection import Faults
+from delta3_pacdrive.ros.interfaces import PHASE_CURRENT
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED, REPORT
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import slave, telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
@@ -113,7 +114,7 @@ class MC4DriveNode(RobotNode):
         self._publish_current = cdr.raw_publish(
             self.create_publisher(JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER)
         )
-        self._phases = Output(self, JointState, f'{axis}/phase_current', REPORT)
+        self._phases = Output(self, PHASE_CURRENT, axis)
         self.create_bounded_subscription(Header, 'sercos/phase', self._on_phase, LATCHED, refuse=self._refuse)
         self.create_subscription(JointState, 'sercos/mdt', self._on_mdt, CYCLIC_SUBSCRIPTION, raw=True)
         self.create_subscription(

@@ -17,7 +17,7 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.faults.fault import parse
 from delta3_pacdrive.faults.schedule import Scheduled
-from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.at_receiver import AtReceiver
 from delta3_pacdrive.ros.deferred_service import create_deferred_service
 from delta3_pacdrive.ros.fault_injection import LEAD_CYCLES, SCHEDULE, Faults
@@ -182,11 +182,14 @@ def test_a_fault_of_the_schedule_befalls_whom_it_is_for_once_and_in_its_session(
     assert 2 * ROBOT.bus.outstanding_cycles_max < LEAD_CYCLES  # everybody has heard of it by then
 
 
+SAID = interfaces.Topic('said', String, interfaces.REPORT, (), (), 'a word', 'now and then')
+
+
 def test_an_output_is_wanted_as_long_as_somebody_listens(graph: Any) -> None:
     node = graph.add(Node, 'speaker')
-    output = Output(node, String, 'said', REPORT)
+    output = Output(node, SAID)
     assert not output.wanted
-    subscription = graph.listener.create_subscription(String, 'said', lambda _: None, REPORT)
+    subscription = SAID.subscription(graph.listener, lambda _: None)
     graph.spin_until(lambda: output.wanted, 'a listener', SOON_S)
     graph.listener.destroy_subscription(subscription)
     graph.spin_until(lambda: not output.wanted, 'his end', SOON_S)
