@@ -6,13 +6,11 @@ pyplot and its global state stay out.
 from __future__ import annotations
 
 import textwrap
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from delta3_pacdrive.errors import FigureError
-
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
+    from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -56,30 +54,8 @@ def dress(axes: Axes) -> None:
     axes.tick_params(labelsize=9)
 
 
-def save(
-    drawings: Mapping[str, Callable[[], Figure]],
-    folder: str | Path,
-    metadata: Mapping[str, str] | None = None,
-) -> list[Path]:
-    """Make figures, write each under its name into ``folder``, made if it is not there; return the paths.
-
-    ``metadata`` goes into the text fields of every file.
-
-    Raises
-    ------
-    FigureError
-        A file cannot be written.
-
-    """
+def save(figure: Figure, path: Path, metadata: Mapping[str, str]) -> None:
+    """Write a figure as PNG, with ``metadata`` in the text fields of the file; raises OSError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    folder = Path(folder)
-    paths = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, make in drawings.items():
-            paths.append(folder / name)
-            FigureCanvasAgg(make()).print_png(paths[-1], metadata=metadata)
-    except OSError as error:
-        raise FigureError(f'cannot write figures to {folder}: {error.strerror or error}') from error
-    return paths
+    FigureCanvasAgg(figure).print_png(path, metadata=metadata)

@@ -10,24 +10,25 @@ from __future__ import annotations
 import math
 import textwrap
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure, save
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
+    from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
     from numpy.typing import NDArray
 
+    from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.numerics.types import Floats
 
 BEFORE_S = 0.05  # shown of the idle cycles before the program
@@ -43,12 +44,7 @@ ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': (0, (4, 2)), 'color': '#111111'}
 
 
-def draw(
-    trace: Trace,
-    folder: str | Path,
-    metadata: Mapping[str, str] | None = None,
-    signals: Sequence[str] | None = None,
-) -> list[Path]:
+def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = None) -> list[Path]:
     """Write the figures of a run as PNG files.
 
     Parameters
@@ -57,9 +53,7 @@ def draw(
         A simulation or a recording; ``meta`` holds ``gear_ratio`` and ``cycle_time_s`` and may hold ``program``,
         ``start_cycle``, ``end_cycle`` and, from ``windowed``, ``window_s``.
     folder
-        Where to write; made if it is not there. Files of the same names are overwritten.
-    metadata
-        Goes into the text fields of every file.
+        Where to write. Files of the same names are overwritten.
     signals
         What is drawn, by the names in ``SIGNALS``; None: the thesis' figures.
 
@@ -80,7 +74,7 @@ def draw(
     for signal in signals or ():
         if signal not in SUBJECTS.values():
             drawings[f'{signal}.png'] = partial(signal_panels, trace, signal)
-    return save(drawings, folder, metadata)
+    return folder.figures(drawings)
 
 
 def shows(figure: str, signals: Sequence[str] | None) -> bool:

@@ -69,11 +69,17 @@ def _arm(options: argparse.Namespace) -> int:
         'files': [],
     }
     if options.figures is not None:
+        from pathlib import Path
+
         from delta3_pacdrive.analysis.provenance import Provenance
+        from delta3_pacdrive.analysis.report_folder import ReportFolder
         from delta3_pacdrive.analysis.two_link_arm import figures
 
-        files = figures.draw(arm, options.point, options.figures, Provenance.of(options.command_line))
-        result['files'] = [str(path) for path in files]
+        folder = ReportFolder(Path(options.figures), Provenance.of(options.command_line))
+        folder.figures(figures.by_name(arm, options.point))
+        folder.table(figures.table(arm))
+        folder.page('Two-link arm', [_text(result)])
+        result['files'] = folder.files
     if options.json:
         print_json(result, options)
     else:

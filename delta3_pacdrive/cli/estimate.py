@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
-from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for
-from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from delta3_pacdrive.analysis.study import OnProgress
 
 GROUPS = ('motor', 'masses', 'geometry', 'thesis')
 
@@ -94,7 +95,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _refuse_ignored(options: argparse.Namespace) -> None:
     """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
-    from delta3_pacdrive.analysis.estimation.run import is_trace
+    from delta3_pacdrive.analysis.inputs import is_recording
     from delta3_pacdrive.errors import EstimationError
 
     given = {
@@ -110,7 +111,7 @@ def _refuse_ignored(options: argparse.Namespace) -> None:
     }
     cases = [
         (
-            any(is_trace(text) for text in options.inputs),
+            any(is_recording(text) for text in options.inputs),
             'the inputs are traces',
             ('--sampling', '--noise', '--seed', '--measurement'),
         ),
@@ -150,61 +151,59 @@ def _refuse_ignored(options: argparse.Namespace) -> None:
 
 
 def _estimate(options: argparse.Namespace) -> int:
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.estimation.run import Settings, Study
-    from delta3_pacdrive.errors import Delta3Error, EstimationError
+    from delta3_pacdrive.analysis.estimation import report
 
     _refuse_ignored(options)
-    announce_compilation()
-    simulation.load_kernels(core.load(options.parameters))
     if options.design:
-        return _design(options)
-    progress = Progress(quiet=options.json)
-    session = None
-    try:
-        with progress:
-            if options.resume:
-                session = Study.resumed(Path(options.resume), options.command_line, progress.show)
-            else:
-                program = 'experiment1' if options.group == 'thesis' else 'excitation'
-                settings = Settings(
-                    options.group,
-                    tuple(options.inputs) or (program,),
-                    options.parameters,
-                    options.sampling,
-                    options.method,
-                    options.noise,
-                    options.seed,
-                    options.start_off,
-                    _symbols(options.free),
-                    _symbols(options.known),
-                )
-                session = Study(settings, Path(options.output), options.command_line, progress.show)
-            document = session.run(Path(options.measurement) if options.measurement else None)
-    except KeyboardInterrupt:
-        where = 'before the first iteration'
-        if session is not None and session.iterate is not None:
-            again = f'delta3 estimate --resume {shlex.quote(str(session.folder))}'
-            where = f'after iteration {session.iterate.number}; {again} goes on from there'
-        print(f'interrupted {where}', file=sys.stderr)
-        return INTERRUPTED
-    except Delta3Error:
-        raise  # some of them are OSErrors too, and know the file that they mean
-    except OSError as error:
-        raise EstimationError(f'cannot write to {options.output}: {error.strerror or error}') from error
-    if options.json:
-        print(json.dumps(document))
-    else:
-        _print(document)
-    return 0
+        return conduct(
+            options,
+            lambda show: _design(options, show),
+            lambda found: [f'{found["file"]}: condition {found["condition"]:.4g}'],
+            lambda: 'interrupted: no program was written',
+        )
+    studies: list[Any] = []
+
+    def work(show: OnProgress) -> dict[str, Any]:
+        studies.append(_study(options, show))
+        summary: dict[str, Any] = studies[0].run(Path(options.measurement) if options.measurement else None)
+        return summary
+
+    def unfinished() -> str:
+        if not studies or studies[0].iterate is None:
+            return 'interrupted before the first iteration'
+        again = f'delta3 estimate --resume {shlex.quote(str(studies[0].folder))}'
+        return f'interrupted after iteration {studies[0].iterate.number}; {again} goes on from there'
+
+    return conduct(options, work, report.text, unfinished)
+
+
+def _study(options: argparse.Namespace, show: OnProgress) -> Any:
+    from delta3_pacdrive.analysis.estimation import run
+    from delta3_pacdrive.analysis.estimation.study import Settings
+
+    if options.resume:
+        return run.Study.resumed(Path(options.resume), options.command_line, show)
+    program = 'experiment1' if options.group == 'thesis' else 'excitation'
+    settings = Settings(
+        options.group,
+        tuple(options.inputs) or (program,),
+        options.parameters,
+        options.sampling,
+        options.method,
+        options.noise,
+        options.seed,
+        options.start_off,
+        _symbols(options.free),
+        _symbols(options.known),
+    )
+    return run.Study(settings, Path(options.output), options.command_line, show)
 
 
 def _symbols(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(',') if part.strip())
 
 
-def _design(options: argparse.Namespace) -> int:
+def _design(options: argparse.Namespace, show: OnProgress) -> dict[str, Any]:
     import yaml
 
     from delta3_pacdrive import parameters as core
@@ -213,19 +212,8 @@ def _design(options: argparse.Namespace) -> int:
     from delta3_pacdrive.errors import EstimationError
 
     robot = core.load(options.parameters)
-    try:
-        with Progress(quiet=options.json) as progress:
-            found = excitation.design(
-                'geometry' if options.group == 'geometry' else 'masses',
-                robot,
-                options.seed,
-                on_progress=lambda done, total, best: progress.show(
-                    f'curve {done}, condition {best:.4g}', done, total
-                ),
-            )
-    except KeyboardInterrupt:
-        print('interrupted: no program was written', file=sys.stderr)
-        return INTERRUPTED
+    group = 'geometry' if options.group == 'geometry' else 'masses'
+    found = excitation.design(group, robot, options.seed, on_progress=show)
     lines = [
         f'condition of the scaled jacobian {found.condition:.4g}, '
         f'{found.first_condition:.4g} after the random search; {found.evaluations} curves',
@@ -240,45 +228,13 @@ def _design(options: argparse.Namespace) -> int:
         Path(options.design).write_text(text, encoding='utf-8')
     except OSError as error:
         raise EstimationError(f'cannot write {options.design}: {error.strerror or error}') from error
-    result = {
+    return {
         'ok': True,
         'file': options.design,
         'condition': found.condition,
         'first_condition': found.first_condition,
         'evaluations': found.evaluations,
     }
-    print(json.dumps(result) if options.json else f'{options.design}: condition {found.condition:.4g}')
-    return 0
-
-
-def _print(document: dict[str, Any]) -> None:
-    for sentence in document.get('explanation', ()):
-        print(sentence)
-    for row in document['estimates']:
-        if row['estimate'] is None:
-            print(f'{row["quantity"]:>14}  {row["verdict"]}: {row["reason"]}')
-            continue
-        half = (row['high_95'] - row['low_95']) / 2.0
-        error = '' if row['true'] is None else f'  true error {100.0 * row["error_relative"]:+.2g} %'
-        share = 100.0 * row['half_width_relative']
-        print(
-            f'{row["quantity"]:>14}  {row["estimate"]:.6g} +- {half:.2g} {row["unit"]} (95 %, {share:.2g} %){error}'
-        )
-    facts = document['identifiability']
-    print(
-        f'{"condition":>14}  {facts["condition"]:.3g} scaled, {facts["condition_of_columns"]:.3g} of the columns'
-    )
-    for group in facts['collinear']:
-        print(f'{"collinear":>14}  {", ".join(group["symbols"])} (index {group["condition_index"]:.0f})')
-    for signal in document['residuals']:
-        colour = 'white' if signal['white'] else f'correlated over {signal["lag"]} samples'
-        print(
-            f'{signal["signal"]:>20}  residuals {signal["rms"]:.3g} {signal["unit"]} rms, '
-            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}; intervals from {signal["intervals_from"]}'
-        )
-    if not document['solver']['converged']:
-        print(f'{"note":>14}  {document["solver"]["message"]}')
-    print('\n'.join(document['files']))
 
 
 if __name__ == '__main__':

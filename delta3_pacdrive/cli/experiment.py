@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.option_types import SEED, number_within
-from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for
-from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,95 +60,22 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _experiment(options: argparse.Namespace) -> int:
-    progress = Progress(quiet=options.json)
-    try:
-        with progress:
-            document = _run(options, progress)
-    except KeyboardInterrupt:
-        print('interrupted: no report was written', file=sys.stderr)
-        return INTERRUPTED
-    print(json.dumps(document)) if options.json else _print(document)
-    return 0
-
-
-def _run(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.experiments import report
-    from delta3_pacdrive.analysis.experiments.attribution import attribute
-    from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
-    from delta3_pacdrive.analysis.provenance import digest
+    from delta3_pacdrive.analysis.experiments import report, run, study
     from delta3_pacdrive.cli import experiment_graph
-    from delta3_pacdrive.motion import program as programs
-    from delta3_pacdrive.recording.trace import Trace
 
-    robots = {'model': core.load(options.parameters), 'robot': core.load(options.robot)}
-    notes = []
-    if options.seed is not None:
-        robots['robot'] = robots['robot'].replace(rich__sensor_seed=options.seed)
-        if not robots['robot'].rich.effects.sensors:
-            notes.append('the robot has no sensor noise, so --seed changes nothing')
-    model, robot = robots.values()
-    # a folder of that name in the working directory is not meant
-    path = core.config_directory() / 'programs' / f'experiment{options.number}.yaml'
-    program = programs.load(path, model.motion)
-    folder = Path(options.output or f'experiment_{options.number}').absolute()
-    names = (options.parameters or core.DEFAULT_FILE, options.robot)
-    provenance = report.provenance_of(
-        options.command_line, model, robot, names, [f'{path.stem} {digest(path)}']
+    settings = study.Settings(
+        options.number, options.parameters, options.robot, options.seed, not options.no_attribution
     )
+    folder = Path(options.output or f'experiment_{options.number}').absolute()
+    graph = None
     if options.graph:
-        experiment_graph.refuse_existing(robots, folder)
-    announce_compilation()
-    simulation.load_kernels(model)
-    report.clear(options.number, folder)
-    files = dict(zip(robots, report.write_parameters(model, robot, folder), strict=True))
-    progress.show('simulation', 0, 0)
-    simulated = {who: simulation.run(program, parameters) for who, parameters in robots.items()}
-    comparison = Comparison.of(*(Run.of(simulated[who], robots[who]) for who in robots))
-    if options.graph:
-        recorded, more = experiment_graph.record(path, files, folder, options.real_time_factor, progress.show)
-        notes += more
-        notes += [f'{who}: {experiment_graph.same_as(recorded[who], simulated[who])}' for who in robots]
-        # a recorder ends without knowing when the program ended
-        ends = {who: {'end_cycle': trace.meta['end_cycle']} for who, trace in simulated.items()}
-        traces = {who: Trace(t.time_s, t.signals, t.meta | ends[who]) for who, t in recorded.items()}
-        comparison = Comparison.of(*(Run.of(traces[who], robots[who]) for who in robots))
-    attribution = None
-    if not options.no_attribution:
-        attribution = attribute(
-            program,
-            Run.of(simulated['model'], model),
-            model,
-            robot,
-            lambda done, total: progress.show(f'effects, {total} simulations', done, total),
-        )
-    progress.show('tables and figures', 0, 0)
-    return report.write(options.number, program.name, comparison, attribution, notes, folder, provenance)
-
-
-def _print(document: dict[str, Any]) -> None:
-    print(document['program'])
-    columns = ('model max', 'rms', 'robot max', 'rms', 'apart max', 'rms', '% of peak')
-    print(f'{"":>42} {"":>8}' + ''.join(f'{column:>11}' for column in columns))
-    for row in document['signals']:
-        if row['column'] not in ('', 'all'):
-            continue
-        keys = ('model_max', 'model_rms', 'robot_max', 'robot_rms', 'deviation_max', 'deviation_rms')
-        values = [row[key] for key in (*keys, 'deviation_max_percent')]
-        numbers = ''.join(f'{"" if value is None else format(value, ".4g"):>11}' for value in values)
-        print(f'{row["text"]:>42} {row["unit"]:>8}{numbers}')
-    print(f'\nWhat the thesis found is {document["verdict"]}.')
-    sentences = [finding['sentence'] for finding in document['findings']]
-    sentences += [document['truth']] if document['truth'] else []
-    print('\n'.join(f'- {sentence}' for sentence in sentences))
-    if document['attribution'] is not None:
-        print('\nWhat explains it (Shapley values; of a deviation shares of its mean square):')
-        print('\n'.join(f'- {sentence}' for sentence in document['attribution']['explanations']))
-    print()
-    for note in document['notes']:
-        print(f'note: {note}')
-    print('\n'.join(document['files']))
+        experiment_graph.refuse_existing(run.FILES, folder)
+        graph = experiment_graph.Graph(folder, options.real_time_factor)
+    return conduct(
+        options,
+        lambda show: run.Study(settings, folder, options.command_line, show, graph).run(),
+        report.text,
+    )
 
 
 if __name__ == '__main__':

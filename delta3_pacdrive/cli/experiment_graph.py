@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording import bag_trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
+    from delta3_pacdrive.analysis.study import OnProgress
     from delta3_pacdrive.recording.trace import Trace
 
 STOP_TIMEOUT_S = 15.0  # for a bring-up that was interrupted: its processes end within seconds
@@ -40,7 +42,7 @@ def record(
     robots: Mapping[str, Path],
     folder: Path,
     real_time_factor: float,
-    on_progress: Callable[[str, int, int], None],
+    on_progress: OnProgress,
 ) -> tuple[dict[str, Trace], list[str]]:
     """Run a program on each robot as a graph of nodes; return the traces and what is to be noted.
 
@@ -87,6 +89,25 @@ def record(
             shutil.rmtree(bag_of(who, folder), ignore_errors=True)
         raise
     return traces, notes
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Runs a program by the nodes of both robots, recorded into bags in a folder."""
+
+    folder: Path
+    real_time_factor: float
+
+    def __call__(
+        self,
+        program: Path,
+        robots: Mapping[str, Path],
+        simulated: Mapping[str, Trace],
+        on_progress: OnProgress,
+    ) -> tuple[dict[str, Trace], list[str]]:
+        """Return the traces, and what is to be noted: also whether they are those of the simulations."""
+        traces, notes = record(program, robots, self.folder, self.real_time_factor, on_progress)
+        return traces, notes + [f'{who}: {same_as(trace, simulated[who])}' for who, trace in traces.items()]
 
 
 def same_as(graph: Trace, simulated: Trace) -> str:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for
-from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 SYMBOLS = ('l_A', 'l_B', 'R_A', 'R_B')
 EXPERIMENTS = ['1', '2', '3']
-PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,15 +83,10 @@ def _error(text: str) -> tuple[str, float]:
 
 
 def _jacobian(options: argparse.Namespace) -> int:
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.jacobian import study
+    from delta3_pacdrive.analysis.jacobian import report, run, study
     from delta3_pacdrive.analysis.jacobian.mapping import Pose
     from delta3_pacdrive.analysis.jacobian.motion import Signals
-    from delta3_pacdrive.analysis.jacobian.run import run
 
-    announce_compilation()
-    simulation.load_kernels(core.load(options.parameters))
     settings = study.Settings(
         tuple(options.inputs),
         options.parameters,
@@ -101,43 +94,12 @@ def _jacobian(options: argparse.Namespace) -> int:
         Pose(options.pose),
         Signals(options.signals),
     )
-    try:
-        with Progress(quiet=options.json) as progress:
-            document = run(settings, Path(options.output), options.command_line, progress.show)
-    except KeyboardInterrupt:
-        print(f'interrupted: {options.output} holds no report of this study', file=sys.stderr)
-        return INTERRUPTED
-    if options.json:
-        print(json.dumps(document))
-    else:
-        _print(document)
-    return 0
-
-
-def _print(document: dict[str, Any]) -> None:
-    from delta3_pacdrive.analysis.jacobian.report import error_text, number
-
-    columns = ('exact lengths', error_text(document['errors_m']), 'all 1 mm off, at worst')
-    widths = [max(len(column), 17) for column in columns]
-    titles = '  '.join(column.rjust(width) for column, width in zip(columns, widths, strict=True))
-    print(f'{"":>14}  {titles}')
-    print(f'{"":>14}  {"  ".join("peak / momentary*".rjust(width) for width in widths)}')
-    for row in document['trajectories']:
-        low, high = row['condition']['min'], row['condition']['max']
-        print(f'{row["name"]}: {row["samples"]} samples, cond(J) {low:.2f} to {high:.2f}')
-        for quantity in ('velocity', 'acceleration'):
-            cells = [{key: row[which][quantity][key]['max'] for key in PERCENTAGES} for which in COMPARED]
-            cells.append(row['every_length_1_mm_off'][quantity])
-            texts = [' / '.join(number(cell[key]).rjust(7) for key in PERCENTAGES) for cell in cells]
-            line = '  '.join(text.rjust(width) for text, width in zip(texts, widths, strict=True))
-            print(f'{quantity:>14}  {line}')
-    share = f'{100.0 * document["threshold"]:g} %'
-    print(
-        f'largest deviations in percent of the peak, and of the momentary value (* where above {share} of the peak)'
+    return conduct(
+        options,
+        lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
+        report.text,
+        lambda: f'interrupted: {options.output} holds no report of this study',
     )
-    for sentence in document['findings']:
-        print(f'- {sentence}')
-    print('\n'.join(document['files']))
 
 
 if __name__ == '__main__':

@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,10 +62,12 @@ def _signals(text: str) -> list[str]:
 
 def _plot(options: argparse.Namespace) -> int:
     from delta3_pacdrive.analysis import run_figures
-    from delta3_pacdrive.analysis.provenance import Provenance, digest
+    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.recording import bag_trace
 
-    trace, folder = bag_trace.load(options.recording), Path(options.output)
+    trace = bag_trace.load(options.recording)
     period, starts = trace.meta.get('cycle_time_s'), trace.meta.get('starts', [])
     if len(starts) > 1 and period:
         told = ', '.join(f'{(start - trace.meta["start_cycle"]) * period:g}' for start in starts)
@@ -73,18 +76,19 @@ def _plot(options: argparse.Namespace) -> int:
     if windowed:
         trace = run_figures.windowed(trace, options.from_s, options.to_s)
     # what was recorded knows its parameters itself
-    inputs = [f'{options.recording} {digest(Path(options.recording))}']
-    origin = Provenance.of(options.command_line, inputs=inputs).lines()
-    origin['parameters'] = str(trace.meta.get('checksum', 'unknown'))
-    paths = run_figures.draw(trace, folder, origin, options.signals)
-    trace.meta['plotted'] = origin
-    paths.append(folder / 'signals.csv')
-    bag_trace.save(_written(trace, windowed, options.signals), paths[-1])
-    files = [str(path) for path in paths]
+    origin = Provenance.of(options.command_line, inputs=noted([options.recording]))
+    origin = replace(origin, parameters=str(trace.meta.get('checksum', 'unknown')))
+    folder = ReportFolder(Path(options.output), origin)
+    run_figures.draw(trace, folder, options.signals)
+    trace.meta['plotted'] = origin.lines()
+    data = folder.path / 'signals.csv'
+    bag_trace.save(_written(trace, windowed, options.signals), data)
+    folder.add(data)
+    folder.page(f'Figures of {options.recording}')
     if options.json:
-        print(json.dumps({'ok': True, 'files': files, 'provenance': origin}))
+        print(json.dumps({'ok': True, 'files': folder.files, 'provenance': origin.lines()}))
     else:
-        print('\n'.join(files))
+        print('\n'.join(folder.files))
     return 0
 
 

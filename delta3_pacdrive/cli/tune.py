@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.option_types import NOISE, SEED, trace_file
 from delta3_pacdrive.cli.output import (
-    INTERRUPTED,
     add_parameter_options,
-    announce_compilation,
     finite_number,
     guarded,
     parser_for,
 )
-from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from delta3_pacdrive.analysis.study import OnProgress
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,8 +95,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _tune(options: argparse.Namespace) -> int:
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.tuning.run import Study, robot_of
+    from delta3_pacdrive.analysis.tuning import report, run
     from delta3_pacdrive.analysis.tuning.study import Settings
 
     settings = Settings(
@@ -114,27 +111,20 @@ def _tune(options: argparse.Namespace) -> int:
         options.recording,
         options.exchange_period,
     )
-    announce_compilation()
-    simulation.load_kernels(robot_of(settings))
-    try:
-        with Progress(quiet=options.json) as progress:
-            if options.excite:
-                result = _excite(options, settings, progress)
-            else:
-                result = Study(settings, Path(options.output), options.command_line, progress.show).run()
-    except KeyboardInterrupt:
-        print('interrupted: no report was written', file=sys.stderr)
-        return INTERRUPTED
-    if options.json:
-        print(json.dumps(result))
-    elif options.excite:
-        print(f'{options.excite}: {result["samples"]} samples of {1e6 * result["sample_time_s"]:g} us')
-    else:
-        _print(result)
-    return 0
+    if options.excite:
+        return conduct(options, lambda show: _excite(options, settings, show), _excitation_text)
+    return conduct(
+        options,
+        lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
+        report.text,
+    )
 
 
-def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> dict[str, Any]:
+def _excitation_text(result: dict[str, Any]) -> list[str]:
+    return [f'{result["file"]}: {result["samples"]} samples of {1e6 * result["sample_time_s"]:g} us']
+
+
+def _excite(options: argparse.Namespace, settings: Any, show: OnProgress) -> dict[str, Any]:
     from delta3_pacdrive.analysis.estimation import measurement
     from delta3_pacdrive.analysis.tuning.bench import Place
     from delta3_pacdrive.analysis.tuning.oscilloscope import SPEED_SHARE, Excitation, record
@@ -153,9 +143,9 @@ def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> d
         SPEED_SHARE * settings.speed_rad_s,
         settings.amplitude,
     )
-    trace = record(robot, excitation, lambda done, total: progress.show('excitation', done, total))
+    trace = record(robot, excitation, show)
     trace = measurement.with_noise(trace, robot, options.noise, options.seed)
-    progress.show('writing', 0, 0)
+    show('writing', 0, 0)
     bag_trace.save(trace, options.excite)
     return {
         'ok': True,
@@ -164,125 +154,6 @@ def _excite(options: argparse.Namespace, settings: Any, progress: Progress) -> d
         'sample_time_s': trace.meta['sample_time_s'],
         'signals': sorted(trace.signals),
     }
-
-
-def _print(document: dict[str, Any]) -> None:
-    load = document['load']
-    print(
-        f'{load["name"]}: {1e4 * load["inertia_kg_m2"]:.3f}e-4 kg m2 and {load["gravity_n_m"]:.3f} N m at the shaft, '
-        f'which turns at {document["speed_rad_s"]:g} rad/s'
-    )
-    for change in document['changes']:
-        print(f'{change["parameter"]}: {change["before"]:g} before, {change["after"]:g} after')
-    _print_loops(document['variants'])
-    _print_workspace(document['variants'])
-    _print_effect(document)
-    for one in document['recorded']:
-        band, near = one['trusted_hz'], one['agreement']
-        told = 'no frequency is trustworthy' if band is None else (
-            f'{band[0]:.3g} to {band[1]:.4g} Hz trustworthy, '
-            f'within {near["decibels"]:.2f} dB and {near["degrees"]:.1f} deg of the linear one'
-        )  # fmt: skip
-        if one['margins'] is not None:
-            margins = [one['margins'][key] for key in ('phase_margin_deg', 'gain_margin_db')]
-            told += f'; margins {_cell(margins[0], "{:.1f} deg")} and {_cell(margins[1], "{:.1f} dB")}'
-        print(f'recorded, axis {one["axis"]}, {one["title"]}: {told}')
-    if document['sweep']:
-        _print_sweep(document['sweep'])
-    print('\n'.join(document['files']))
-
-
-def _print_loops(variants: dict[str, Any]) -> None:
-    print(
-        '\n  loop      gains   crossover  phase m.  gain m.  delay m.    Ms  bandwidth     rise  overshoot  settling'
-    )
-    for loop in next(iter(variants.values()))['loops']:
-        for name, variant in variants.items():
-            row = variant['loops'][loop]
-            step = row.get('step') or {}
-            step = {key: _scaled(value, 100.0 if key == 'overshoot' else 1e3) for key, value in step.items()}
-            cells = [
-                _cell(row['crossover_hz'], '{:8.4g} Hz'), _cell(row['phase_margin_deg'], '{:6.1f} deg'),
-                _cell(row['gain_margin_db'], '{:5.1f} dB'), _cell(_scaled(row['delay_margin_s'], 1e3), '{:6.2f} ms'),
-                _cell(row['sensitivity_peak'], '{:5.2f}'), _cell(row['bandwidth_hz'], '{:7.4g} Hz'),
-                _cell(step.get('rise_time_s'), '{:6.2f} ms'), _cell(step.get('overshoot'), '{:7.1f} %'),
-                _cell(step.get('settling_time_s'), '{:6.1f} ms'),
-            ]  # fmt: skip
-            state = '' if row['stable'] else '  UNSTABLE'
-            print(f'  {loop:<9} {name:<7} {"  ".join(cells)}{state}')
-            if 'fault' in row:
-                print(f'  {"":<9} {name:<7} on the bench: {row["fault"]}')
-    for name, variant in variants.items():
-        for sentence in variant['instability']:
-            print(f'  {name}: {sentence}')
-        near = [loop['agreement'] for loop in variant['loops'].values() if loop.get('agreement')]
-        if near:
-            distance = (max(a[unit] for a in near) for unit in ('decibels', 'degrees'))
-            told = '{:.2f} dB and {:.1f} deg'.format(*distance)
-            print(f'  drive on the bench against linear loops, {name}: within {told} where it is trustworthy')
-
-
-def _print_workspace(variants: dict[str, Any]) -> None:
-    period = 1e3 * next(iter(variants.values()))['exchange_period_s']
-    print(
-        f'\n  inertia at shaft  gains    velocity loop: crossover, phase m., gain m.  position  '
-        f'cascade: Ms  gain m. exchanged every {period:g} ms'
-    )
-    for name, variant in variants.items():
-        for row in variant['workspace']:
-            speed, position, cascade = (row[key] for key in ('velocity', 'position', 'cascade'))
-            exchanged = row['exchanged']
-            told = _cell(exchanged['gain_margin_db'], '{:5.1f} dB') if exchanged['stable'] else 'UNSTABLE'
-            cells = [
-                _cell(speed['crossover_hz'], '{:13.4g} Hz'), _cell(speed['phase_margin_deg'], '{:7.1f} deg'),
-                _cell(speed['gain_margin_db'], '{:5.1f} dB'), _cell(position['phase_margin_deg'], '{:8.1f} deg'),
-                _cell(cascade['sensitivity_peak'], '{:8.2f}'), f'{told:>11}',
-            ]  # fmt: skip
-            print(
-                f'  {1e4 * row["inertia_kg_m2"]:6.2f}e-4 kg m2   {name:<7}{"  ".join(cells)}  {row["load"]}'
-            )
-
-
-def _print_effect(document: dict[str, Any]) -> None:
-    print(f'\n  {document["program"]}')
-    for name, variant in document['variants'].items():
-        effect = variant['effect']
-        if effect['following_error_max_rad'] is None:
-            print(f'  {name:<7} stops: {effect["fault"]}')
-            continue
-        print(
-            f'  {name:<7} following error {1e3 * math.degrees(effect["following_error_max_rad"]):.2f}e-3 deg max, '
-            f'{1e3 * math.degrees(effect["following_error_rms_rad"]):.2f}e-3 deg rms; TCP error '
-            f'{1e6 * effect["tcp_error_max_m"]:.1f} um max, {1e6 * effect["tcp_error_rms_m"]:.1f} um rms; '
-            f'current {effect["current_peak_a"]:.2f} A max{"; " + effect["fault"] if effect["fault"] else ""}'
-        )
-
-
-def _print_sweep(points: list[dict[str, Any]]) -> None:
-    print(
-        '\n  value       phase margin: current, velocity, position   overshoot: velocity, position   following error'
-    )
-    for point in points:
-        loops = point['loops']
-        margins = '  '.join(_cell(loop['phase_margin_deg'], '{:6.1f} deg') for loop in loops.values())
-        over = '  '.join(
-            _cell(_scaled(point['overshoot'][n], 100.0), '{:6.1f} %') for n in ('velocity', 'position')
-        )
-        error = point['effect']['following_error_max_rad']
-        told = point['effect']['fault'] if error is None else f'{1e3 * math.degrees(error):.2f}e-3 deg'
-        state = '' if point['workspace_stable'] else '  unstable in the workspace'
-        if not all(loop['stable'] for loop in loops.values()):
-            state = '  UNSTABLE'
-        print(f'  {point["value"]:<10.5g}  {margins}   {over}   {told}{state}')
-
-
-def _cell(value: float | None, form: str) -> str:
-    """Return a number in its form, or a dash in its place."""
-    return form.format(value) if value is not None else '-'.rjust(len(form.format(0.0)))
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
 
 
 if __name__ == '__main__':

@@ -21,6 +21,7 @@ from delta3_pacdrive.analysis.estimation.identifiability import Identifiability,
 from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, slope
 from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS
+from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.errors import EstimationError, ProgramError, UnreachableError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.motion import program_planner
@@ -29,8 +30,6 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from delta3_pacdrive.analysis.estimation.quantities import Quantity
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.parameters import Parameters
@@ -154,11 +153,11 @@ def design(
     seed: int = 0,
     tries: int = 60,
     refinements: int = 240,
-    on_progress: Callable[[int, int, float], None] | None = None,
+    on_progress: OnProgress = silent,
 ) -> Design:
     """Find an exciting program for a group; raises EstimationError if no curve can be planned.
 
-    The same seed gives the same program. ``on_progress`` is called with the curves tried, all, and the best condition.
+    The same seed gives the same program. ``on_progress`` is told the curves tried and the best condition.
     """
     generator = np.random.default_rng(seed)
     state = {'best': math.inf, 'count': 0}
@@ -172,8 +171,8 @@ def design(
             found = math.inf
         state['best'] = min(state['best'], found)
         state['count'] += 1
-        if on_progress is not None:
-            on_progress(int(state['count']), tries + refinements, state['best'])
+        count = int(state['count'])
+        on_progress(f'curve {count}, condition {state["best"]:.4g}', count, tries + refinements)
         return found
 
     order = np.repeat(np.arange(1, HARMONICS + 1), 6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,23 @@ ERROR_MIN_PERCENT = 1e-6  # shown on a logarithmic axis
 POINTS_MAX = 3000  # of a line over time
 LAGS = 60
 IDEAL_STEP_MIN = 1e-5  # of the slopes through an ideal encoder that are drawn
+
+
+def of_fit(fit: Fit, problem: Problem, rows: list[dict[str, Any]], provenance: Provenance) -> dict[str, Any]:
+    """Return what draws each figure of an estimation, by file name; ``rows`` are its estimates."""
+    return {
+        'estimates.png': partial(estimates, rows, provenance),
+        'sensitivities.png': partial(sensitivities, fit, problem, provenance),
+        'residuals.png': partial(residuals, fit, problem, provenance),
+    }
+
+
+def of_thesis(study: ThesisStudy, provenance: Provenance) -> dict[str, Any]:
+    """Return what draws each figure of the estimation of chapter 9, by file name."""
+    return {
+        'quotients.png': partial(quotients, study, provenance),
+        'attempts.png': partial(attempts, study, provenance),
+    }
 
 
 def estimates(rows: list[dict[str, Any]], provenance: Provenance) -> Figure:

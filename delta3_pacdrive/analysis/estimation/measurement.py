@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.mc4 import mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.errors import EstimationError, RunError
@@ -20,8 +21,6 @@ from delta3_pacdrive.sercos.increments import on_grid
 from delta3_pacdrive.simulation.robot import Robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.parameters import Parameters
 
@@ -97,7 +96,7 @@ def simulate(
     program: Program,
     parameters: Parameters,
     sampling: str = 'drive',
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnProgress = silent,
 ) -> Trace:
     """Run a program and return exact signals, with ``tcp_measured`` besides those of a run.
 
@@ -111,7 +110,7 @@ def simulate(
         'bus': once per bus cycle, as a recording. 'drive': every period of the current loop, with the voltage of the
         phases, by exchanges of two such periods; ``shaft_position`` and ``shaft_speed`` are exact there.
     on_progress
-        Called with bus cycles that are done and all.
+        Told bus cycles that are done and all.
 
     Raises
     ------
@@ -135,9 +134,7 @@ def simulate(
     return trace
 
 
-def _run_with_oscilloscope(
-    program: Program, parameters: Parameters, on_progress: Callable[[int, int], None] | None
-) -> Trace:
+def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress: OnProgress) -> Trace:
     """Run drives and plant period by period: the same bits as the simulation with two periods per exchange."""
     period = parameters.drive.current_period_s
     finest = parameters.replace(bus__exchange_period_s=max(125e-6, parameters.drive.velocity_period_s))
@@ -155,8 +152,8 @@ def _run_with_oscilloscope(
         if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
             raise RunError(f'a drive is without torque in bus cycle {cycle}, status {status}')
         task.receive(cycle, answers[0], answers[2])
-        if on_progress is not None and cycle % 50 == 0:
-            on_progress(cycle, cycles)
+        if cycle % 50 == 0:
+            on_progress('measurement', cycle, cycles)
     meta = {
         'program': planned.name,
         'checksum': parameters.checksum,

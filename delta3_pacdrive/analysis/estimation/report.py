@@ -1,4 +1,4 @@
-"""What an estimation leaves behind: a report as JSON, tables as CSV, and with each how it can be repeated."""
+"""An estimation in words and numbers: the summary, the text for people, the tables."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from delta3_pacdrive.analysis.estimation.identifiability import Verdict
 from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, TABLE, values_of
 from delta3_pacdrive.analysis.estimation.solver import COLOURED, quieter_than_sensors
 from delta3_pacdrive.analysis.estimation.thesis_setup import FACTORS, SYMBOLS, explanation
-from delta3_pacdrive.analysis.provenance import write_table
+from delta3_pacdrive.analysis.report_folder import Table
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from delta3_pacdrive.analysis.estimation.identifiability import Identifiability
     from delta3_pacdrive.analysis.estimation.problem import Problem
     from delta3_pacdrive.analysis.estimation.solver import Fit
@@ -84,7 +82,7 @@ def sensitivity_table(report: Identifiability, problem: Problem) -> list[dict[st
     return rows
 
 
-def fit_document(
+def fit_summary(
     fit: Fit, problem: Problem, parameters: Parameters, truth_known: bool, provenance: Provenance
 ) -> dict[str, Any]:
     """Return the report of an estimation, ready for JSON."""
@@ -126,9 +124,9 @@ def fit_document(
     }
 
 
-def study_document(study: ThesisStudy, cure: dict[str, Any]) -> dict[str, Any]:
-    """Return the report of the thesis' set-up; ``cure`` is that of its last estimation."""
-    return cure | {
+def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
+    """Return what the report of the thesis' set-up has beside that of its last estimation."""
+    return {
         'explanation': explanation(study),
         'quotients': [asdict(q) for q in study.quotients],
         'profiles': study.profiles,
@@ -136,53 +134,85 @@ def study_document(study: ThesisStudy, cure: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def write_fit_tables(
-    document: dict[str, Any], fit: Fit, problem: Problem, folder: Path, provenance: Provenance
-) -> list[Path]:
-    """Write ``estimates.csv``, ``sensitivities.csv`` and ``residuals_N.csv`` for each signal."""
+def text(document: dict[str, Any]) -> list[str]:
+    """Return the lines of a summary that people read."""
+    lines = list(document.get('explanation', ()))
+    for row in document['estimates']:
+        if row['estimate'] is None:
+            lines.append(f'{row["quantity"]:>14}  {row["verdict"]}: {row["reason"]}')
+            continue
+        half = (row['high_95'] - row['low_95']) / 2.0
+        error = '' if row['true'] is None else f'  true error {100.0 * row["error_relative"]:+.2g} %'
+        share = 100.0 * row['half_width_relative']
+        lines.append(
+            f'{row["quantity"]:>14}  {row["estimate"]:.6g} +- {half:.2g} {row["unit"]} (95 %, {share:.2g} %){error}'
+        )
+    facts = document['identifiability']
+    lines.append(
+        f'{"condition":>14}  {facts["condition"]:.3g} scaled, {facts["condition_of_columns"]:.3g} of the columns'
+    )
+    for group in facts['collinear']:
+        lines.append(
+            f'{"collinear":>14}  {", ".join(group["symbols"])} (index {group["condition_index"]:.0f})'
+        )
+    for signal in document['residuals']:
+        colour = 'white' if signal['white'] else f'correlated over {signal["lag"]} samples'
+        lines.append(
+            f'{signal["signal"]:>20}  residuals {signal["rms"]:.3g} {signal["unit"]} rms, '
+            f'sensor noise {signal["sensor_noise"]:.3g}, {colour}; intervals from {signal["intervals_from"]}'
+        )
+    if not document['solver']['converged']:
+        lines.append(f'{"note":>14}  {document["solver"]["message"]}')
+    return lines
+
+
+def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Table]:
+    """Return estimates, sensitivities, and the residuals of each signal."""
     own = dict.fromkeys(('start', 'estimate', 'low_95', 'high_95', 'true', 'scale'), '[unit]')
     units = own | dict.fromkeys(('half_width_relative', 'error_relative', 'relative_error'), '[1]')
-    paths = []
+    made = []
     for name, rows in (
         ('estimates', document['estimates']),
         ('sensitivities', document['identifiability']['quantities']),
     ):
-        keys = list(rows[0])
         header = [
             f'{key} [noise]' if key.startswith('sensitivity') else f'{key} {units.get(key, "")}'.strip()
-            for key in keys
+            for key in rows[0]
         ]
-        table = [['' if row[key] is None else row[key] for key in keys] for row in rows]
-        paths.append(write_table(folder / f'{name}.csv', header, table, provenance))
+        made.append(Table(f'{name}.csv', header, [list(row.values()) for row in rows]))
     for number, (block, array) in enumerate(zip(problem.blocks, fit.residuals, strict=True), start=1):
         every = -(-len(array) // ROWS_MAX)
-        times = block.start_s + block.period_s * np.arange(len(array))
-        suffixes = 'xyz' if block.name == 'TCP' else '123'
-        header = ['time [s]', *(f'residual of {block.name} {suffix} [{block.unit}]' for suffix in suffixes)]
-        rows = np.column_stack([times, array])[::every].tolist()
-        paths.append(write_table(folder / f'residuals_{number}.csv', header, rows, provenance))
-    return paths
+        columns = {'time [s]': (block.start_s + block.period_s * np.arange(len(array)))[::every]}
+        for suffix, column in zip('xyz' if block.name == 'TCP' else '123', array.T, strict=True):
+            columns[f'residual of {block.name} {suffix} [{block.unit}]'] = column[::every]
+        made.append(Table.of_columns(f'residuals_{number}.csv', columns))
+    return made
 
 
-def write_study_tables(study: ThesisStudy, folder: Path, provenance: Provenance) -> list[Path]:
-    """Write ``quotients.csv``, ``profiles.csv`` and ``attempts.csv``."""
-    quotients = [list(asdict(q).values()) for q in study.quotients]
-    header = [
+def thesis_tables(study: ThesisStudy) -> list[Table]:
+    """Return difference quotients, profiles of the cost, and attempts."""
+    quotients = [
         'quantity', 'step [1]', 'quotient through encoder [noise per 100 %]',
         'quotient with ideal encoder [noise per 100 %]', 'cosine to the true slope [1]',
         'largest change of a shaft [increments]',
     ]  # fmt: skip
-    paths = [write_table(folder / 'quotients.csv', header, quotients, provenance)]
-    profiles = zip(FACTORS, *(study.profiles[s] for s in SYMBOLS), strict=True)
-    header = ['factor [1]', *(f'cost over {s} less its minimum [noise^2]' for s in SYMBOLS)]
-    paths.append(write_table(folder / 'profiles.csv', header, profiles, provenance))
-    header = ['step [1]', 'start off [1]', *(f'{s} moved [1]' for s in SYMBOLS),
-              'cost at start [SI]', 'cost [SI]', 'simulations', 'message']  # fmt: skip
-    attempts = [
-        [a.step, a.off, *a.moved, a.cost_start, a.cost, a.evaluations, a.message] for a in study.attempts
+    profiles = ['factor [1]', *(f'cost over {s} less its minimum [noise^2]' for s in SYMBOLS)]
+    attempts = ['step [1]', 'start off [1]', *(f'{s} moved [1]' for s in SYMBOLS),
+                'cost at start [SI]', 'cost [SI]', 'simulations', 'message']  # fmt: skip
+    return [
+        Table('quotients.csv', quotients, [list(asdict(q).values()) for q in study.quotients]),
+        Table(
+            'profiles.csv', profiles, list(zip(FACTORS, *(study.profiles[s] for s in SYMBOLS), strict=True))
+        ),
+        Table(
+            'attempts.csv',
+            attempts,
+            [
+                [a.step, a.off, *a.moved, a.cost_start, a.cost, a.evaluations, a.message]
+                for a in study.attempts
+            ],
+        ),
     ]
-    paths.append(write_table(folder / 'attempts.csv', header, attempts, provenance))
-    return paths
 
 
 def _finite(value: float) -> float | None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.analysis import figure_style
 from delta3_pacdrive.analysis.estimation import figures, report, thesis_setup
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.analysis.estimation.measurement import sample_time_s, simulate, with_noise
@@ -20,90 +18,28 @@ from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS, start_values
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import Iterate, fit
-from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json
+from delta3_pacdrive.analysis.estimation.study import Settings
+from delta3_pacdrive.analysis.inputs import is_recording, noted
+from delta3_pacdrive.analysis.provenance import Provenance, write_json
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.recording.bag_trace import load, save
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from delta3_pacdrive.analysis.estimation.problem import Model
     from delta3_pacdrive.analysis.estimation.quantities import Quantity
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.recording.trace import Trace
 
-    OnProgress = Callable[[str, int, int], None]
-
 THESIS = 'thesis'
-GROUP_NAMES = (*GROUPS, THESIS)
-METHODS = ('auto', 'balance', 'replay')
-SAMPLINGS = ('drive', 'bus')
-SETTINGS, ITERATE, REPORT = 'session.json', 'iterate.json', 'report.json'
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What an estimation depends on, apart from the contents of its files.
-
-    Attributes
-    ----------
-    group
-        One of ``GROUP_NAMES``.
-    inputs
-        Traces (.npz, .csv, folders of bags), or one program to be simulated as measurement.
-    parameters
-        Parameter file; None: the packaged one.
-    sampling
-        Of a simulated measurement: 'drive' or 'bus'.
-    method
-        For the mechanical part: 'balance' of torques, 'replay' of the closed loop, or what fits the sampling.
-    noise, seed
-        Of a simulated measurement: multiple of typical sensor noise, and its seed.
-    start_off
-        Share by which the estimation starts beside the values of the parameter file; None: 0.3 for a simulated
-        measurement, 0 for a trace.
-    free, known
-        Symbols that are freed, or held, beside what the group does by itself.
-
-    """
-
-    group: str
-    inputs: tuple[str, ...] = ('excitation',)
-    parameters: str | None = None
-    sampling: str = 'drive'
-    method: str = 'auto'
-    noise: float = 0.0
-    seed: int = 0
-    start_off: float | None = None
-    free: tuple[str, ...] = ()
-    known: tuple[str, ...] = ()
-
-    @property
-    def off(self) -> float:
-        """Share by which the estimation starts beside the parameter file."""
-        if self.start_off is not None:
-            return self.start_off
-        return 0.3 if self.simulates else 0.0
-
-    @property
-    def simulates(self) -> bool:
-        """Whether the measurement is simulated."""
-        return not any(is_trace(text) for text in self.inputs)
-
-
-def is_trace(text: str) -> bool:
-    """Whether an input is a trace: a folder, or a file that is no program."""
-    path = Path(text)
-    return path.is_dir() or path.suffix.lower() in ('.npz', '.csv')
+SETTINGS, ITERATE = 'session.json', 'iterate.json'
 
 
 @dataclass
 class Study:
-    """An estimation in a folder.
-
-    ``on_progress`` is called with a stage in words, what is done and all of it (0: not known).
-    """
+    """An estimation in a folder, which can go on from its last accepted iterate."""
 
     settings: Settings
     folder: Path
@@ -116,7 +52,7 @@ class Study:
     def __post_init__(self) -> None:
         """Read the parameters and refuse settings that contradict one another."""
         self.robot = core.load(self.settings.parameters)
-        traces = [is_trace(text) for text in self.settings.inputs]
+        traces = [is_recording(text) for text in self.settings.inputs]
         if any(traces) and not all(traces):
             raise EstimationError('the inputs must all be traces, or one program')
         if not any(traces) and len(traces) > 1:
@@ -171,61 +107,49 @@ class Study:
         # inputs are read first: one that cannot be read leaves an earlier estimation as it is
         origin = {'settings': asdict(self.settings), 'stamp': self._stamp(), 'command': self.command}
         if self.iterate is None:
-            (self.folder / ITERATE).unlink(missing_ok=True)
+            ReportFolder(self.folder, self._provenance()).clear([ITERATE])
         write_json(origin, self.folder / SETTINGS)
         if self.settings.group == THESIS:
-            return self._run_thesis()
-        traces = self._traces(measurement)
-        quantities = self.quantities
-        models = [model for trace in traces for model in self.models(trace)]
-        problem = Problem(quantities, models, self.robot)
-        start = start_values(quantities, self.robot, self.settings.off)
-        if self.iterate is not None and len(self.iterate.x) != len(start):
-            raise EstimationError(f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values')
-        found = fit(problem, start, self._keep, self.iterate)
-        provenance = self.provenance()
-        document = report.fit_document(found, problem, self.robot, self.settings.simulates, provenance)
+            study = self._repeat_thesis()
+            found, problem = study.cure, study.problem
+        else:
+            study, problem = None, self._problem(measurement)
+            start = start_values(self.quantities, self.robot, self.settings.off)
+            if self.iterate is not None and len(self.iterate.x) != len(start):
+                raise EstimationError(
+                    f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
+                )
+            found = fit(problem, start, self._keep, self.iterate)
+        folder = ReportFolder(self.folder, self._provenance())
+        document = report.fit_summary(found, problem, self.robot, self.settings.simulates, folder.provenance)
         self.on_progress('tables and figures', 0, 0)
-        tables = report.write_fit_tables(document, found, problem, self.folder, provenance)
-        drawings = {
-            'estimates.png': partial(figures.estimates, document['estimates'], provenance),
-            'sensitivities.png': partial(figures.sensitivities, found, problem, provenance),
-            'residuals.png': partial(figures.residuals, found, problem, provenance),
-        }
-        return self._finish(document, tables, drawings)
+        tables = report.fit_tables(document, found, problem)
+        drawings = figures.of_fit(found, problem, document['estimates'], folder.provenance)
+        if study is not None:
+            document |= report.thesis_summary(study)
+            tables += report.thesis_tables(study)
+            drawings = figures.of_thesis(study, folder.provenance) | drawings
+        for table in tables:
+            folder.table(table)
+        folder.figures(drawings)
+        return folder.summary(f'Estimation: {self.settings.group}', document, report.text(document))
 
-    def _run_thesis(self) -> dict[str, Any]:
-        settings = self.settings
-        program = programs.load(settings.inputs[0], self.robot.motion)
-        found = thesis_setup.study(
-            program,
+    def _problem(self, measurement: Path | None) -> Problem:
+        models = [model for trace in self._traces(measurement) for model in self.models(trace)]
+        return Problem(self.quantities, models, self.robot)
+
+    def _repeat_thesis(self) -> thesis_setup.ThesisStudy:
+        chosen = self.settings
+        return thesis_setup.study(
+            programs.load(chosen.inputs[0], self.robot.motion),
             self.robot,
-            settings.off,
-            settings.noise,
-            settings.seed,
+            chosen.off,
+            chosen.noise,
+            chosen.seed,
             self.on_progress,
             self._keep,
             self.iterate,
         )
-        provenance = self.provenance()
-        cure = report.fit_document(found.cure, found.problem, self.robot, True, provenance)
-        document = report.study_document(found, cure)
-        tables = report.write_fit_tables(cure, found.cure, found.problem, self.folder, provenance)
-        tables += report.write_study_tables(found, self.folder, provenance)
-        drawings = {
-            'quotients.png': partial(figures.quotients, found, provenance),
-            'attempts.png': partial(figures.attempts, found, provenance),
-            'estimates.png': partial(figures.estimates, cure['estimates'], provenance),
-            'sensitivities.png': partial(figures.sensitivities, found.cure, found.problem, provenance),
-            'residuals.png': partial(figures.residuals, found.cure, found.problem, provenance),
-        }
-        return self._finish(document, tables, drawings)
-
-    def _finish(self, document: dict[str, Any], tables: list[Path], drawings: Any) -> dict[str, Any]:
-        pictures = figure_style.save(drawings, self.folder, self.provenance().lines())
-        document['files'] = [str(path) for path in (self.folder / REPORT, *tables, *pictures)]
-        write_json(document, self.folder / REPORT)
-        return document
 
     def models(self, trace: Trace) -> list[Model]:
         """Return the models that a trace of the group has the signals for.
@@ -268,12 +192,10 @@ class Study:
             ReplayModel(trace, self.robot) if method == 'replay' else TorqueModel(trace, self.robot),
         ]
 
-    def provenance(self) -> Provenance:
-        """Return how the outputs come about."""
-        settings = self.settings
-        inputs = [f'{text} {found}' for text, found in zip(settings.inputs, self._digests(), strict=True)]
-        seed = settings.seed if settings.simulates else None
-        return Provenance.of(self.command, self.robot, settings.parameters, inputs, seed)
+    def _provenance(self) -> Provenance:
+        chosen = self.settings
+        seed = chosen.seed if chosen.simulates else None
+        return Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs), seed)
 
     def _traces(self, measurement: Path | None) -> list[Trace]:
         settings = self.settings
@@ -282,9 +204,7 @@ class Study:
             return [load(text) for text in settings.inputs]
         program = programs.load(settings.inputs[0], self.robot.motion)
         sampling = 'bus' if settings.group == 'geometry' else settings.sampling
-        exact = simulate(
-            program, self.robot, sampling, lambda done, total: self.on_progress('measurement', done, total)
-        )
+        exact = simulate(program, self.robot, sampling, self.on_progress)
         trace = with_noise(exact, self.robot, settings.noise, settings.seed)
         if measurement is not None:
             save(trace, measurement)
@@ -297,13 +217,9 @@ class Study:
         write_json(document, self.folder / ITERATE)
         self.on_progress(f'iteration {iterate.number}, cost {iterate.cost:.4g}', 0, 0)
 
-    def _digests(self) -> list[str]:
-        return [
-            digest(Path(text) if is_trace(text) else programs.find(text)) for text in self.settings.inputs
-        ]
-
     def _stamp(self) -> str:
-        return ' '.join([self.robot.checksum, *self._digests()])
+        digests = [note.rpartition(' ')[2] for note in noted(self.settings.inputs)]
+        return ' '.join([self.robot.checksum, *digests])
 
 
 def _read_json(path: Path, what: str) -> Any:

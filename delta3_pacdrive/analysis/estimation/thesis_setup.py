@@ -28,9 +28,10 @@ from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import TABLE, start_values, values_of
 from delta3_pacdrive.analysis.estimation.replay_model import Replay, ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate, fit
+from delta3_pacdrive.analysis.study import OnProgress, silent
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from delta3_pacdrive.analysis.estimation.solver import OnIterate
     from delta3_pacdrive.motion.program import Program
@@ -147,7 +148,7 @@ def study(
     off: float = 0.3,
     noise: float = 1.0,
     seed: int = 0,
-    on_progress: Callable[[str, int, int], None] | None = None,
+    on_progress: OnProgress = silent,
     on_iterate: OnIterate | None = None,
     resume: Iterate | None = None,
 ) -> ThesisStudy:
@@ -160,15 +161,14 @@ def study(
 
     """
     trace = with_noise(simulate(program, parameters, 'bus'), parameters, noise, seed)
-    tell = on_progress or (lambda stage, done, total: None)
-    quotients = quotients_of(trace, parameters, lambda done, total: tell('difference quotients', done, total))
-    profiles = _profiles(trace, parameters, lambda done, total: tell('profiles', done, total))
+    quotients = quotients_of(trace, parameters, on_progress)
+    profiles = _profiles(trace, parameters, on_progress)
     attempts = []
     cases = [(step, share) for step in ATTEMPT_STEPS for share in (off, 0.0)]
     for number, (step, share) in enumerate(cases):
-        tell('usual settings', number, len(cases))
+        on_progress('usual settings', number, len(cases))
         attempts.append(attempt_once(trace, parameters, step, share))
-    tell('with scales and slopes', 0, 1)
+    on_progress('with scales and slopes', 0, 1)
     problem = Problem(FREED, [ReplayModel(trace, parameters)], parameters)
     cure = fit(problem, start_values(FREED, parameters, off), on_iterate, resume)
     return ThesisStudy(tuple(quotients), profiles, tuple(attempts), cure, problem)
@@ -213,7 +213,7 @@ def explanation(study: ThesisStudy) -> list[str]:
 def quotients_of(
     trace: Trace,
     parameters: Parameters,
-    tell: Callable[[int, int], None] = lambda done, total: None,
+    on_progress: OnProgress = silent,
     symbols: Sequence[str] = SYMBOLS,
     steps: Sequence[float] = STEPS,
 ) -> list[Quotient]:
@@ -241,7 +241,7 @@ def quotients_of(
                 )
             )
             done += 1
-            tell(done, total)
+            on_progress('difference quotients', done, total)
     return out
 
 
@@ -251,9 +251,7 @@ def _change(
     return replay.run({symbol: values[symbol] * (1.0 + step)})['current'] - before['current']
 
 
-def _profiles(
-    trace: Trace, parameters: Parameters, tell: Callable[[int, int], None]
-) -> dict[str, tuple[float, ...]]:
+def _profiles(trace: Trace, parameters: Parameters, on_progress: OnProgress) -> dict[str, tuple[float, ...]]:
     values, model = values_of(parameters), ReplayModel(trace, parameters)
     profiles = {}
     for number, symbol in enumerate(SYMBOLS):
@@ -261,7 +259,7 @@ def _profiles(
         for factor in FACTORS:
             error = model.residuals(values | {symbol: factor * values[symbol]})[0]
             costs.append(float(((error / NOISE.current_a) ** 2).sum()))
-            tell(number * len(FACTORS) + len(costs), len(SYMBOLS) * len(FACTORS))
+            on_progress('profiles', number * len(FACTORS) + len(costs), len(SYMBOLS) * len(FACTORS))
         profiles[symbol] = tuple(cost - min(costs) for cost in costs)
     return profiles
 

@@ -27,13 +27,12 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.parameters import flatten
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
+    from delta3_pacdrive.analysis.study import OnProgress
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
-
-    OnProgress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,7 @@ def attribute(
     count = 1 << len(effects)
     rows = []
     for mask in range(count):
-        on_progress(mask, count)
+        on_progress(f'effects, {count} simulations', mask, count)
         chosen = [name for i, name in enumerate(effects) if mask >> i & 1]
         parameters = with_effects(robot, chosen)
         try:
@@ -222,7 +221,7 @@ def attribute(
         except RunError as error:
             raise RunError(f'robot with {", ".join(chosen) or "no effect"}: {error}') from error
         rows.append(_numbers(Comparison.of(model, Run.of(trace, parameters))))
-    on_progress(count, count)
+    on_progress(f'effects, {count} simulations', count, count)
     of_model = _numbers(Comparison.of(model, model))
     table = {key: np.array([row[key] for row in rows]) for key in of_model}
     outcomes = {key: _outcome(key, effects, of_model[key], values) for key, values in table.items()}

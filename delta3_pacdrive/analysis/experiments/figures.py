@@ -20,7 +20,7 @@ from delta3_pacdrive.analysis.figure_style import COLOURS, MUTED, dress, report_
 from delta3_pacdrive.analysis.run_figures import COMMAND, SLOPE_S, ZOOM_S, busiest, frame_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.analysis.experiments.attribution import Attribution
     from delta3_pacdrive.analysis.experiments.comparison import Comparison
+    from delta3_pacdrive.analysis.experiments.study import Results
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import Drawings
     from delta3_pacdrive.numerics.types import Floats
 
 PER_EXPERIMENT = 8
@@ -48,10 +50,9 @@ REFERENCE: dict[str, Any] = COMMAND | {'zorder': 3.5}
 TRUE: dict[str, Any] = {'color': COLOURS[4], 'linewidth': 1.0}
 
 
-def by_name(
-    number: int, comparison: Comparison, attribution: Attribution | None, provenance: Provenance
-) -> dict[str, Callable[[], Figure]]:
-    """Return what draws each figure of experiment ``number``, by file name."""
+def by_name(found: Results, provenance: Provenance) -> Drawings:
+    """Return what draws each figure of an experiment, by file name."""
+    number, comparison, attribution = found.number, found.comparison, found.attribution
     zoom = _zoom(comparison)
     drawn: dict[str, Any] = {
         'tcp_path': tcp_path,
@@ -64,7 +65,7 @@ def by_name(
         'tcp_error_norm': tcp_error_norm,
     }
     first = 1 + PER_EXPERIMENT * (number - 1)
-    made: dict[str, Callable[[], Figure]] = {}
+    made = {}
     for figure, (name, draw) in enumerate(drawn.items(), start=first):
         heading = f'Fig. 11.{figure}, experiment {number}'
         made[f'figure_11_{figure:02d}_{name}.png'] = partial(draw, comparison, heading, provenance)
@@ -90,7 +91,7 @@ def panels(
     shown: tuple[float, float] | None = None,
     marked: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draw a signal of three columns: left the curves, right how far they are from the reference or each other.
+    """Left the curves of the three columns, right how far they are from the reference or from each other.
 
     ``shown`` is a part of the time [s], ``marked`` one that is shaded.
     """
@@ -132,7 +133,7 @@ def panels(
 
 
 def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
-    """Draw the TCP path in space [mm], with the deviations of the robot magnified."""
+    """TCP path in space [mm], with the deviations of the robot magnified."""
     figure = report_figure(f'{title}: TCP path', 6.0, provenance)
     figure.set_layout_engine('none')  # it reckons with a cube
     axes: Axes3D = figure.add_axes((-0.02, 0.14, 1.0, 0.79), projection='3d', computed_zorder=False)
@@ -165,7 +166,7 @@ def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figu
 
 
 def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
-    """Draw the norm of the TCP error [mm]: as the controller sees it, in truth if that is known, and undelayed."""
+    """Norm of the TCP error [mm]: as the controller sees it, in truth if that is known, and undelayed."""
     texts = {
         'tcp_error_norm': 'by forward kinematics of the encoders, set-point delay removed',
         'tcp_error_norm_true': 'in truth: TCP of the arms as they are built',
@@ -193,7 +194,7 @@ def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -
 
 
 def effects(attribution: Attribution, title: str, provenance: Provenance) -> Figure:
-    """Draw what each effect explains of the mean-square deviations: Shapley values, alone, left out."""
+    """What each effect explains of the mean-square deviations: Shapley values, alone, left out."""
     names = [name for name in SHARED_OUT if (name, 'deviation') in attribution.outcomes]
     labels = [*(_typeset(EFFECTS[name].text) for name in attribution.effects), OTHER]
     heading = f'{title}: what makes the mean-square deviation of robot from model'

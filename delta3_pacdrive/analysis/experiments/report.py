@@ -1,104 +1,37 @@
-"""An experiment from the runs to its folder: signals, tables, figures and report, each with how it can be repeated."""
+"""An experiment in words and numbers: the summary, the text for people, the tables."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from delta3_pacdrive import parameters as core
-from delta3_pacdrive.analysis import figure_style
-from delta3_pacdrive.analysis.experiments import figures
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Statistics
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
-from delta3_pacdrive.analysis.provenance import Provenance, write_json, write_table
-from delta3_pacdrive.errors import ReportError
+from delta3_pacdrive.analysis.report_folder import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from delta3_pacdrive.analysis.experiments.attribution import Attribution, Outcome
+    from delta3_pacdrive.analysis.experiments.attribution import Attribution
     from delta3_pacdrive.analysis.experiments.comparison import Comparison
-    from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.analysis.experiments.study import Results
+    from delta3_pacdrive.analysis.provenance import Provenance
 
-REPORT = 'report.json'
 TABLES = ('signals.csv', 'table.csv', 'attribution.csv')
-MODEL_FILE, ROBOT_FILE = 'model.yaml', 'robot.yaml'
 ACCELERATION = (
     'the actual acceleration is not measured: it is the slope of the least-squares line through the actual speed of '
     'the cycles within 2 ms on either side; the reference acceleration is the same slope of the reference speed'
 )
 
 
-def provenance_of(
-    command: str, model: Parameters, robot: Parameters, names: tuple[str, str], inputs: Sequence[str]
-) -> Provenance:
-    """Note where an experiment comes from; ``names`` are those of the two parameter files."""
-    seed = robot.rich.sensor_seed if robot.rich.effects.sensors else None
-    origin = Provenance.of(command, model, names[0], inputs, seed)
-    both = f'model {origin.parameters}, robot {robot.checksum} ({names[1]})'
-    return replace(origin, parameters=both)
+def tables(found: Results) -> list[Table]:
+    """Return signals cycle by cycle, maxima, rms and deviations, and what explains them."""
+    made = [_signals(found.comparison), _statistics(found.comparison.statistics())]
+    return made if found.attribution is None else [*made, _attribution(found.attribution)]
 
 
-def write_parameters(model: Parameters, robot: Parameters, folder: Path) -> tuple[Path, Path]:
-    """Write the parameters of both into the folder, made if it is not there; raises ReportError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return core.write(model, folder / MODEL_FILE), core.write(robot, folder / ROBOT_FILE)
-    except OSError as error:
-        raise ReportError(f'cannot write to {folder}: {error.strerror or error}') from error
-
-
-def clear(number: int, folder: Path) -> None:
-    """Remove what an earlier report of the experiment left, so that none looks complete; raises ReportError."""
-    try:
-        for pattern in (REPORT, *TABLES, *figures.file_names(number)):
-            for path in folder.glob(pattern):
-                path.unlink()
-    except OSError as error:
-        raise ReportError(f'cannot write to {folder}: {error.strerror or error}') from error
-
-
-def write(
-    number: int,
-    program: str,
-    comparison: Comparison,
-    attribution: Attribution | None,
-    notes: Sequence[str],
-    folder: Path,
-    provenance: Provenance,
-) -> dict[str, Any]:
-    """Write everything of an experiment, the report last, and return it.
-
-    Raises
-    ------
-    ReportError, FigureError
-        Something cannot be written.
-
-    """
-    rows = comparison.statistics()
-    tables = [
-        write_signals(comparison, folder, provenance),
-        write_statistics(rows, folder, provenance),
-    ]
-    if attribution is not None:
-        tables.append(write_attribution(attribution, folder, provenance))
-    drawings = figures.by_name(number, comparison, attribution, provenance)
-    pictures = figure_style.save(drawings, folder, provenance.lines())
-    document = _document(number, program, comparison, rows, attribution, notes, provenance)
-    report = folder / REPORT
-    parameters = [folder / name for name in (MODEL_FILE, ROBOT_FILE)]
-    document['files'] = [str(path) for path in (report, *parameters, *tables, *pictures)]
-    write_json(document, report)
-    return document
-
-
-def write_signals(comparison: Comparison, folder: Path, provenance: Provenance) -> Path:
-    """Write ``signals.csv``: all that is drawn, cycle by cycle, in SI."""
-    header, columns = ['time [s]'], [comparison.time_s[:, None]]
+def _signals(comparison: Comparison) -> Table:
+    """Return all that is drawn, cycle by cycle, in SI."""
+    columns = {'time [s]': comparison.time_s}
     for name in comparison.names:
         quantity = QUANTITIES[name]
         runs = {'model': comparison.model.actual, 'robot': comparison.robot.actual}
@@ -108,27 +41,22 @@ def write_signals(comparison: Comparison, folder: Path, provenance: Provenance) 
                 'robot reference': comparison.robot.reference,
             }
         for who, values in runs.items():
-            suffixes = [f'_{column}' if column else '' for column in quantity.columns]
-            header += [f'{name}{suffix} {who} [{quantity.unit}]' for suffix in suffixes]
-            columns.append(values[name])
-    table = np.hstack(columns)
-    rows = (['' if value != value else value for value in row] for row in table.tolist())
-    return write_table(folder / TABLES[0], header, rows, provenance)
+            for label, column in zip(quantity.columns, values[name].T, strict=True):
+                columns[f'{name}{f"_{label}" if label else ""} {who} [{quantity.unit}]'] = column
+    return Table.of_columns(TABLES[0], columns)
 
 
-def write_statistics(rows: Sequence[Statistics], folder: Path, provenance: Provenance) -> Path:
-    """Write ``table.csv``: maxima, rms and deviations of every signal."""
+def _statistics(rows: list[Statistics]) -> Table:
     units = {'deviation_max_at_s': '[s]', 'signal': '', 'column': '', 'unit': ''}
     header = []
     for field in fields(Statistics):
         unit = '[%]' if field.name.endswith('_percent') else units.get(field.name, '[unit]')
         header.append(f'{field.name} {unit}'.strip())
-    table = (['' if value is None else value for value in asdict(row).values()] for row in rows)
-    return write_table(folder / TABLES[1], header, table, provenance)
+    return Table(TABLES[1], header, [list(asdict(row).values()) for row in rows])
 
 
-def write_attribution(attribution: Attribution, folder: Path, provenance: Provenance) -> Path:
-    """Write ``attribution.csv``: one row per number that is explained and effect, in SI."""
+def _attribution(attribution: Attribution) -> Table:
+    """Return one row per number that is explained and effect, in SI."""
     header = [
         'signal', 'statistic', 'unit', 'model [unit]', 'robot [unit]', 'effect', 'alone [unit]', 'left_out [unit]',
         'share [unit]', 'alone [%]', 'left_out [%]', 'share [%]',
@@ -138,51 +66,41 @@ def write_attribution(attribution: Attribution, folder: Path, provenance: Proven
         begin = [outcome.signal, outcome.statistic, outcome.unit, outcome.model, outcome.robot]
         for name in attribution.effects:
             values = [by[name] for by in (outcome.alone, outcome.left_out, outcome.share)]
-            rows.append([*begin, name, *values, *_percents(outcome, values)])
-        rows.append([*begin, OTHER, '', '', outcome.other, '', '', *_percents(outcome, [outcome.other])])
-    return write_table(folder / TABLES[2], header, rows, provenance)
+            rows.append([*begin, name, *values, *map(outcome.percent, values)])
+        rows.append([*begin, OTHER, '', '', outcome.other, '', '', outcome.percent(outcome.other)])
+    return Table(TABLES[2], header, rows)
 
 
-def _percents(outcome: Outcome, values: Sequence[float]) -> list[Any]:
-    return ['' if (percent := outcome.percent(value)) is None else percent for value in values]
-
-
-def _document(
-    number: int,
-    program: str,
-    comparison: Comparison,
-    rows: Sequence[Statistics],
-    attribution: Attribution | None,
-    notes: Sequence[str],
-    provenance: Provenance,
-) -> dict[str, Any]:
-    found = conclusions(list(rows))
-    missing = comparison.missing
-    told = list(notes)
+def summary(found: Results, provenance: Provenance) -> dict[str, Any]:
+    """Return the report, ready for JSON."""
+    comparison = found.comparison
+    rows, missing = comparison.statistics(), comparison.missing
+    concluded = conclusions(rows)
+    notes = list(found.notes)
     if missing:
-        told.append(
+        notes.append(
             f'topics do not carry what is really there, so these signals are missing: {", ".join(missing)}'
         )
     return {
         'ok': True,
-        'experiment': number,
-        'program': program,
+        'experiment': found.number,
+        'program': found.program,
         'provenance': provenance.lines(),
         'cycles': int((comparison.model.cycle >= 0).sum()),
         'acceleration': ACCELERATION,
         'references_apart_mm': 1e3 * comparison.reference_apart_m(),
         'missing': missing,
-        'reproduced': all(finding.holds for finding in found),
-        'verdict': verdict(found),
-        'findings': [asdict(finding) for finding in found],
-        'truth': truth(list(rows)),
+        'reproduced': all(conclusion.holds for conclusion in concluded),
+        'verdict': verdict(concluded),
+        'findings': [asdict(conclusion) for conclusion in concluded],
+        'truth': truth(rows),
         'signals': [{'text': QUANTITIES[row.signal].text} | asdict(row) for row in rows],
-        'attribution': None if attribution is None else _attribution_document(attribution),
-        'notes': told,
+        'attribution': None if found.attribution is None else _attribution_summary(found.attribution),
+        'notes': notes,
     }
 
 
-def _attribution_document(attribution: Attribution) -> dict[str, Any]:
+def _attribution_summary(attribution: Attribution) -> dict[str, Any]:
     return {
         'simulations': attribution.simulations,
         'effects': {name: EFFECTS[name].text for name in attribution.effects},
@@ -193,3 +111,27 @@ def _attribution_document(attribution: Attribution) -> dict[str, Any]:
         ],
         'explanations': explanations(attribution),
     }
+
+
+def text(document: dict[str, Any]) -> list[str]:
+    """Return the lines of a summary that people read."""
+    columns = ('model max', 'rms', 'robot max', 'rms', 'apart max', 'rms', '% of peak')
+    lines = [document['program'], f'{"":>42} {"":>8}' + ''.join(f'{column:>11}' for column in columns)]
+    for row in document['signals']:
+        if row['column'] not in ('', 'all'):
+            continue
+        keys = ('model_max', 'model_rms', 'robot_max', 'robot_rms', 'deviation_max', 'deviation_rms')
+        values = [row[key] for key in (*keys, 'deviation_max_percent')]
+        numbers = ''.join(f'{"" if value is None else format(value, ".4g"):>11}' for value in values)
+        lines.append(f'{row["text"]:>42} {row["unit"]:>8}{numbers}')
+    sentences = [conclusion['sentence'] for conclusion in document['findings']]
+    sentences += [document['truth']] if document['truth'] else []
+    lines += [
+        '',
+        f'What the thesis found is {document["verdict"]}.',
+        *(f'- {sentence}' for sentence in sentences),
+    ]
+    if document['attribution'] is not None:
+        lines += ['', 'What explains it (Shapley values; of a deviation shares of its mean square):']
+        lines += [f'- {sentence}' for sentence in document['attribution']['explanations']]
+    return [*lines, '', *(f'note: {note}' for note in document['notes'])]

@@ -11,13 +11,12 @@ from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, COLOURS, MUTED, 
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from delta3_pacdrive.analysis.jacobian.study import Trial
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import Drawings
     from delta3_pacdrive.numerics.types import Floats
 
 EXACT: dict[str, Any] = {'color': COLOURS[0], 'linewidth': 2.6, 'solid_capstyle': 'round'}
@@ -32,12 +31,12 @@ TICKS = (-10000, -1000, -100, -30, -10, 0, 10, 30, 100, 1000, 10000)  # of that
 SPAN_MIN = 1e-3  # percent
 
 
-def by_name(trial: Trial, errors: str, provenance: Provenance) -> dict[str, Callable[[], Figure]]:
+def by_name(trial: Trial, errors: str, provenance: Provenance) -> Drawings:
     """Return the functions that make the seven figures of a trajectory, by file name.
 
     ``errors`` names the inexact lengths. The files of the thesis' experiments bear its numbers.
     """
-    found: dict[str, Callable[[], Figure]] = {
+    found: dict[str, Any] = {
         'arm_angles': partial(arm_angles, trial, provenance),
         'tcp_position': partial(tcp_position, trial, provenance),
         'joint_velocities': partial(joint_velocities, trial, errors, provenance),

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.analysis.inputs import is_recording, program_name
 from delta3_pacdrive.analysis.run_figures import program_part
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program as programs
@@ -116,17 +117,6 @@ def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats,
     return out[0], out[1]
 
 
-def is_recording(text: str) -> bool:
-    """Whether an input is a recording: a folder, or a file that is no program."""
-    path = Path(text)
-    return path.is_dir() or path.suffix.lower() in ('.npz', '.csv')
-
-
-def source_file(text: str) -> Path:
-    """Return the file or folder that an input means."""
-    return Path(text) if is_recording(text) else programs.find(_program_name(text))
-
-
 def load(text: str, robot: Parameters, signals: Signals) -> Motion:
     """Return the motion of an input: an experiment's number, a program, a trace (.npz, .csv), the folder of a bag.
 
@@ -140,7 +130,7 @@ def load(text: str, robot: Parameters, signals: Signals) -> Motion:
         path = Path(text)
         trace = bag_trace.load(path)
         return of_trace(trace, robot, signals, path.stem)
-    name = _program_name(text)
+    name = program_name(text)
     program, thesis = programs.load(name, robot.motion), EXPERIMENTS.get(Path(name).stem)
     label = f'experiment {thesis.number}' if thesis else Path(name).stem
     if signals is Signals.COMMAND:
@@ -212,10 +202,6 @@ def of_trace(
     )
 
 
-def _program_name(text: str) -> str:
-    return f'experiment{text}' if text in ('1', '2', '3') else text
-
-
 def _evenly(trace: Trace, name: str) -> tuple[Trace, float]:
     """Return the program's part of a trace on an even grid, nan where samples are missing, and the sample time [s]."""
     if len(trace.time_s) < 2 * WINDOW + 1:
@@ -245,15 +231,5 @@ def _motion(
         values[known] for values in (*joints, *tcp)
     )
     return Motion(
-        name,
-        source,
-        period_s,
-        time_s[known],
-        theta,
-        thetadot,
-        thetaddot,
-        position,
-        velocity,
-        acceleration,
-        thesis,
-    )
+        name, source, period_s, time_s[known], theta, thetadot, thetaddot, position, velocity, acceleration, thesis
+    )  # fmt: skip

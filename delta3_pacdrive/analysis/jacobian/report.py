@@ -1,4 +1,4 @@
-"""What the Jacobian experiments leave behind: a report as JSON, tables as CSV, conclusions in sentences."""
+"""The Jacobian experiments in words and numbers: the summary, conclusions in sentences, the tables."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from delta3_pacdrive.analysis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT,
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, largest_momentary
 from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose
 from delta3_pacdrive.analysis.jacobian.motion import Signals
-from delta3_pacdrive.analysis.provenance import write_table
+from delta3_pacdrive.analysis.report_folder import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
+    from collections.abc import Iterable, Mapping
 
     from delta3_pacdrive.analysis.jacobian.condition import Sweep
     from delta3_pacdrive.analysis.jacobian.mapping import JointMotion
     from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.analysis.jacobian.study import Settings, Trial
+    from delta3_pacdrive.analysis.jacobian.study import Results, Settings, Trial
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
 AXES = (1, 2, 3)
 QUANTITIES = ('velocity', 'acceleration')
+PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
 
 def error_text(errors: Mapping[str, float], mathematical: bool = False) -> str:
@@ -41,9 +41,7 @@ def number(value: float) -> str:
     return f'{value:.2g}' if abs(value) < 99.5 else f'{value:.0f}'
 
 
-def document(
-    trials: list[Trial], found: Sweep, settings: Settings, robot: Parameters, provenance: Provenance
-) -> dict[str, Any]:
+def summary(found: Results, settings: Settings, robot: Parameters, provenance: Provenance) -> dict[str, Any]:
     """Return the report, ready for JSON."""
     result: dict[str, Any] = {
         'ok': True,
@@ -53,11 +51,11 @@ def document(
         'pose': settings.pose.value,
         'signals': settings.signals.value,
         'threshold': THRESHOLD,
-        'trajectories': [_trajectory(trial) for trial in trials],
+        'trajectories': [_trajectory(trial) for trial in found.trials],
         'condition': {
             'workspace': condition.workspace(robot.kinematics),
-            'decades': condition.decades(found),
-            'exponents': condition.exponents(found),
+            'decades': condition.decades(found.sweep),
+            'exponents': condition.exponents(found.sweep),
         },
     }
     result['findings'] = conclusions(result)
@@ -128,12 +126,41 @@ def _condition_sentence(rows: list[dict[str, Any]], swept: dict[str, Any], pose:
     )
 
 
-def write_tables(trials: list[Trial], found: Sweep, folder: Path, provenance: Provenance) -> list[Path]:
-    """Write ``signals.csv``, ``sensitivities.csv`` and ``condition.csv``."""
+def text(document: dict[str, Any]) -> list[str]:
+    """Return the lines of a summary that people read."""
+    columns = ('exact lengths', error_text(document['errors_m']), 'all 1 mm off, at worst')
+    widths = [max(len(column), 17) for column in columns]
+
+    def line(name: str, cells: Iterable[str]) -> str:
+        texts = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
+        return f'{name:>14}  {"  ".join(texts)}'
+
+    lines = [line('', columns), line('', ['peak / momentary*'] * len(columns))]
+    for row in document['trajectories']:
+        low, high = row['condition']['min'], row['condition']['max']
+        lines.append(f'{row["name"]}: {row["samples"]} samples, cond(J) {low:.2f} to {high:.2f}')
+        for quantity in QUANTITIES:
+            cells = [{key: row[which][quantity][key]['max'] for key in PERCENTAGES} for which in COMPARED]
+            cells.append(row['every_length_1_mm_off'][quantity])
+            lines.append(
+                line(
+                    quantity,
+                    (' / '.join(number(cell[key]).rjust(7) for key in PERCENTAGES) for cell in cells),
+                )
+            )
+    share = f'{100.0 * document["threshold"]:g} %'
+    lines.append(
+        f'largest deviations in percent of the peak, and of the momentary value (* where above {share} of the peak)'
+    )
+    return [*lines, *(f'- {sentence}' for sentence in document['findings'])]
+
+
+def tables(found: Results) -> list[Table]:
+    """Return signals and deviations, sensitivities to each length, and what condition the Jacobian has where."""
     return [
-        write_table(folder / 'signals.csv', _signals_header(), _signals_rows(trials), provenance),
-        _write_sensitivities(trials, folder, provenance),
-        _write_condition(found, folder, provenance),
+        Table('signals.csv', _signals_header(), _signals_rows(found.trials)),
+        _sensitivities(found.trials),
+        _condition(found.sweep),
     ]
 
 
@@ -209,10 +236,10 @@ def _signals_rows(trials: list[Trial]) -> Any:
             near, far = Deviation.of(exact, recorded), Deviation.of(wrong, recorded)
             blocks += [recorded, exact, wrong, near.of_peak, far.of_peak, far.momentary]
         for row in np.column_stack([*blocks, trial.condition]).tolist():
-            yield [motion.name, *('' if value != value else f'{value:.9g}' for value in row)]
+            yield [motion.name, *(None if value != value else f'{value:.9g}' for value in row)]
 
 
-def _write_sensitivities(trials: list[Trial], folder: Path, provenance: Provenance) -> Path:
+def _sensitivities(trials: list[Trial]) -> Table:
     header = ['trajectory', 'pose', 'length', 'value [mm]']
     for quantity in ('velocity', 'acceleration'):
         for unit in ('%/mm', '%/%'):
@@ -227,12 +254,12 @@ def _write_sensitivities(trials: list[Trial], folder: Path, provenance: Provenan
                 values = (share.of_peak, share.of_peak_rms, share.momentary)
                 line += [f'{factor * value:.5g}' for value in values]
         needed = (row.needed_of_peak_m, row.needed_momentary_m)
-        line += [row.target_percent, *('' if value is None else f'{1e3 * value:.4g}' for value in needed)]
+        line += [row.target_percent, *(None if value is None else f'{1e3 * value:.4g}' for value in needed)]
         rows.append(line)
-    return write_table(folder / 'sensitivities.csv', header, rows, provenance)
+    return Table('sensitivities.csv', header, rows)
 
 
-def _write_condition(found: Sweep, folder: Path, provenance: Provenance) -> Path:
+def _condition(found: Sweep) -> Table:
     header = ['x [m]', 'y [m]', 'z [m]', 'distance to singularity [m]', 'singularity',
               'condition of J [1]', 'least s.b/(l_A l_B) [1]', '|det S|/l_B^3 [1]']  # fmt: skip
     header += [f'{pose.value}: {symbol} [%/mm]' for pose in Pose for symbol in LENGTHS]
@@ -246,4 +273,4 @@ def _write_condition(found: Sweep, folder: Path, provenance: Provenance) -> Path
             found.tcp.tolist(), found.gap_m.tolist(), found.serial_end, numbers.tolist(), strict=True
         )
     )  # fmt: skip
-    return write_table(folder / 'condition.csv', header, rows, provenance)
+    return Table('condition.csv', header, rows)

@@ -1,4 +1,4 @@
-"""What a Jacobian study depends on, and what it holds of each trajectory."""
+"""What a Jacobian study depends on, and what it finds."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from delta3_pacdrive.analysis.jacobian.causes import Cause
+    from delta3_pacdrive.analysis.jacobian.condition import Sweep
     from delta3_pacdrive.analysis.jacobian.mapping import JointMotion
     from delta3_pacdrive.analysis.jacobian.motion import Motion
     from delta3_pacdrive.analysis.jacobian.sensitivity import Sensitivity
@@ -72,3 +73,11 @@ class Trial:
     sensitivities: list[Sensitivity]
     tolerance: dict[str, dict[str, float]]
     causes: list[Cause]
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a study finds: of each trajectory, and of poses from the middle of the workspace to its singularities."""
+
+    trials: list[Trial]
+    sweep: Sweep

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from delta3_pacdrive.analysis.jacobian.condition import Sweep
-    from delta3_pacdrive.analysis.jacobian.study import Trial
+    from delta3_pacdrive.analysis.jacobian.study import Results, Trial
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import Drawings
     from delta3_pacdrive.parameters import Kinematics
 
 BINS = 4  # per decade of the condition
@@ -26,6 +28,16 @@ MEANINGS = {
     Pose.FORWARD: 'angles recorded, position from them',
     Pose.INVERSE: 'position recorded, angles from it',
 }
+
+
+def by_name(found: Results, kinematics: Kinematics, provenance: Provenance) -> Drawings:
+    """Return what draws each figure, by file name."""
+    return {
+        'sensitivities.png': partial(sensitivities, found.trials, provenance),
+        'deviation_over_condition.png': partial(
+            deviation_over_condition, found.sweep, kinematics, provenance
+        ),
+    }
 
 
 def sensitivities(trials: list[Trial], provenance: Provenance) -> Figure:

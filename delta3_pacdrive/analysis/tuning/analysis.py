@@ -17,17 +17,15 @@ from delta3_pacdrive.analysis.tuning.response import Margins, StepFigures, bandw
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
+    from delta3_pacdrive.analysis.study import OnProgress
     from delta3_pacdrive.analysis.tuning.bench import Run
     from delta3_pacdrive.analysis.tuning.identification import Measured
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
     Complex = NDArray[np.complex128]
-    OnProgress = Callable[[str, int, int], None]
 
 LOWEST_HZ = 0.5  # of the linear curves
 POINTS = 600

@@ -29,19 +29,14 @@ from delta3_pacdrive.motor import motor
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from delta3_pacdrive.analysis.tuning.load import Load
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
-    OnProgress = Callable[[int, int], None]
-
 SETTLING_S = 0.25  # after the drive is in torque: 15 time constants of the position loop
 ENABLING_CYCLES_MAX = 2000
-PROGRESS_EVERY = 2048
 
 
 class Place(StrEnum):
@@ -160,7 +155,7 @@ class Bench:
         fault = self._drive.fault
         return fault_text(fault) if fault else f'the drive is {self._drive.drive_state.name}'
 
-    def run(self, added: Floats, on_progress: OnProgress | None = None) -> Run:
+    def run(self, added: Floats) -> Run:
         """Add a set point, one value per current-loop period, and return what the drive did."""
         states = np.empty(len(added), dtype=STATE)
         drive, state, row = self._drive, self._drive.state, self._drive.state[0]
@@ -190,8 +185,6 @@ class Bench:
             self._step += 1
             if not self._held:
                 self._position, self._shaft_speed = float(row['position']), float(row['speed'])
-            if on_progress is not None and k % PROGRESS_EVERY == 0:
-                on_progress(k, len(added))
         return Run(self._period, added[:done], states[:done], self._why() if done < len(added) else '')
 
 

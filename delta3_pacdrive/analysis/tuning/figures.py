@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import Drawings
     from delta3_pacdrive.analysis.tuning.analysis import LoopResult
     from delta3_pacdrive.analysis.tuning.identification import Measured
     from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
-    from delta3_pacdrive.analysis.tuning.study import SweepPoint, Variant
+    from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
     from delta3_pacdrive.numerics.types import Floats
 
 WAYS = (COLOURS[0], COLOURS[1])  # before, after
@@ -43,35 +44,28 @@ TITLES = {
 }
 
 
-def by_name(
-    variants: list[Variant],
-    names: list[str],
-    points: list[SweepPoint],
-    swept: str,
-    found: list[MeasuredResponse],
-    provenance: Provenance,
-) -> dict[str, Callable[[], Figure]]:
-    """Return the functions that make the figures, by file name."""
-    result: dict[str, Callable[[], Figure]] = {'step.png': partial(steps, variants, names, provenance)}
-    for number, loop in enumerate(variants[0].loops):
-        results = [variant.loops[number] for variant in variants]
-        result[f'bode_{loop.name}.png'] = partial(bode, results, names, provenance)
-    result['effect.png'] = partial(effects, variants, names, provenance)
-    if points:
-        result['sweep.png'] = partial(sweep, points, swept, provenance)
-    for one in found:
-        loops = {loop.name: loop for loop in variants[0].loops}
-        result[f'recorded_{one.name}.png'] = partial(recording, one, loops.get(one.name), provenance)
-    return result
+def by_name(found: Results, provenance: Provenance) -> Drawings:
+    """Return what draws each figure, by file name."""
+    variants, by_loop = found.variants, found.by_loop
+    drawings: dict[str, Any] = {'step.png': partial(steps, variants, provenance)}
+    for name, results in by_loop.items():
+        drawings[f'bode_{name}.png'] = partial(bode, results, provenance)
+    drawings['effect.png'] = partial(effects, variants, provenance)
+    if found.points:
+        drawings['sweep.png'] = partial(sweep, found.points, found.swept, provenance)
+    for one in found.measured:
+        loop = next(iter(by_loop[one.name].values())) if one.name in by_loop else None
+        drawings[f'recorded_{one.name}.png'] = partial(measured_response, one, loop, provenance)
+    return drawings
 
 
-def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> Figure:
+def steps(variants: dict[str, Variant], provenance: Provenance) -> Figure:
     """Step responses of the three loops: the drive on the bench, and the linear loop."""
     figure = report_figure('Step responses', 4.6, provenance)
-    panels = figure.subplots(1, 3)
+    panels, names = figure.subplots(1, 3), list(variants)
     for number, axes in enumerate(panels):
         lowest, highest, shown = 0.0, 1.2, 0.0
-        for variant, name, colour in zip(variants, names, WAYS, strict=False):
+        for (name, variant), colour in zip(variants.items(), WAYS, strict=False):
             loop = variant.loops[number]
             if loop.step is None:
                 axes.text(0.5, 0.35 - 0.08 * names.index(name), f'{name}: the drive trips', color=colour,
@@ -92,7 +86,7 @@ def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> 
         axes.axhline(1.0, color=MUTED, linewidth=0.8)
         axes.set_ylim(1.1 * lowest - 0.05, highest)
         axes.set_xlabel('time (ms)')
-        axes.set_title(TITLES[variants[0].loops[number].name], fontsize=9, loc='left')
+        axes.set_title(TITLES[variants[names[0]].loops[number].name], fontsize=9, loc='left')
         axes.set_xlim(0.0, 1e3 * shown if shown > 0.0 else None)
         dress(axes)
     panels[0].set_ylabel('actual value, share of the step (1)')
@@ -102,13 +96,14 @@ def steps(variants: list[Variant], names: list[str], provenance: Provenance) -> 
     return figure
 
 
-def bode(results: list[LoopResult], names: list[str], provenance: Provenance) -> Figure:
+def bode(results: dict[str, LoopResult], provenance: Provenance) -> Figure:
     """Open loop with its margins and closed loop: linear lines, points of the drive on the bench."""
-    closed = results[0].closed_loop is not None
-    figure = report_figure(TITLES[results[0].name], 6.0, provenance)
+    first = next(iter(results.values()))
+    closed = first.closed_loop is not None
+    figure = report_figure(TITLES[first.name], 6.0, provenance)
     grid = figure.subplots(2, 2 if closed else 1, sharex='col', squeeze=False)
     (top, bottom) = grid[:, 0]
-    for result, name, colour in zip(results, names, WAYS, strict=False):
+    for (name, result), colour in zip(results.items(), WAYS, strict=False):
         label = name if result.stable else f'{name}: unstable'
         _curve(top, bottom, result.frequencies_hz, result.open_loop, colour, f'linear, {label}')
         if result.measured_open is not None:
@@ -129,7 +124,7 @@ def bode(results: list[LoopResult], names: list[str], provenance: Provenance) ->
     top.set_title('open loop L, margins marked', fontsize=9, loc='left')
     if closed:
         (top, bottom) = grid[:, 1]
-        for result, colour in zip(results, WAYS, strict=False):
+        for result, colour in zip(results.values(), WAYS, strict=False):
             values = result.closed_loop
             if values is None or not result.stable:
                 continue
@@ -161,9 +156,9 @@ def bode(results: list[LoopResult], names: list[str], provenance: Provenance) ->
     return figure
 
 
-def recording(one: MeasuredResponse, loop: LoopResult | None, provenance: Provenance) -> Figure:
-    """Return a recorded response with the linear one and, of a loop that was opened, the drive on the bench."""
-    figure = report_figure(f'MeasuredResponse: {one.title}, axis {one.axis}', 6.6, provenance)
+def measured_response(one: MeasuredResponse, loop: LoopResult | None, provenance: Provenance) -> Figure:
+    """Response of a recording with the linear one and, of a loop that was opened, the drive on the bench."""
+    figure = report_figure(f'Recorded: {one.title}, axis {one.axis}', 6.6, provenance)
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 2, 1))
     frequencies, trusted = one.measured.frequencies_hz, one.measured.trusted
     _curve(top, middle, frequencies, one.linear, '#111111', 'linear')
@@ -201,11 +196,11 @@ def recording(one: MeasuredResponse, loop: LoopResult | None, provenance: Proven
     return figure
 
 
-def effects(variants: list[Variant], names: list[str], provenance: Provenance) -> Figure:
+def effects(variants: dict[str, Variant], provenance: Provenance) -> Figure:
     """Following error of the arms and TCP error over a program."""
     figure = report_figure('Following error of the program', 6.6, provenance)
     panels = figure.subplots(4, 1, sharex=True)
-    for variant, name, colour in zip(variants, names, WAYS, strict=False):
+    for (name, variant), colour in zip(variants.items(), WAYS, strict=False):
         effect = variant.effect
         if not len(effect.time_s):
             panels[0].set_title(f'{name}: {effect.fault}', color=colour, fontsize=9, loc='left')

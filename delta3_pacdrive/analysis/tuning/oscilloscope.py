@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.analysis.tuning.analysis import RATE_SHARE
 from delta3_pacdrive.analysis.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, add_set_point
 from delta3_pacdrive.analysis.tuning.excitation import multisine
@@ -28,7 +29,6 @@ from delta3_pacdrive.simulation.robot import AXES, Robot
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from delta3_pacdrive.analysis.tuning.bench import OnProgress
     from delta3_pacdrive.analysis.tuning.excitation import Multisine
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
@@ -67,7 +67,7 @@ class Excitation:
     amplitude: float = 1.0
 
 
-def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgress | None = None) -> Trace:
+def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgress = silent) -> Trace:
     """Excite one axis and return the signals of the current-loop periods of all three drives.
 
     Raises
@@ -140,7 +140,7 @@ class _TurningRobot:
             raise RunError('a drive does not come into torque')
         self._speed = self._excitation.speed_rad_s
 
-    def run(self, added: Floats, on_progress: OnProgress | None = None) -> dict[str, Floats]:
+    def run(self, added: Floats, on_progress: OnProgress = silent) -> dict[str, Floats]:
         """Add a set point, one value per current-loop period; return the signals, each of shape (samples, 3)."""
         states: NDArray[Any] = np.empty((len(added), 3), dtype=STATE)
         before: NDArray[Any] = np.empty((len(added), 3), dtype=STATE)
@@ -158,8 +158,8 @@ class _TurningRobot:
                 currents[:, i] = drive.currents
             self._robot.plant.advance(currents, released)
             self._step += self._per_exchange
-            if on_progress is not None and k % 2048 == 0:
-                on_progress(k, len(added))
+            if k % 2048 == 0:
+                on_progress('excitation', k, len(added))
         return self._signals(before, states, added)
 
     def _begin_cycle(self, shafts: list[float]) -> None:

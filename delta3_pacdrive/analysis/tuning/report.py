@@ -1,77 +1,71 @@
-"""What a tuning leaves behind: a report as JSON, tables as CSV, and sentences about what is not stable."""
+"""A tuning in words and numbers: the summary, sentences about what is not stable, the text for people, the tables."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.provenance import write_table
+from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.tuning import settings
 from delta3_pacdrive.analysis.tuning.analysis import deviation
 from delta3_pacdrive.analysis.tuning.response import decibels, degrees, margins
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, OperatingPoint
+    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, Step
     from delta3_pacdrive.analysis.tuning.identification import Measured
     from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
-    from delta3_pacdrive.analysis.tuning.study import SweepPoint, Variant
+    from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
     from delta3_pacdrive.numerics.types import Floats
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 
 
-def document(
-    variants: list[Variant],
-    points: list[SweepPoint],
-    found: list[MeasuredResponse],
-    operation: OperatingPoint,
-    program_name: str,
-    provenance: Provenance,
-) -> dict[str, Any]:
+def summary(found: Results, provenance: Provenance) -> dict[str, Any]:
     """Return the report of a tuning, ready for JSON."""
-    load = operation.load
-    names = ('before', 'after') if len(variants) > 1 else ('now',)
+    robots = [variant.robot for variant in found.variants.values()]
     return {
         'ok': True,
         'provenance': provenance.lines(),
-        'load': asdict(load),
-        'speed_rad_s': operation.speed_rad_s,
-        'amplitude': operation.amplitude,
-        'changes': settings.changes(variants[0].robot, variants[-1].robot),
-        'program': program_name,
+        'load': asdict(found.operation.load),
+        'speed_rad_s': found.operation.speed_rad_s,
+        'amplitude': found.operation.amplitude,
+        'changes': settings.changes(robots[0], robots[-1]),
+        'program': found.program,
         'variants': {
             name: {
-                'loops': {loop.name: loop_figures(loop) for loop in variant.loops},
+                'loops': _figures_by_name(variant.loops),
                 'exchange_period_s': variant.robot.bus.exchange_period_s,
                 'workspace': [
-                    {'load': load.name, 'inertia_kg_m2': load.inertia_kg_m2}
-                    | {loop.name: loop_figures(loop) for loop in loops}
+                    {'load': load.name, 'inertia_kg_m2': load.inertia_kg_m2} | _figures_by_name(loops)
                     for load, loops in variant.workspace
                 ],
                 'effect': variant.effect.figures(),
                 'instability': instability(variant),
             }
-            for name, variant in zip(names, variants, strict=True)
+            for name, variant in found.variants.items()
         },
         'sweep': [
             {
                 'value': point.value,
-                'loops': {loop.name: loop_figures(loop) for loop in point.loops},
+                'loops': _figures_by_name(point.loops),
                 'overshoot': point.overshoot,
                 'workspace_stable': point.workspace_stable,
                 'effect': point.effect.figures(),
             }
-            for point in points
+            for point in found.points
         ],
-        'recorded': [recorded_figures(one) for one in found],
+        'recorded': [measured_figures(one) for one in found.measured],
     }
+
+
+def _figures_by_name(loops: list[LoopResult]) -> dict[str, Any]:
+    return {loop.name: loop_figures(loop) for loop in loops}
 
 
 def loop_figures(loop: LoopResult) -> dict[str, Any]:
@@ -96,8 +90,8 @@ def agreement(loop: LoopResult) -> dict[str, Any] | None:
     return _as_document(deviation(measured, linear))
 
 
-def recorded_figures(one: MeasuredResponse) -> dict[str, Any]:
-    """Return what a recorded response is worth."""
+def measured_figures(one: MeasuredResponse) -> dict[str, Any]:
+    """Return what a measured response is worth."""
     return {
         'name': one.name,
         'title': one.title,
@@ -105,11 +99,11 @@ def recorded_figures(one: MeasuredResponse) -> dict[str, Any]:
         'averages': one.measured.averages,
         'trusted_hz': one.measured.band_hz(),
         'agreement': _as_document(deviation(one.measured, one.linear)),
-        'margins': _recorded_margins(one),
+        'margins': _measured_margins(one),
     }
 
 
-def _recorded_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
+def _measured_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
     """Margins of an open loop within the band that is trusted; None for a closed one."""
     band = one.measured.band_hz()
     if one.name not in ('cascade', 'position') or band is None:
@@ -159,109 +153,198 @@ def interpolated(
     return np.asarray(size * np.exp(1j * np.interp(at, grid, np.unwrap(np.angle(values)))))
 
 
-def write_tables(
-    variants: list[Variant],
-    names: list[str],
-    points: list[SweepPoint],
-    found: list[MeasuredResponse],
-    folder: Path,
-    provenance: Provenance,
-) -> list[Path]:
-    """Write ``step_*.csv``, ``bode_*.csv``, ``workspace.csv``, ``effect.csv``, ``sweep.csv`` and ``recorded_*.csv``."""
-    paths = []
-    for number, loop in enumerate(variants[0].loops):
-        results = [variant.loops[number] for variant in variants]
-        if all(result.step is not None for result in results):
-            paths.append(_write_steps(loop.name, results, names, folder, provenance))
-        paths += _write_bode(loop.name, results, names, folder, provenance)
-    paths.append(_write_workspace(variants, names, folder, provenance))
-    paths += _write_effect(variants, names, folder, provenance)
-    if points:
-        paths.append(_write_sweep(points, folder, provenance))
-    for one in found:
-        columns, header = _measured_columns(one.measured, one.title)
-        header += [f'{one.title}: linear [dB]', f'{one.title}: linear [deg]']
-        rows = np.column_stack([*columns, decibels(one.linear), degrees(one.linear)]).tolist()
-        paths.append(write_table(folder / f'recorded_{one.name}.csv', header, rows, provenance))
-    return paths
-
-
-def _write_steps(
-    name: str, results: list[LoopResult], names: list[str], folder: Path, provenance: Provenance
-) -> Path:
-    steps = [result.step for result in results if result.step is not None]
-    columns, header = [steps[0].time_s], ['time [s]']
-    for step, which in zip(steps, names, strict=True):
-        columns += [step.drive, step.linear]
-        header += [f'{which}: drive [1]', f'{which}: linear [1]']
-    return write_table(folder / f'step_{name}.csv', header, np.column_stack(columns).tolist(), provenance)
-
-
-def _write_bode(
-    name: str, results: list[LoopResult], names: list[str], folder: Path, provenance: Provenance
-) -> list[Path]:
-    paths = []
-    for result, which in zip(results, names, strict=True):
-        grid, suffix = result.frequencies_hz, '' if len(results) == 1 else f'_{which}'
-        header = ['frequency [Hz]', 'open loop [dB]', 'open loop [deg]']
-        columns = [grid, decibels(result.open_loop), degrees(result.open_loop)]
-        if result.closed_loop is not None:
-            header += ['closed loop [dB]', 'closed loop [deg]']
-            for values in (decibels(result.closed_loop), degrees(result.closed_loop)):
-                columns.append(np.concatenate([values, np.full(len(grid) - len(values), np.nan)]))
-        rows = [['' if v != v else v for v in row] for row in np.column_stack(columns).tolist()]
-        paths.append(write_table(folder / f'bode_{name}{suffix}.csv', header, rows, provenance))
-        measured = [
-            (one, title)
-            for one, title in ((result.measured_open, 'open loop'), (result.measured_closed, 'closed loop'))
-            if one is not None
-        ]
-        for one, title in measured:
-            columns, header = _measured_columns(one, title)
-            kind = title.split()[0]
-            path = folder / f'bode_{name}{suffix}_bench_{kind}.csv'
-            paths.append(write_table(path, header, np.column_stack(columns).tolist(), provenance))
-    return paths
-
-
-def _measured_columns(measured: Measured, title: str) -> tuple[list[Floats], list[str]]:
-    header = [
-        'frequency [Hz]',
-        f'{title} [dB]',
-        f'{title} [deg]',
-        'coherence [1]',
-        'relative error [1]',
-        'trusted [0/1]',
+def text(document: dict[str, Any]) -> list[str]:
+    """Return the lines of a summary that people read."""
+    load, variants = document['load'], document['variants']
+    lines = [
+        f'{load["name"]}: {1e4 * load["inertia_kg_m2"]:.3f}e-4 kg m2 and {load["gravity_n_m"]:.3f} N m at the shaft, '
+        f'which turns at {document["speed_rad_s"]:g} rad/s'
     ]
-    columns = [
-        measured.frequencies_hz,
-        decibels(measured.values),
-        degrees(measured.values),
-        measured.coherence,
-        measured.error,
-        measured.trusted.astype(np.float64),
+    for change in document['changes']:
+        lines.append(f'{change["parameter"]}: {change["before"]:g} before, {change["after"]:g} after')
+    lines += [*_loop_lines(variants), *_workspace_lines(variants), '', f'  {document["program"]}']
+    lines += [_effect_line(name, variant['effect']) for name, variant in variants.items()]
+    lines += [_measured_line(one) for one in document['recorded']]
+    return lines + (_sweep_lines(document['sweep']) if document['sweep'] else [])
+
+
+def _loop_lines(variants: dict[str, Any]) -> list[str]:
+    lines = [
+        '',
+        '  loop      gains   crossover  phase m.  gain m.  delay m.    Ms  bandwidth     rise  overshoot  settling',
     ]
-    return columns, header
+    for loop in next(iter(variants.values()))['loops']:
+        for name, variant in variants.items():
+            row = variant['loops'][loop]
+            step = row.get('step') or {}
+            cells = [
+                _cell(row['crossover_hz'], '{:8.4g} Hz'), _cell(row['phase_margin_deg'], '{:6.1f} deg'),
+                _cell(row['gain_margin_db'], '{:5.1f} dB'), _cell(row['delay_margin_s'], '{:6.2f} ms', 1e3),
+                _cell(row['sensitivity_peak'], '{:5.2f}'), _cell(row['bandwidth_hz'], '{:7.4g} Hz'),
+                _cell(step.get('rise_time_s'), '{:6.2f} ms', 1e3), _cell(step.get('overshoot'), '{:7.1f} %', 100.0),
+                _cell(step.get('settling_time_s'), '{:6.1f} ms', 1e3),
+            ]  # fmt: skip
+            state = '' if row['stable'] else '  UNSTABLE'
+            lines.append(f'  {loop:<9} {name:<7} {"  ".join(cells)}{state}')
+            if 'fault' in row:
+                lines.append(f'  {"":<9} {name:<7} on the bench: {row["fault"]}')
+    for name, variant in variants.items():
+        lines += [f'  {name}: {sentence}' for sentence in variant['instability']]
+        near = [loop['agreement'] for loop in variant['loops'].values() if loop.get('agreement')]
+        if near:
+            distance = (max(a[unit] for a in near) for unit in ('decibels', 'degrees'))
+            told = '{:.2f} dB and {:.1f} deg'.format(*distance)
+            lines.append(
+                f'  drive on the bench against linear loops, {name}: within {told} where it is trustworthy'
+            )
+    return lines
 
 
-def _write_workspace(variants: list[Variant], names: list[str], folder: Path, provenance: Provenance) -> Path:
-    header = ['gains', 'load', 'inertia [kg m2]']
-    for name in OPEN:
-        header += [
-            f'{name}: crossover [Hz]',
-            f'{name}: phase margin [deg]',
-            f'{name}: gain margin [dB]',
-            f'{name}: Ms [1]',
-        ]
-    rows = []
-    for variant, which in zip(variants, names, strict=True):
-        for load, loops in variant.workspace:
-            row: list[Any] = [which, load.name, load.inertia_kg_m2]
-            for loop in loops:
-                m = loop.margins
-                row += [m.crossover_hz, m.phase_margin_deg, m.gain_margin_db, m.sensitivity_peak]
-            rows.append(['' if value is None else value for value in row])
-    return write_table(folder / 'workspace.csv', header, rows, provenance)
+def _workspace_lines(variants: dict[str, Any]) -> list[str]:
+    period = 1e3 * next(iter(variants.values()))['exchange_period_s']
+    lines = [
+        '',
+        '  inertia at shaft  gains    velocity loop: crossover, phase m., gain m.  position  '
+        f'cascade: Ms  gain m. exchanged every {period:g} ms',
+    ]
+    for name, variant in variants.items():
+        for row in variant['workspace']:
+            speed, position, cascade, exchanged = (row[key] for key in OPEN)
+            told = _cell(exchanged['gain_margin_db'], '{:5.1f} dB') if exchanged['stable'] else 'UNSTABLE'
+            cells = [
+                _cell(speed['crossover_hz'], '{:13.4g} Hz'), _cell(speed['phase_margin_deg'], '{:7.1f} deg'),
+                _cell(speed['gain_margin_db'], '{:5.1f} dB'), _cell(position['phase_margin_deg'], '{:8.1f} deg'),
+                _cell(cascade['sensitivity_peak'], '{:8.2f}'), f'{told:>11}',
+            ]  # fmt: skip
+            lines.append(
+                f'  {1e4 * row["inertia_kg_m2"]:6.2f}e-4 kg m2   {name:<7}{"  ".join(cells)}  {row["load"]}'
+            )
+    return lines
+
+
+def _effect_line(name: str, effect: dict[str, Any]) -> str:
+    if effect['following_error_max_rad'] is None:
+        return f'  {name:<7} stops: {effect["fault"]}'
+    return (
+        f'  {name:<7} following error {_millidegrees(effect["following_error_max_rad"])} max, '
+        f'{_millidegrees(effect["following_error_rms_rad"])} rms; TCP error '
+        f'{1e6 * effect["tcp_error_max_m"]:.1f} um max, {1e6 * effect["tcp_error_rms_m"]:.1f} um rms; '
+        f'current {effect["current_peak_a"]:.2f} A max{"; " + effect["fault"] if effect["fault"] else ""}'
+    )
+
+
+def _measured_line(one: dict[str, Any]) -> str:
+    band, near, margin = one['trusted_hz'], one['agreement'], one['margins']
+    told = 'no frequency is trustworthy' if band is None else (
+        f'{band[0]:.3g} to {band[1]:.4g} Hz trustworthy, '
+        f'within {near["decibels"]:.2f} dB and {near["degrees"]:.1f} deg of the linear one'
+    )  # fmt: skip
+    if margin is not None:
+        phase, gain = (
+            _cell(margin['phase_margin_deg'], '{:.1f} deg'),
+            _cell(margin['gain_margin_db'], '{:.1f} dB'),
+        )
+        told += f'; margins {phase} and {gain}'
+    return f'recorded, axis {one["axis"]}, {one["title"]}: {told}'
+
+
+def _sweep_lines(points: list[dict[str, Any]]) -> list[str]:
+    lines = [
+        '',
+        '  value       phase margin: current, velocity, position   overshoot: velocity, position   following error',
+    ]
+    for point in points:
+        loops = point['loops'].values()
+        margins = '  '.join(_cell(loop['phase_margin_deg'], '{:6.1f} deg') for loop in loops)
+        over = '  '.join(_cell(point['overshoot'][n], '{:6.1f} %', 100.0) for n in ('velocity', 'position'))
+        error = point['effect']['following_error_max_rad']
+        told = point['effect']['fault'] if error is None else _millidegrees(error)
+        state = '' if point['workspace_stable'] else '  unstable in the workspace'
+        if not all(loop['stable'] for loop in loops):
+            state = '  UNSTABLE'
+        lines.append(f'  {point["value"]:<10.5g}  {margins}   {over}   {told}{state}')
+    return lines
+
+
+def _millidegrees(angle_rad: float) -> str:
+    return f'{1e3 * math.degrees(angle_rad):.2f}e-3 deg'
+
+
+def _cell(value: float | None, form: str, factor: float = 1.0) -> str:
+    """Return a number, times a factor, in its form, or a dash in its place."""
+    return '-'.rjust(len(form.format(0.0))) if value is None else form.format(factor * value)
+
+
+def tables(found: Results) -> list[Table]:
+    """Return steps, frequency responses, margins over the workspace, the effect on the program, sweep, recording."""
+    made = []
+    for name, results in found.by_loop.items():
+        steps = {which: result.step for which, result in results.items() if result.step is not None}
+        if len(steps) == len(results):
+            made.append(_steps(name, steps))
+        for which, result in results.items():
+            made += _bode(name if len(results) == 1 else f'{name}_{which}', result)
+    made += [_workspace(found.variants), *_effects(found.variants)]
+    if found.points:
+        made.append(_sweep(found.points))
+    for one in found.measured:
+        linear = _polar(f'{one.title}: linear', one.linear)
+        made.append(
+            Table.of_columns(f'recorded_{one.name}.csv', _measured_columns(one.measured, one.title) | linear)
+        )
+    return made
+
+
+def _polar(title: str, values: NDArray[np.complex128]) -> dict[str, Floats]:
+    return {f'{title} [dB]': decibels(values), f'{title} [deg]': degrees(values)}
+
+
+def _measured_columns(measured: Measured, title: str) -> dict[str, Floats]:
+    return {
+        'frequency [Hz]': measured.frequencies_hz,
+        **_polar(title, measured.values),
+        'coherence [1]': measured.coherence,
+        'relative error [1]': measured.error,
+        'trusted [0/1]': measured.trusted.astype(np.float64),
+    }
+
+
+def _steps(name: str, steps: dict[str, Step]) -> Table:
+    columns = {'time [s]': next(iter(steps.values())).time_s}
+    for which, step in steps.items():
+        columns |= {f'{which}: drive [1]': step.drive, f'{which}: linear [1]': step.linear}
+    return Table.of_columns(f'step_{name}.csv', columns)
+
+
+def _bode(name: str, result: LoopResult) -> list[Table]:
+    columns = {'frequency [Hz]': result.frequencies_hz, **_polar('open loop', result.open_loop)}
+    if result.closed_loop is not None:
+        missing = np.full(len(result.frequencies_hz) - len(result.closed_loop), np.nan)
+        for title, values in _polar('closed loop', result.closed_loop).items():
+            columns[title] = np.concatenate([values, missing])
+    made = [Table.of_columns(f'bode_{name}.csv', columns)]
+    for kind, measured in (('open', result.measured_open), ('closed', result.measured_closed)):
+        if measured is not None:
+            columns = _measured_columns(measured, f'{kind} loop')
+            made.append(Table.of_columns(f'bode_{name}_bench_{kind}.csv', columns))
+    return made
+
+
+def _workspace(variants: dict[str, Variant]) -> Table:
+    figures = {
+        'crossover [Hz]': 'crossover_hz',
+        'phase margin [deg]': 'phase_margin_deg',
+        'gain margin [dB]': 'gain_margin_db',
+        'Ms [1]': 'sensitivity_peak',
+    }
+    header = ['gains', 'load', 'inertia [kg m2]', *(f'{name}: {title}' for name in OPEN for title in figures)]
+    rows = [
+        [which, load.name, load.inertia_kg_m2]
+        + [getattr(loop.margins, key) for loop in loops for key in figures.values()]
+        for which, variant in variants.items()
+        for load, loops in variant.workspace
+    ]
+    return Table('workspace.csv', header, rows)
 
 
 _EFFECT_HEADER = (
@@ -270,40 +353,36 @@ _EFFECT_HEADER = (
 )  # fmt: skip
 
 
-def _write_effect(
-    variants: list[Variant], names: list[str], folder: Path, provenance: Provenance
-) -> list[Path]:
-    rows = [
-        [which, *('' if value is None else value for value in variant.effect.figures().values())]
-        for variant, which in zip(variants, names, strict=True)
-    ]
-    paths = [write_table(folder / 'effect.csv', ['gains', *_EFFECT_HEADER], rows, provenance)]
-    ran = [(v.effect, n) for v, n in zip(variants, names, strict=True) if len(v.effect.time_s)]
+def _effects(variants: dict[str, Variant]) -> list[Table]:
+    effects = {which: variant.effect for which, variant in variants.items()}
+    rows = [[which, *effect.figures().values()] for which, effect in effects.items()]
+    made = [Table('effect.csv', ['gains', *_EFFECT_HEADER], rows)]
+    ran = {which: effect for which, effect in effects.items() if len(effect.time_s)}
     if ran:
-        columns, header = [ran[0][0].time_s], ['time [s]']
-        for effect, which in ran:
-            columns += [*effect.following_error_rad.T, effect.tcp_error_m]
-            header += [f'{which}: following error {i} [rad]' for i in (1, 2, 3)] + [f'{which}: TCP error [m]']
-        rows = np.column_stack(columns).tolist()
-        paths.append(write_table(folder / 'following_error.csv', header, rows, provenance))
-    return paths
+        columns = {'time [s]': next(iter(ran.values())).time_s}
+        for which, effect in ran.items():
+            for i, error in enumerate(effect.following_error_rad.T, start=1):
+                columns[f'{which}: following error {i} [rad]'] = error
+            columns[f'{which}: TCP error [m]'] = effect.tcp_error_m
+        made.append(Table.of_columns('following_error.csv', columns))
+    return made
 
 
-def _write_sweep(points: list[SweepPoint], folder: Path, provenance: Provenance) -> Path:
+def _sweep(points: list[SweepPoint]) -> Table:
     loops = [loop.name for loop in points[0].loops]
-    header = [
-        'value [SI]',
-        *(f'{n}: phase margin [deg]' for n in loops),
-        *(f'{n}: overshoot [1]' for n in loops),
+    kinds = ('phase margin [deg]', 'overshoot [1]', 'stable [0/1]')
+    header = ['value [SI]', *(f'{name}: {kind}' for kind in kinds for name in loops), *_EFFECT_HEADER]
+    rows = [
+        [
+            point.value,
+            *(loop.margins.phase_margin_deg for loop in point.loops),
+            *(point.overshoot[name] for name in loops),
+            *(int(loop.stable) for loop in point.loops),
+            *point.effect.figures().values(),
+        ]
+        for point in points
     ]
-    header += [f'{n}: stable [0/1]' for n in loops] + list(_EFFECT_HEADER)
-    rows = []
-    for point in points:
-        row: list[Any] = [point.value, *(loop.margins.phase_margin_deg for loop in point.loops)]
-        row += [point.overshoot[n] for n in loops] + [int(loop.stable) for loop in point.loops]
-        row += list(point.effect.figures().values())
-        rows.append(['' if value is None else value for value in row])
-    return write_table(folder / 'sweep.csv', header, rows, provenance)
+    return Table('sweep.csv', header, rows)
 
 
 def _as_document(found: tuple[float, float, float] | None) -> dict[str, float] | None:

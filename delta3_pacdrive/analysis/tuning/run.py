@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.analysis import figure_style
-from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json
+from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.tuning import effect, figures, measured_response, report, settings
 from delta3_pacdrive.analysis.tuning.analysis import (
     EXCHANGED,
@@ -23,30 +24,24 @@ from delta3_pacdrive.analysis.tuning.analysis import (
 )
 from delta3_pacdrive.analysis.tuning.load import extremes, load_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
-from delta3_pacdrive.analysis.tuning.study import Settings, SweepPoint, Variant
-from delta3_pacdrive.errors import ReportError, RunError, TuningError
+from delta3_pacdrive.analysis.tuning.study import Results, Settings, SweepPoint, Variant
+from delta3_pacdrive.errors import RunError, TuningError
 from delta3_pacdrive.motion import program as programs
 from delta3_pacdrive.recording.bag_trace import load as load_trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from delta3_pacdrive.analysis.study import OnProgress
     from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.analysis.tuning.settings import Setting
     from delta3_pacdrive.parameters import Parameters
 
-    OnProgress = Callable[[str, int, int], None]
-
-REPORT = 'report.json'
 TABLE_POINTS = 300  # of a linear curve whose margins alone are of interest
 SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the travel
 
 
 @dataclass
 class Study:
-    """A tuning, and the folder for its results.
-
-    ``on_progress`` is called with a stage in words, what is done and all of it (0: not known).
+    """A tuning in a folder.
 
     Raises
     ------
@@ -82,22 +77,24 @@ class Study:
 
     def run(self) -> dict[str, Any]:
         """Compute everything, write it into the folder and return the report; raises Delta3Error."""
-        self._make_folder()
-        found = self._recorded()
-        before = self.variant(self.robot, 'before' if self._changes else '')
-        after = self.variant(self._changed, 'after') if self._changes else None
+        chosen = self.settings
+        inputs = noted([chosen.program, *([chosen.recording] if chosen.recording else [])])
+        folder = ReportFolder(self.folder, Provenance.of(self.command, self.robot, chosen.parameters, inputs))
+        folder.make()
+        measured = self.measured()
+        robots = {'before': self.robot, 'after': self._changed} if self._changes else {'now': self.robot}
+        variants = {
+            name: self.variant(robot, name if self._changes else '') for name, robot in robots.items()
+        }
         points = [self.sweep_point(setting, number) for number, setting in enumerate(self._sweep)]
         self.on_progress('tables and figures', 0, 0)
-        provenance = self.provenance()
-        variants = [before] if after is None else [before, after]
-        names = ['now'] if after is None else ['before', 'after']
-        document = report.document(variants, points, found, self.operation, self.program.name, provenance)
-        tables = report.write_tables(variants, names, points, found, self.folder, provenance)
-        drawings = figures.by_name(variants, names, points, self._sweep_name(), found, provenance)
-        pictures = figure_style.save(drawings, self.folder, provenance.lines())
-        document['files'] = [str(path) for path in (self.folder / REPORT, *tables, *pictures)]
-        write_json(document, self.folder / REPORT)
-        return document
+        swept = self._sweep[0].name if self._sweep else ''
+        found = Results(self.operation, self.program.name, variants, swept, points, measured)
+        document = report.summary(found, folder.provenance)
+        for table in report.tables(found):
+            folder.table(table)
+        folder.figures(figures.by_name(found, folder.provenance))
+        return folder.summary('Tuning of the drives', document, report.text(document))
 
     def variant(self, robot: Parameters, which: str) -> Variant:
         """Return loops, margins over the workspace and the program with one set of gains."""
@@ -133,30 +130,13 @@ class Study:
         exchanged = all(linear_cascade(robot, shaft, Entry.CURRENT).is_stable() for shaft in shafts)
         return SweepPoint(setting.value, loops, overshoot, exchanged, effect.run(self.program, robot))
 
-    def provenance(self) -> Provenance:
-        """Return how the outputs come about."""
-        chosen = self.settings
-        inputs = [f'{chosen.program} {digest(programs.find(chosen.program))}']
-        if chosen.recording:
-            inputs.append(f'{chosen.recording} {digest(Path(chosen.recording))}')
-        return Provenance.of(self.command, self.robot, chosen.parameters, inputs)
-
-    def _make_folder(self) -> None:
-        """Make the folder before anything is computed for it."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ReportError(f'cannot write to {self.folder}: {error.strerror or error}') from error
-
-    def _recorded(self) -> list[MeasuredResponse]:
+    def measured(self) -> list[MeasuredResponse]:
+        """Return the responses of the recording, if there is one; raises TraceError, TuningError, EstimationError."""
         if self.settings.recording is None:
             return []
         self.on_progress('reading', 0, 0)
         trace = load_trace(self.settings.recording)
         return measured_response.identify(trace, self.settings.axis, self.robot, self.operation)
-
-    def _sweep_name(self) -> str:
-        return self._sweep[0].name if self._sweep else ''
 
 
 def robot_of(chosen: Settings) -> Parameters:

@@ -1,4 +1,4 @@
-"""What a tuning depends on, and what it holds of each set of gains."""
+"""What a tuning depends on, and what it finds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.tuning.analysis import LoopResult
+    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, OperatingPoint
     from delta3_pacdrive.analysis.tuning.effect import Effect
     from delta3_pacdrive.analysis.tuning.load import Load
+    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
     from delta3_pacdrive.parameters import Parameters
 
 
@@ -103,3 +104,39 @@ class SweepPoint:
     overshoot: dict[str, float | None]
     workspace_stable: bool
     effect: Effect
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a tuning finds.
+
+    Attributes
+    ----------
+    operation
+        At what the loops were looked at.
+    program
+        Name of the one that shows the effect.
+    variants
+        By name: ``now``, or ``before`` and ``after``.
+    swept, points
+        Name of the parameter that was swept, and its values; empty without a sweep.
+    measured
+        Responses of a recording.
+
+    """
+
+    operation: OperatingPoint
+    program: str
+    variants: dict[str, Variant]
+    swept: str
+    points: list[SweepPoint]
+    measured: list[MeasuredResponse]
+
+    @property
+    def by_loop(self) -> dict[str, dict[str, LoopResult]]:
+        """Results by the name of the loop and of the variant."""
+        first = next(iter(self.variants.values()))
+        return {
+            loop.name: {name: variant.loops[number] for name, variant in self.variants.items()}
+            for number, loop in enumerate(first.loops)
+        }

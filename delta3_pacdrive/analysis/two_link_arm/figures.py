@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure, save
-from delta3_pacdrive.analysis.provenance import write_table
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure
+from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.two_link_arm.kinematics import (
     Branch,
     TwoLinkArm,
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import Drawings
     from delta3_pacdrive.numerics.types import Floats
 
 SPEED_M_S = 1.0  # of the tool, along its line
@@ -46,29 +45,20 @@ BEST: dict[str, Any] = {'color': TOOL, 'linewidth': 1.4, 'linestyle': (0, (1, 1.
 LEGEND: dict[str, Any] = {'loc': 'outside lower center', 'frameon': False, 'fontsize': 9}
 
 
-def draw(arm: TwoLinkArm, p: ArrayLike, folder: str | Path, provenance: Provenance) -> list[Path]:
-    """Write all figures as PNG files into ``folder``, made if it is not there; ``p`` [m] is the point of the first.
-
-    ``arm_manipulability.csv`` holds the curves over theta_2.
-
-    Raises
-    ------
-    UnreachableError
-        The point is out of reach.
-    FigureError
-        A file cannot be written.
-
-    """
-    drawings = {
+def by_name(arm: TwoLinkArm, p: ArrayLike) -> Drawings:
+    """Return what draws each figure, by file name; ``p`` [m] is the point of the first."""
+    return {
         'arm_solutions.png': partial(solutions, arm, p),
         'arm_workspace.png': partial(workspace, arm),
         'arm_manipulability.png': partial(manipulability_over_theta_2, arm),
         'arm_joint_speeds.png': partial(joint_speeds_along_lines, arm),
     }
-    paths = save(drawings, folder, provenance.lines())
-    table = Path(folder) / 'arm_manipulability.csv'
-    header = ['theta_2 [rad]', '|det J| [m2]', 'condition of J [1]']
-    return [*paths, write_table(table, header, _over_theta_2(arm).tolist(), provenance)]
+
+
+def table(arm: TwoLinkArm) -> Table:
+    """Return the curves over theta_2."""
+    names = ('theta_2 [rad]', '|det J| [m2]', 'condition of J [1]')
+    return Table.of_columns('arm_manipulability.csv', dict(zip(names, _over_theta_2(arm).T, strict=True)))
 
 
 def _over_theta_2(arm: TwoLinkArm) -> Floats:
@@ -79,7 +69,7 @@ def _over_theta_2(arm: TwoLinkArm) -> Floats:
 
 
 def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
-    """Draw the arm in both solutions for one point [m], each beside the other's shadow (Fig. 3.4, 3.5).
+    """The arm in both solutions for one point [m], each beside the other's shadow (Fig. 3.4, 3.5).
 
     Raises
     ------
@@ -113,7 +103,7 @@ def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
 
 
 def workspace(arm: TwoLinkArm) -> Figure:
-    """Draw the workspace: a ring between the singular circles, coloured by manipulability [m^2] (3.3)."""
+    """Workspace: a ring between the singular circles, coloured by manipulability [m^2] (3.3)."""
     figure = _figure('Workspace, manipulability and singular circles', 7.0, 6.4)
     axes = figure.subplots()
     r = np.linspace(arm.inner_reach_m, arm.outer_reach_m, 201)
@@ -138,7 +128,7 @@ def workspace(arm: TwoLinkArm) -> Figure:
 
 
 def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
-    """Draw manipulability [m^2] and condition number of J over theta_2 [deg] (3.3)."""
+    """Manipulability [m^2] and condition number of J over theta_2 [deg] (3.3)."""
     figure = _figure('Manipulability and condition of the Jacobian', 8.0, 5.6)
     panels = figure.subplots(2, 1, sharex=True)
     theta_2, product, condition = _over_theta_2(arm).T
@@ -170,7 +160,7 @@ def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
 
 
 def joint_speeds_along_lines(arm: TwoLinkArm) -> Figure:
-    """Draw the joint speeds [deg/s] on straight lines, at constant speed, that come near both singular circles.
+    """Joint speeds [deg/s] on straight lines, at constant speed, that come near both singular circles.
 
     Each line begins and ends at its clearance inside the outer circle and passes the inner one with the same.
     """

@@ -1,0 +1,47 @@
+"""What an experiment depends on, and what it finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.experiments.attribution import Attribution
+    from delta3_pacdrive.analysis.experiments.comparison import Comparison
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What an experiment depends on, apart from the contents of its files.
+
+    Attributes
+    ----------
+    number
+        1 to 3, of the thesis.
+    parameters
+        Parameter file of the model; None: the packaged one.
+    robot
+        Parameter file of the robot.
+    seed
+        Of the robot's sensor noise; None: the one in its file.
+    attributed
+        Whether to look for what explains the difference.
+
+    """
+
+    number: int
+    parameters: str | None = None
+    robot: str = 'rich'
+    seed: int | None = None
+    attributed: bool = True
+
+
+@dataclass(frozen=True)
+class Results:
+    """What an experiment finds: the comparison, what explains it (None: not looked for), and notes in sentences."""
+
+    number: int
+    program: str
+    comparison: Comparison
+    attribution: Attribution | None
+    notes: list[str]

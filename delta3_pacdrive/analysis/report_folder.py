@@ -1,0 +1,218 @@
+"""One way to leave results behind: a folder of tables, figures and a summary, and a page that shows all of them.
+
+Every file tells where it comes from. The page is HTML without scripts, its links are relative: it reads offline, and
+also where the folder has been moved to.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
+
+from delta3_pacdrive.analysis.figure_style import save
+from delta3_pacdrive.analysis.provenance import Provenance, write_json, write_table
+from delta3_pacdrive.errors import FigureError, ReportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
+
+    Drawings = Mapping[str, Callable[[], Figure]]
+
+SUMMARY, INDEX = 'report.json', 'index.html'
+ROWS_SHOWN = 12  # of a table, on the page
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table to be written; a cell without a value, None or nan, stays empty.
+
+    Attributes
+    ----------
+    name
+        Of the file.
+    header
+        Names of the columns, with units.
+    rows
+        Numbers and texts.
+
+    """
+
+    name: str
+    header: Sequence[str]
+    rows: Iterable[Sequence[Any]]
+
+    @staticmethod
+    def of_columns(name: str, columns: Mapping[str, ArrayLike]) -> Table:
+        """Return the table of these columns of numbers, each of shape (n,)."""
+        return Table(name, list(columns), np.column_stack(list(columns.values())).tolist())
+
+
+class ReportFolder:
+    """A folder for the results of one command.
+
+    Attributes
+    ----------
+    path
+        Of the folder, which is made when the first file is written.
+    provenance
+        That goes into every file.
+
+    """
+
+    def __init__(self, path: Path, provenance: Provenance) -> None:
+        self.path, self.provenance = path, provenance
+        self._files: list[Path] = []
+        self._sections: list[str] = []
+
+    @property
+    def files(self) -> list[str]:
+        """The page, and what was written so far."""
+        return [str(path) for path in (self.path / INDEX, *self._files)]
+
+    def add(self, path: Path) -> None:
+        """Take in a file of the folder that somebody else has written."""
+        self._files.append(path)
+        self._sections.append(f'<h2>{_link(path)}</h2>')
+
+    def table(self, table: Table) -> Path:
+        """Write a table as CSV; raises ReportError."""
+        rows = [['' if cell is None or cell != cell else cell for cell in row] for row in table.rows]
+        path = write_table(self.path / table.name, table.header, rows, self.provenance)
+        shown = [table.header, *rows[:ROWS_SHOWN]]
+        lines = ''.join(f'<tr>{"".join(f"<td>{_cell(cell)}</td>" for cell in row)}</tr>\n' for row in shown)
+        count = (
+            f'{len(rows)} rows' if len(rows) <= ROWS_SHOWN else f'the first {ROWS_SHOWN} of {len(rows)} rows'
+        )
+        self._files.append(path)
+        self._sections.append(
+            f'<details><summary>{_link(path)}</summary>\n<p>{count}</p>\n'
+            f'<div class="wide"><table>\n{lines}</table></div></details>'
+        )
+        return path
+
+    def figures(self, drawings: Drawings) -> list[Path]:
+        """Draw figures, by file name, and write them as PNG; raises FigureError.
+
+        The summary line of the function that draws a figure is its caption.
+        """
+        paths = []
+        for name, draw in drawings.items():
+            path, figure = self.path / name, draw()
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                save(figure, path, self.provenance.lines())
+            except OSError as error:
+                raise FigureError(
+                    f'cannot write figures to {self.path}: {error.strerror or error}'
+                ) from error
+            paths.append(path)
+            self._sections.append(
+                f'<figure><a href="{quote(name)}"><img src="{quote(name)}" alt="{escape(name)}"></a>\n'
+                f'<figcaption><b>{_title(figure)}</b> {escape(_caption(draw))}</figcaption></figure>'
+            )
+        self._files += paths
+        return paths
+
+    def summary(self, title: str, document: dict[str, Any], text: Iterable[str]) -> dict[str, Any]:
+        """Write the summary and the page, at last; return the summary, which then names all files; raises ReportError.
+
+        Parameters
+        ----------
+        title
+            Of the page.
+        document
+            The results, ready for JSON.
+        text
+            The same in lines for people.
+
+        """
+        path = self.path / SUMMARY
+        document = document | {'files': [str(path), *self.files]}
+        self.page(title, text, _link(path))
+        write_json(document, path)
+        return document
+
+    def page(self, title: str, text: Iterable[str] = (), more: str = '') -> None:
+        """Write the page that shows what is in the folder; raises ReportError."""
+        lines = self.provenance.lines()
+        origin = ''.join(
+            f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>\n' for name, value in lines.items()
+        )
+        told = escape('\n'.join(text)).strip('\n')
+        body = '\n'.join(
+            [
+                f'<h1>{escape(title)}</h1>\n<p><code>{escape(lines["command"])}</code></p>',
+                f'<pre>{told}</pre>' if told else '',
+                *self._sections,
+                f'<h2>How this came about</h2>\n<table>\n{origin}</table>\n<p>{more}</p>',
+            ]
+        )
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            (self.path / INDEX).write_text(PAGE.format(title=escape(title), body=body), encoding='utf-8')
+        except OSError as error:
+            raise ReportError(f'cannot write to {self.path}: {error.strerror or error}') from error
+
+    def make(self) -> None:
+        """Make the folder before anything is computed for it; raises ReportError."""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ReportError(f'cannot write to {self.path}: {error.strerror or error}') from error
+
+    def clear(self, patterns: Iterable[str]) -> None:
+        """Remove what an earlier command left, so that nothing looks complete; raises ReportError."""
+        try:
+            for pattern in (SUMMARY, INDEX, *patterns):
+                for path in self.path.glob(pattern):
+                    path.unlink()
+        except OSError as error:
+            raise ReportError(f'cannot write to {self.path}: {error.strerror or error}') from error
+
+
+PAGE = """\
+<!DOCTYPE html>
+<html lang="en">
+<meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title>
+<style>
+body {{ font-family: sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; color: #222 }}
+pre, code, td {{ font-size: 90% }} pre, .wide {{ overflow-x: auto }} pre {{ background: #f4f4f4; padding: 1em }}
+figure {{ margin: 2em 0 }} img {{ max-width: 100%; border: 1px solid #ddd }} figcaption {{ color: #444 }}
+table {{ border-collapse: collapse }} td {{ border: 1px solid #ddd; padding: .2em .5em }} details {{ margin: 1em 0 }}
+</style>
+<body>
+{body}
+</body>
+</html>
+"""
+
+
+def _link(path: Path) -> str:
+    return f'<a href="{quote(path.name)}">{escape(path.name)}</a>'
+
+
+def _cell(cell: Any) -> str:
+    return escape(f'{cell:.6g}' if isinstance(cell, float) else str(cell))
+
+
+def _title(figure: Figure) -> str:
+    """Return the title of a figure without the marks of its formulas."""
+    text = re.sub(r'\$(.*?)\$', lambda found: re.sub(r'\\mathrm|[{}\\]', '', found[1]), figure.get_suptitle())
+    return escape(text.strip().rstrip('.')) + '.' if text.strip() else ''
+
+
+def _caption(draw: Any) -> str:
+    while isinstance(draw, partial):
+        draw = draw.func
+    return (draw.__doc__ or '').partition('\n')[0]

@@ -1,0 +1,50 @@
+"""What the commands of studies share: progress, what an interruption leaves, the summary as text or as JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation
+from delta3_pacdrive.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from delta3_pacdrive.analysis.study import OnProgress
+
+
+def conduct(
+    options: Any,
+    work: Callable[[OnProgress], dict[str, Any]],
+    text: Callable[[dict[str, Any]], Iterable[str]],
+    unfinished: Callable[[], str] = lambda: 'interrupted: no report was written',
+) -> int:
+    """Do what a study does, print its summary and return the exit status.
+
+    Parameters
+    ----------
+    options
+        Of the command: ``parameters`` and ``json``.
+    work
+        Computes, and returns the summary.
+    text
+        Turns the summary into lines for people.
+    unfinished
+        Says what an interruption leaves.
+
+    """
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+
+    announce_compilation()
+    simulation.load_kernels(core.load(options.parameters))
+    try:
+        with Progress(quiet=options.json) as progress:
+            summary = work(progress.show)
+    except KeyboardInterrupt:
+        print(unfinished(), file=sys.stderr)
+        return INTERRUPTED
+    print(json.dumps(summary) if options.json else '\n'.join([*text(summary), *summary.get('files', ())]))
+    return 0
