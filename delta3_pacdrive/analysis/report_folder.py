@@ -146,7 +146,9 @@ class ReportFolder:
         """Write the page that shows what is in the folder; raises ReportError."""
         lines = self.provenance.lines()
         origin = ''.join(
-            f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>\n' for name, value in lines.items()
+            f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>\n'
+            for name, value in lines.items()
+            if name != 'command'
         )
         told = escape('\n'.join(text)).strip('\n')
         body = '\n'.join(

@@ -9,6 +9,8 @@ import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import run_figures
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program as programs
@@ -34,7 +36,7 @@ def trace() -> Trace:
 
 
 def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_path: Path) -> None:
-    paths = run_figures.draw(trace, tmp_path)
+    paths = run_figures.draw(trace, ReportFolder(tmp_path, Provenance.of('test')))
     assert {path.name for path in paths} == PROMISED
     for path in paths:
         data = path.read_bytes()
@@ -203,7 +205,12 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
     assert main(['plot', str(tmp_path / 'run.npz'), *arguments, '--output', str(folder)]) == 0
     printed = capsys.readouterr()
     assert 'programs started at 0, 3 s' in printed.err
-    assert {path.name for path in folder.iterdir()} == {'currents.png', 'coupling_torque.png', 'signals.csv'}
+    assert {path.name for path in folder.iterdir()} == {
+        'currents.png',
+        'coupling_torque.png',
+        'signals.csv',
+        'index.html',
+    }
     data = bag_trace.load(folder / 'signals.csv')
     assert set(data.signals) == {'current', 'coupling_torque'}
     assert data.time_s[[0, -1]] == pytest.approx([500.22, 500.42])  # bus time

@@ -137,7 +137,7 @@ JACOBIAN = {
 
 @pytest.mark.parametrize('arguments', JACOBIAN, ids=' '.join)
 def test_an_option_of_jacobian_is_a_setting_of_the_study_and_changes_no_other(arguments, monkeypatch):
-    monkeypatch.setattr(jacobian_run, 'run', asking())
+    monkeypatch.setattr(jacobian_run, 'Study', asking())
     default, chosen = asked(jacobian, [])[0], asked(jacobian, arguments)[0]
     changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
     assert changed == JACOBIAN[arguments]
@@ -161,7 +161,7 @@ ESTIMATE = {
 
 
 @pytest.mark.parametrize('arguments', ESTIMATE, ids=' '.join)
-def test_an_option_of_estimate_is_a_setting_of_the_session_and_changes_no_other(arguments, monkeypatch):
+def test_an_option_of_estimate_is_a_setting_of_the_study_and_changes_no_other(arguments, monkeypatch):
     monkeypatch.setattr(estimation_run, 'Study', asking())
     default, chosen = asked(estimate, [])[0], asked(estimate, arguments)[0]
     changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}

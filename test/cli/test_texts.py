@@ -8,7 +8,7 @@ import pytest
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.estimation import run as estimation_run
-from delta3_pacdrive.analysis.experiments import report as experiment_report
+from delta3_pacdrive.analysis.experiments import run as experiment_run
 from delta3_pacdrive.analysis.jacobian import run as jacobian_run
 from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json, write_table
 from delta3_pacdrive.analysis.tuning import run as tuning_run
@@ -327,7 +327,7 @@ def test_deviations_are_printed_peak_first_exact_first(monkeypatch, capsys):
         'files': ['report.json'],
     }
     monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
-    monkeypatch.setattr(jacobian_run, 'run', lambda *_: document)
+    monkeypatch.setattr(jacobian_run, 'Study', returning(document))
     assert jacobian.main([]) == 0
     printed = lines(capsys)
     assert printed[0] == 'exact lengths R_A +35 mm all 1 mm off, at worst'
@@ -367,7 +367,7 @@ def test_the_signals_of_an_experiment_are_printed_model_first_with_what_explains
         'files': ['report.json'],
     }
     monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
-    monkeypatch.setattr(experiment_report, 'write', lambda *_: document)
+    monkeypatch.setattr(experiment_run, 'Study', returning(document))
     assert experiment.main(['1', '--no-attribution', '--output', str(tmp_path / 'out')]) == 0
     printed = lines(capsys)
     assert printed[0] == document['program']

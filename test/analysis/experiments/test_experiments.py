@@ -195,7 +195,7 @@ def attributed(robot, rich, short_program):
     some = with_effects(rich, ['friction', 'encoders', 'geometry'])
     told = []
     model = Run.of(run(short_program, robot), robot)
-    found = attribute(short_program, model, robot, some, lambda done, total: told.append((done, total)))
+    found = attribute(short_program, model, robot, some, lambda _, done, total: told.append((done, total)))
     assert told == [(done, 8) for done in range(9)]
     return found
 

@@ -443,7 +443,7 @@ def test_the_recording_of_the_axis_that_is_asked_for_is_evaluated(excited, robot
     monkeypatch.setattr(measured_response, 'identify', lambda _trace, axis, *_: asked.append(axis) or [])
     for axis in (1, 3):
         settings_ = study.Settings(axis=axis, recording=str(tmp_path / 'trace.npz'))
-        run.Study(settings_, tmp_path, 'test', silent)._recorded()
+        run.Study(settings_, tmp_path, 'test', silent).measured()
     assert asked == [1, 3]
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.two_link_arm import figures, kinematics
 from delta3_pacdrive.analysis.two_link_arm.kinematics import Branch, TwoLinkArm
 from delta3_pacdrive.cli.main import main
@@ -249,7 +250,9 @@ def test_the_module_needs_neither_ros_nor_matplotlib_nor_compilation():
     [(ARM, (-0.2, 0.4)), (TwoLinkArm(0.5, 0.5), (0.0, 0.0)), (TwoLinkArm(0.1, 0.9), (0.0, 1.0))],
 )
 def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path):
-    *paths, table = figures.draw(arm, point, tmp_path, Provenance.of('test'))
+    folder = ReportFolder(tmp_path, Provenance.of('test'))
+    paths = folder.figures(figures.by_name(arm, point))
+    table = folder.table(figures.table(arm))
     assert [path.name for path in paths] == FIGURES
     for path in paths:
         data = path.read_bytes()
@@ -279,8 +282,9 @@ def test_the_lines_of_the_figure_keep_their_clearance_from_both_singular_circles
 
 def test_figures_that_cannot_be_written_get_one_sentence(tmp_path):
     (tmp_path / 'file').write_text('')
+    folder = ReportFolder(tmp_path / 'file', Provenance.of('test'))
     with pytest.raises(FigureError, match=r'^cannot write figures to .*file: File exists$'):
-        figures.draw(ARM, (0.5, 0.2), tmp_path / 'file', Provenance.of('test'))
+        folder.figures(figures.by_name(ARM, (0.5, 0.2)))
 
 
 def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys):
@@ -307,7 +311,9 @@ def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
     result = json.loads(capsys.readouterr().out)
     assert result['ok'] is True
     assert result['reach_m'] == pytest.approx([0.1, 0.7])
-    assert result['files'] == [str(tmp_path / 'new' / name) for name in [*FIGURES, 'arm_manipulability.csv']]
+    assert result['files'] == [
+        str(tmp_path / 'new' / name) for name in ['index.html', *FIGURES, 'arm_manipulability.csv']
+    ]
     for branch in Branch:
         solution = result['solutions'][branch.name.lower()]
         theta = kinematics.inverse((-0.2, 0.4), ARM, branch)
