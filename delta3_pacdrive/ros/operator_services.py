@@ -23,21 +23,17 @@ from delta3_pacdrive.controller.messages import (
     RESET,
     TAKE,
     TAKE_OVER,
-    LastReplies,
-    Numbering,
-    Reply,
     Request,
-    refuse_recording,
 )
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.errors import Code, Reason, TelegramError, shown
+from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
-from delta3_pacdrive.ros.qos import LATCHED, REPORT, REQUEST
+from delta3_pacdrive.ros.request_server import RequestServer, Tell
 from delta3_pacdrive.ros.robot_node import RobotNode
 
 REQUEST_BYTES_MAX = 4096
-Tell = Callable[[Reason | None, str], None]  # why something was refused, or None and what has happened
 NEEDS_CONTROL = frozenset({ENABLE, RESET})
 
 
@@ -69,15 +65,18 @@ class OperatorServices:
         told: Callable[[], None],
     ) -> None:
         self._log, self._state, self._control = node.get_logger(), state, control
-        self._session, self._changed, self._told = session, changed, told
-        self._numbers = Numbering()
-        self._last_replies = LastReplies()
-        self._replies = node.create_publisher(String, 'control/reply', REQUEST)
-        self._operator = node.create_publisher(String, 'control/operator', LATCHED)
-        node.create_bounded_subscription(
-            String, 'control/request', self._on_request, REQUEST, REQUEST_BYTES_MAX
+        self._changed, self._told = changed, told
+        self._operator = interfaces.CONTROL_OPERATOR.publisher(node)
+        self._server = RequestServer(
+            node,
+            interfaces.CONTROL_REQUEST,
+            interfaces.CONTROL_REPLY,
+            lambda: session().decode(),
+            self._on_request,
+            changes=lambda: control.changes,
+            bytes_max=REQUEST_BYTES_MAX,
         )
-        node.create_bounded_subscription(Header, 'control/alive', self._on_alive, REPORT)
+        node.listen(interfaces.CONTROL_ALIVE, self._on_alive)
         for name, action in (
             ('hold', HOLD),
             ('abort', ABORT),
@@ -116,23 +115,9 @@ class OperatorServices:
 
     # requests -------------------------------------------------------------------------------------------------------
 
-    def _on_request(self, message: String) -> None:
-        request = Request.from_json(message.data)
-        if request.receiver != self._session().decode():
-            self._replies.publish(String(data=refuse_recording(request).to_json()))
-            raise TelegramError(f'a request in session {shown(request.receiver)}, which is not this one')
-        if not self._numbers.is_new(request.operator, request.number):
-            if (last := self._last_replies.to(request)) is not None:
-                self._replies.publish(String(data=last.to_json()))
-            return
-
+    def _on_request(self, request: Request) -> None:
         def reply(reason: Reason | None, sentence: str) -> None:
-            code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
-            answer = Reply(
-                request.operator, request.number, True, reason is None, code, text, self._control.changes
-            )
-            self._replies.publish(String(data=answer.to_json()))
-            self._last_replies.keep(answer)
+            self._server.reply(request, reason, sentence)
 
         self._do(request.operator, request.action, request.text, reply)
 

@@ -14,8 +14,8 @@ from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.numbers import numbers, row_of
-from delta3_pacdrive.ros.qos import LATCHED, PLAN, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_node import RobotNode
 
 SLICE_S, SLICE_EVERY_S = 0.5e-3, 2e-3  # time that checking a plan may take, and how often
@@ -48,15 +48,13 @@ class PlannerLink:
     ) -> None:
         self._log, self._orders, self._bus, self._changed = node.get_logger(), orders, bus, changed
         self._told = 0  # checked rows in the last status
-        self._status = node.create_publisher(String, 'motion/status', LATCHED)
-        self._verdicts = node.create_publisher(String, 'motion/verdict', REQUEST)
-        self._refusals = node.create_publisher(String, 'motion/refusal', REQUEST)
-        self._course = node.create_publisher(Float64MultiArray, 'motion/course', LATCHED)
-        for topic, receive in (('motion/plan', self._on_row), ('motion/change', self._on_course)):
-            node.create_bounded_subscription(
-                Float64MultiArray, topic, receive, PLAN, ROW_BYTES_MAX, self._refuse_stranger
-            )
-        node.create_bounded_subscription(Header, 'unit_robot/alive', self._on_alive, REPORT)
+        self._status = interfaces.STATUS.publisher(node)
+        self._verdicts = interfaces.VERDICT.publisher(node)
+        self._refusals = interfaces.REFUSAL.publisher(node)
+        self._course = interfaces.COURSE.publisher(node)
+        node.listen(interfaces.MOTION_PLAN, self._on_row, ROW_BYTES_MAX, self._refuse_foreign)
+        node.listen(interfaces.MOTION_CHANGE, self._on_course, ROW_BYTES_MAX, self._refuse_foreign)
+        node.listen(interfaces.PLANNER_ALIVE, self._on_alive)
         self._slices = node.create_timer(SLICE_EVERY_S, self._check_rows)
         self._slices.cancel()
 
@@ -109,7 +107,7 @@ class PlannerLink:
         self._log.error(sentence)
         self._refusals.publish(String(data=sentence))
 
-    def _refuse_stranger(self, sentence: str) -> None:
+    def _refuse_foreign(self, sentence: str) -> None:
         """Say that something was refused that is nobody's order; in the log at most once a second."""
         self._log.error(f'refused: {sentence}', throttle_duration_sec=1.0)
         self._refusals.publish(String(data=f'refused: {sentence}'))

@@ -1,0 +1,42 @@
+"""A plan on its way to the transformation task: no more rows at once than it can check."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+from delta3_pacdrive.controller.messages import FAULT, ORDER
+from delta3_pacdrive.controller.planner_actions import Ordered
+
+UNCHECKED_MAX = 1000  # rows that are under way at once
+
+
+class PlanRows:
+    """Rows of one plan after the other, as they are sent: moves, faults, and the order that ends them."""
+
+    def __init__(self) -> None:
+        self._rows: deque[tuple[str, Any]] = deque()
+        self._number = 0
+        self._sent = 0
+
+    def begin(self, action: Ordered) -> None:
+        """Send a plan next."""
+        count = len(action.moves)
+        self._number, self._sent = action.number, 0
+        self._rows.extend((move.kind.name, (move, n, count)) for n, move in enumerate(action.moves))
+        self._rows.extend((FAULT, fault.to_row()) for fault in action.faults)
+        self._rows.append((ORDER, action.row))
+
+    def clear(self) -> None:
+        """Send no more of it."""
+        self._rows.clear()
+
+    def due(self, checked: int) -> Iterator[tuple[str, int, Any]]:
+        """Return kind, number of the order, and numbers of the rows that can be sent once so many were checked."""
+        checked = checked if self._sent else 0
+        while self._rows and self._sent - checked < UNCHECKED_MAX:
+            kind, values = self._rows.popleft()
+            if kind not in (FAULT, ORDER):
+                move, n, count = values
+                values = move.to_array(n, count)
+            self._sent += 1
+            yield kind, self._number, values

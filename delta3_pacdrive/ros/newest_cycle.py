@@ -1,0 +1,47 @@
+"""The newest bus cycle that a node knows of which gets no cyclic telegrams."""
+
+from collections.abc import Callable
+
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME
+
+AHEAD_MAX = 5000  # cycles by which joint states may be newer than what is known: they belong to everybody
+
+
+class NewestCycle:
+    """The bus cycle of the newest joint states, which come every 10 ms of bus time.
+
+    Parameters
+    ----------
+    node
+        Polls the joint states.
+    known
+        Returns a cycle that is known from elsewhere.
+
+    """
+
+    def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
+        self._cycles, self._known = cycles, known
+        self._take = node.create_polled_subscription(JointState, 'joint_states', NEWEST)
+        self._codec = cdr.joint_states_codec()
+        self._newest = 0
+
+    def __call__(self) -> int:
+        """Return the newest bus cycle."""
+        known = self._known()
+        self._newest = max(self._newest, known) if self._newest < known + AHEAD_MAX else known
+        while (taken := self._take()) is not None:
+            try:
+                sec, nanosec, frame, _ = self._codec.decode(taken[0])
+            except TelegramError:
+                continue  # joints of somebody else: the topic belongs to everybody
+            cycle = self._cycles.count(sec, nanosec) if frame == BASE_FRAME else -1
+            if cycle < known + AHEAD_MAX:
+                self._newest = max(self._newest, cycle)
+        return self._newest

@@ -1,0 +1,158 @@
+"""What operators ask of the planner: programs, moves, start, resume, clear, override; and what they are answered.
+
+In: ``unit_robot/program`` (String: YAML, or the name of a packaged program), ``unit_robot/move_l`` (PointStamped),
+``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of at most 100 poses),
+``unit_robot/override`` (Float64, percent), and ``unit_robot/request`` (String, JSON: the same, of operators who say who
+they are). Out: ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: the answer
+to a request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned). Services:
+``start``, ``resume``, ``clear``.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.errors import Reason, TelegramError
+from delta3_pacdrive.ros import interfaces, move_messages
+from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
+from delta3_pacdrive.ros.request_server import RequestServer, Tell
+from delta3_pacdrive.ros.robot_node import RobotNode
+
+PROGRAM_BYTES_MAX = 1024 * 1024
+
+
+class PlannerServices:
+    """Services of one planner.
+
+    Parameters
+    ----------
+    node
+        Has the services.
+    planner, identity
+        Decides, and what it is known by.
+    progress
+        Says how far the planning is, empty while nothing is planned.
+    changed
+        Called when the planner was asked for something: whatever it wants done has to be done.
+
+    """
+
+    def __init__(
+        self,
+        node: RobotNode,
+        planner: Planner,
+        identity: str,
+        progress: Callable[[], str],
+        changed: Callable[[], None],
+    ) -> None:
+        self._log, self._planner, self._identity = node.get_logger(), planner, identity
+        self._progress, self._changed = progress, changed
+        self._asked: dict[int, tuple[Request, Tell | None]] = {}  # by the identity of the request
+        self._anonymous = 0  # requests of clients without an identity
+        self._told_queue = ''
+        self._answer = interfaces.ANSWER.publisher(node)
+        self._queue = interfaces.QUEUE.publisher(node)
+        self._server = RequestServer(
+            node,
+            interfaces.PLANNER_REQUEST,
+            interfaces.PLANNER_REPLY,
+            lambda: identity,
+            self._on_request,
+            bytes_max=2 * PROGRAM_BYTES_MAX,
+            refuse=self._refuse_request,
+        )
+        for topic, receive in (
+            (interfaces.PROGRAM, lambda message: self._ask('program', message.data)),
+            (interfaces.MOVE_L, self._enqueue(move_messages.move_l)),
+            (interfaces.MOVE_C, self._enqueue(move_messages.move_c)),
+            (interfaces.MOVE_SB, self._enqueue(move_messages.move_sb)),
+            (interfaces.OVERRIDE, lambda message: self._ask('override', repr(message.data))),
+        ):
+            node.listen(topic, receive, PROGRAM_BYTES_MAX, self._refuse)
+        for name in ('start', 'resume', 'clear'):
+            create_deferred_service(node, Trigger, name, self._service(name))
+
+    # requests ---------------------------------------------------------------------------------------------------------
+
+    def _ask(self, action: str, text: str = '', tell: Tell | None = None) -> None:
+        """Pass on the request of a client that has no identity."""
+        self._anonymous += 1
+        self._pass_on(Request(self._identity, '', self._anonymous, 0, action, text), tell)
+
+    def _pass_on(self, request: Request, tell: Tell | None = None) -> None:
+        self._asked[id(request)] = request, tell
+        self._planner.ask(request, time.monotonic())
+        self._changed()
+
+    def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
+        def ask(_: Trigger.Request, answer: Answer) -> None:
+            def tell(reason: Reason | None, sentence: str) -> None:
+                answer(reason is None, reason.sentence if reason else sentence)
+
+            self._ask(action, tell=tell)
+
+        return ask
+
+    def _enqueue(self, statement: Callable[[Any], move_messages.Statement]) -> Callable[[Any], None]:
+        return lambda message: self._ask('program', json.dumps({'moves': [statement(message)]}))
+
+    def _on_request(self, request: Request) -> None:
+        if not request.operator or not all(math.isfinite(cap) and cap >= 0.0 for cap in request.caps):
+            raise TelegramError(
+                'a request needs the identity of its operator, and caps that are numbers from 0 on'
+            )
+        self._pass_on(request)
+
+    # answers ----------------------------------------------------------------------------------------------------------
+
+    def reply(self, request: Request, reason: Reason | None, sentence: str) -> None:
+        """Answer a request, with the reason if it is refused."""
+        _, tell = self._asked.pop(id(request), (request, None))
+        if tell is not None:
+            tell(reason, sentence)
+        if request.operator:
+            self._server.reply(request, reason, sentence)
+        if reason is not None:
+            self._refuse(reason.sentence)
+            return
+        self._log.info(sentence)
+        self._answer.publish(String(data=f'accepted: {sentence}'))
+
+    def _refuse(self, sentence: str) -> None:
+        self._log.error(sentence)
+        self._answer.publish(String(data=f'refused: {sentence}'))
+
+    def _refuse_request(self, sentence: str) -> None:
+        self._told_queue = ''  # who asks may have heard the queue of another planner
+        self.tell_queue()
+        self._refuse(sentence)
+
+    def tell_progress(self) -> None:
+        """Tell those who wait that their requests are being worked on, and how far."""
+        self.tell_queue()
+        sentence = self._progress() or 'waiting'
+        for request, _ in list(self._asked.values()):
+            if request.operator:
+                self._server.reply(request, None, sentence, done=False)
+
+    def tell_queue(self) -> None:
+        """Tell what is in the queue, if that has changed."""
+        moves, duration = self._planner.queue
+        facts = {
+            'identity': self._identity,
+            'moves': moves,
+            'duration_s': duration,
+            'override': self._planner.rate,
+            'working': self._progress(),
+        }
+        text = json.dumps(facts)
+        if text != self._told_queue:
+            self._told_queue = text
+            self._queue.publish(String(data=text))
