@@ -2,10 +2,8 @@
 
 from collections.abc import Callable
 
-from sensor_msgs.msg import JointState
-
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.sercos.bus_time import Clock
@@ -28,7 +26,7 @@ class NewestCycle:
 
     def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
         self._cycles, self._known = cycles, known
-        self._take = node.create_polled_subscription(JointState, 'joint_states', NEWEST)
+        self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=NEWEST)
         self._codec = cdr.joint_states_codec()
         self._newest = 0
 

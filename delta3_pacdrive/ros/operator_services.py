@@ -76,7 +76,7 @@ class OperatorServices:
             changes=lambda: control.changes,
             bytes_max=REQUEST_BYTES_MAX,
         )
-        node.listen(interfaces.CONTROL_ALIVE, self._on_alive)
+        interfaces.CONTROL_ALIVE.bounded_subscription(node, self._on_alive)
         for name, action in (
             ('hold', HOLD),
             ('abort', ABORT),

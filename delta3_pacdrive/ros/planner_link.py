@@ -52,9 +52,11 @@ class PlannerLink:
         self._verdicts = interfaces.VERDICT.publisher(node)
         self._refusals = interfaces.REFUSAL.publisher(node)
         self._course = interfaces.COURSE.publisher(node)
-        node.listen(interfaces.MOTION_PLAN, self._on_row, ROW_BYTES_MAX, self._refuse_foreign)
-        node.listen(interfaces.MOTION_CHANGE, self._on_course, ROW_BYTES_MAX, self._refuse_foreign)
-        node.listen(interfaces.PLANNER_ALIVE, self._on_alive)
+        interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, ROW_BYTES_MAX, self._refuse_foreign)
+        interfaces.MOTION_CHANGE.bounded_subscription(
+            node, self._on_course, ROW_BYTES_MAX, self._refuse_foreign
+        )
+        interfaces.PLANNER_ALIVE.bounded_subscription(node, self._on_alive)
         self._slices = node.create_timer(SLICE_EVERY_S, self._check_rows)
         self._slices.cancel()
 

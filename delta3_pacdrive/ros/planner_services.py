@@ -75,7 +75,7 @@ class PlannerServices:
             (interfaces.MOVE_SB, self._enqueue(move_messages.move_sb)),
             (interfaces.OVERRIDE, lambda message: self._ask('override', repr(message.data))),
         ):
-            node.listen(topic, receive, PROGRAM_BYTES_MAX, self._refuse)
+            topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)
         for name in ('start', 'resume', 'clear'):
             create_deferred_service(node, Trigger, name, self._service(name))
 

@@ -48,7 +48,7 @@ class RequestServer:
         self._numbers = Numbering()
         self._last_replies = LastReplies()
         self._replies = replies.publisher(node)
-        node.listen(requests, self._on_request, bytes_max, refuse)
+        requests.bounded_subscription(node, self._on_request, bytes_max, refuse)
 
     def _on_request(self, message: String) -> None:
         request = Request.from_json(message.data)

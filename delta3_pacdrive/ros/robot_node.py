@@ -11,7 +11,6 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
-from delta3_pacdrive.ros.interfaces import Topic
 
 TEXT_BYTES_MAX = 64 * 1024  # of an ordinary message; its reader may allow more
 
@@ -30,17 +29,6 @@ class RobotNode(Node):
         """Create a timer, on the steady clock unless another one is named."""
         clock = clock or Clock(clock_type=ClockType.STEADY_TIME)
         return super().create_timer(timer_period_sec, callback, callback_group, clock, autostart)
-
-    def listen(
-        self,
-        topic: Topic,
-        callback: Callable[[Any], None],
-        bytes_max: int = TEXT_BYTES_MAX,
-        refuse: Callable[[str], None] | None = None,
-    ) -> Subscription:
-        """Subscribe to a topic of the table of interfaces, as ``create_bounded_subscription`` does."""
-        qos = topic.delivery.subscription
-        return self.create_bounded_subscription(topic.type, topic.name, callback, qos, bytes_max, refuse)
 
     def create_bounded_subscription(
         self,

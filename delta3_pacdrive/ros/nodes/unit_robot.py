@@ -57,9 +57,9 @@ class UnitRobotNode(PollingNode):
         self._plan = interfaces.MOTION_PLAN.publisher(self)
         self._change = interfaces.MOTION_CHANGE.publisher(self)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
-        self.listen(interfaces.STATUS, self._on_status)
-        self.listen(interfaces.COURSE, self._on_course, ROW_BYTES_MAX)
-        self.listen(interfaces.VERDICT, self._on_verdict)
+        interfaces.STATUS.bounded_subscription(self, self._on_status)
+        interfaces.COURSE.bounded_subscription(self, self._on_course, ROW_BYTES_MAX)
+        interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(
             self, self._planner, self._identity, self._thread.progress, self._carry_out
         )
