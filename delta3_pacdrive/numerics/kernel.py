@@ -328,9 +328,12 @@ def watched(saved: Callable[[], None]) -> Iterator[None]:
 
 
 def kernel(function: _Function) -> _Function:
-    """Compile ``function`` with numba, strict IEEE arithmetic, binaries cached in ``CACHE_DIRECTORY``."""
+    """Compile ``function`` with numba, strict IEEE arithmetic, binaries cached in ``CACHE_DIRECTORY``.
+
+    What a module outside this package calls is not known here: its kernels are compiled in each process.
+    """
     compiled = numba.njit(error_model='numpy')(function)
-    if compiled is not function:  # it is where numba is switched off
+    if compiled is not function and function.__module__.partition('.')[0] == _NAME:  # the same with numba switched off
         compiled._cache = _Cache(function)
     return compiled  # type: ignore[no-any-return]
 

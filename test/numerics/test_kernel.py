@@ -107,6 +107,13 @@ def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, t
         assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] >= 3, name
 
 
+def test_a_kernel_of_another_module_is_not_kept_because_nobody_knows_what_it_calls():
+    saved = []
+    with kernel.watched(lambda: saved.append(True)):
+        assert kernel.kernel(lambda x: 2.0 * x)(1.5) == 3.0
+    assert not saved
+
+
 def test_a_damaged_binary_is_made_again(tmp_path):
     first = output_of(FORWARD, tmp_path / 'cache')
     for number, path in enumerate((tmp_path / 'cache').rglob('*.nb[ci]')):
