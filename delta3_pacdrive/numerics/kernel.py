@@ -333,7 +333,8 @@ def kernel(function: _Function) -> _Function:
     What a module outside this package calls is not known here: its kernels are compiled in each process.
     """
     compiled = numba.njit(error_model='numpy')(function)
-    if compiled is not function and function.__module__.partition('.')[0] == _NAME:  # the same with numba switched off
+    # with numba switched off, compiled is the function
+    if compiled is not function and function.__module__.partition('.')[0] == _NAME:
         compiled._cache = _Cache(function)
     return compiled  # type: ignore[no-any-return]
 

@@ -49,8 +49,7 @@ class Trace:
                     file,
                     time_s=self.time_s,
                     meta=np.array(json.dumps(self.meta)),
-                    allow_pickle=False,
-                    **self.signals,
+                    **self.signals,  # type: ignore[arg-type]  # an array would do as allow_pickle, mypy thinks
                 )
         except OSError as error:
             raise TraceError(f'cannot write trace {path}: {error.strerror}') from error
