@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording import trace_csv
-from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.signals import CARRIED, SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.sercos.telegram_codec import Message, TelegramCodec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,60 +25,18 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.sercos.telegrams import Telegram
 
     Table = tuple[
         NDArray[np.int64], Floats
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
 SUFFIXES = ('.npz', '.csv')  # of trace files
-LITTLE_ENDIAN = b'\0\1'  # how a message begins that this reads without a parser
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
-
-AXES = ('axis1', 'axis2', 'axis3')
-SHAFTS = 'plant/motor_shafts'
+TELEGRAMS = {telegram.topic: telegram for telegram in CARRIED}
+TYPES = {topic: telegram.type for topic, telegram in TELEGRAMS.items()}
+SHAFTS = telegrams.SHAFTS.topic
 _LOG = logging.getLogger(__name__)
-_JOINT_STATE = 'sensor_msgs/msg/JointState'
-
-
-@dataclass(frozen=True)
-class _Topic:
-    """A cyclic topic: message type, joint names, lengths of its arrays of doubles, the signals in these."""
-
-    type: str
-    names: tuple[str, ...]
-    lengths: tuple[int, ...]
-    signals: tuple[str, ...]
-
-    def spans(self, size: int) -> list[slice]:
-        """Return where the numbers of the arrays stand in a message of ``size`` bytes.
-
-        Counted from the end, this depends on no name and no frame: between two arrays stand the length of the
-        second and its padding, 8 bytes; behind the last one the lengths, zero, of the empty ones, 4 bytes each.
-        """
-        spans: list[slice] = []
-        stop = size - 4 * self.lengths.count(0)
-        for length in filter(None, reversed(self.lengths)):
-            spans.insert(0, slice(stop - 8 * length, stop))
-            stop -= 8 * length + 8
-        return spans
-
-
-TOPICS = {
-    'sercos/mdt': _Topic(_JOINT_STATE, AXES, (3, 0, 0), ('motor_command',)),
-    **{
-        f'sercos/at/{axis}': _Topic(
-            _JOINT_STATE, (axis,), (1, 1, 1), ('motor_position', 'motor_speed', 'current')
-        )
-        for axis in AXES
-    },
-    'following_error': _Topic(_JOINT_STATE, AXES, (3, 0, 0), ('following_error',)),
-    'tcp/command': _Topic('geometry_msgs/msg/PointStamped', (), (3,), ('tcp_command',)),
-    'tcp/actual': _Topic('geometry_msgs/msg/PointStamped', (), (3,), ('tcp_actual',)),
-    'tcp/error': _Topic('geometry_msgs/msg/Vector3Stamped', (), (3,), ('tcp_error',)),
-    SHAFTS: _Topic(_JOINT_STATE, AXES, (3, 3, 3), ('shaft_position', 'shaft_speed', 'coupling_torque')),
-}
-
-TYPES = {name: topic.type for name, topic in TOPICS.items()}
 
 
 def load(path: str | Path) -> Trace:
@@ -198,7 +157,11 @@ def _read_bag(path: Path) -> Trace:
 
     bag = open_bag(path, TYPES)
     typestore = get_typestore(Stores.ROS2_JAZZY)
-    columns = {name: _Column(TOPICS[name], typestore) for name in TOPICS if name in bag.names.values()}
+    columns = {
+        name: _Column(telegram, typestore)
+        for name, telegram in TELEGRAMS.items()
+        if name in bag.names.values()
+    }
     courses = Courses(typestore)
     add = {topic: columns[name].add for topic, name in bag.names.items()}
     bag.read(add | {bag.robot + COURSE: courses.add})
@@ -250,9 +213,9 @@ def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
 class _Column:
     """Takes the messages of one topic as bytes; keeps stamps and numbers."""
 
-    def __init__(self, topic: _Topic, typestore: Typestore) -> None:
-        self._topic = topic
-        self._typestore = typestore
+    def __init__(self, telegram: Telegram, typestore: Typestore) -> None:
+        self._width = sum(telegram.lengths)
+        self._codec = TelegramCodec(telegram, partial(_parse, typestore, telegram.type))
         self._batch: list[bytes] = []
         self._tables: list[Table] = []
         self.refused = 0
@@ -267,22 +230,23 @@ class _Column:
         """Stamps [ns] of the messages of cyclic operation, shape (n,), and their numbers, (n, numbers)."""
         self._decode_batch()
         if not self._tables:
-            return np.empty(0, np.int64), np.empty((0, sum(self._topic.lengths)))
+            return np.empty(0, np.int64), np.empty((0, self._width))
         stamps, values = zip(*self._tables, strict=True)
         return np.concatenate(stamps), np.concatenate(values)
 
     def _decode_batch(self) -> None:
-        by_size: dict[int, list[bytes]] = {}
-        for data in self._batch:
-            by_size.setdefault(len(data), []).append(data)
+        sec, nanosec, values, others = self._codec.decode_all(self._batch)
         self._batch = []
-        for messages in by_size.values():
-            others = self._decode_like_first(messages)
-            parsed = [self._parse(data) for data in others]
-            self.refused += parsed.count(None)
-            if rows := [row for row in parsed if row is not None]:
-                table = np.array(rows)
-                self._append(table[:, 0], table[:, 1], table[:, 2:])
+        self._append(sec, nanosec, values)
+        parsed = []
+        for data in others:
+            try:
+                parsed.append(self._codec.decode_message(data))
+            except TelegramError:
+                self.refused += 1
+        if parsed:
+            own, rests, _, rows = zip(*parsed, strict=True)
+            self._append(np.array(own), np.array(rests), np.array(rows))
 
     def _append(self, sec: NDArray[Any], nanosec: NDArray[Any], values: Floats) -> None:
         """Keep the messages of cyclic operation that are well formed."""
@@ -292,46 +256,21 @@ class _Column:
         stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
         self._tables.append((stamps, values[good]))
 
-    def _decode_like_first(self, messages: list[bytes]) -> list[bytes]:
-        """Decode all messages that differ from the first in stamp, frame and numbers only; return the others.
 
-        The robot writes the same names and lengths into every message: this takes all of them, in a fraction of
-        the time of parsing each. What it finds in the first one must be what the parser finds.
-        """
-        first = messages[0]
-        if (parsed := self._parse(first)) is None or not first.startswith(LITTLE_ENDIAN):
-            return messages
-        octets = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), len(first))
-        spans = self._topic.spans(len(first))
-        values = np.concatenate([_view(octets[:, span], '<f8') for span in spans], axis=1)
-        sec, nanosec = _view(octets[:, 4:8], '<i4')[:, 0], _view(octets[:, 8:12], '<u4')[:, 0]
-        if (sec[0], nanosec[0], *values[0]) != parsed:
-            return messages
-        frame = slice(16, 16 + int.from_bytes(first[12:16], 'little'))
-        constant = np.ones(len(first), dtype=bool)
-        for span in (slice(4, 12), frame, *spans):
-            constant[span] = False
-        alike = (octets[:, constant] == octets[0, constant]).all(axis=1)
-        self._append(sec[alike], nanosec[alike], values[alike])
-        return [messages[i] for i in np.flatnonzero(~alike)]
+def _parse(typestore: Typestore, message_type: str, data: bytes) -> Message:
+    """Read a message of any layout; raises TelegramError."""
+    from rosbags.serde import SerdeError
 
-    def _parse(self, data: bytes) -> tuple[float, ...] | None:
-        """Return sec, nanosec and the numbers of any message; None if it is not what the topic carries."""
-        from rosbags.serde import SerdeError
-
-        try:
-            message: Any = self._typestore.deserialize_cdr(data, self._topic.type)
-        except SerdeError:
-            return None
-        if self._topic.type == _JOINT_STATE:
-            arrays = (message.position, message.velocity, message.effort)
-            if tuple(message.name) != self._topic.names or tuple(map(len, arrays)) != self._topic.lengths:
-                return None
-            numbers = np.concatenate(arrays).tolist()
-        else:
-            vector = message.point if hasattr(message, 'point') else message.vector
-            numbers = [vector.x, vector.y, vector.z]
-        return (message.header.stamp.sec, message.header.stamp.nanosec, *numbers)
+    try:
+        message: Any = typestore.deserialize_cdr(data, message_type)
+    except SerdeError as error:
+        raise TelegramError(f'a telegram is no {message_type}') from error
+    header = message.header
+    head = header.stamp.sec, header.stamp.nanosec, header.frame_id.encode()
+    if message_type == telegrams.JOINT_STATE:
+        return Message(*head, message.name, (message.position, message.velocity, message.effort))
+    vector = message.point if message_type == telegrams.POINT else message.vector
+    return Message(*head, (), ((vector.x, vector.y, vector.z),))
 
 
 def _by_cycle(name: str, table: Table, clock: Clock) -> Table:
@@ -360,16 +299,12 @@ def _signals(tables: dict[str, Table], cycles: NDArray[np.int64]) -> dict[str, F
     """Return the signals of all topics in common cycles, in the order of ``SIGNALS``."""
     rows = {name: values[np.searchsorted(own, cycles)] for name, (own, values) in tables.items()}
     found: dict[str, Floats] = {}
-    for name, values in rows.items():
-        if not name.startswith('sercos/at/'):
-            for i, signal in enumerate(TOPICS[name].signals):
-                found[signal] = np.ascontiguousarray(values[:, 3 * i : 3 * i + 3])
-    answers = [rows[f'sercos/at/{axis}'] for axis in AXES if f'sercos/at/{axis}' in rows]
-    if len(answers) == len(AXES):
-        for i, signal in enumerate(TOPICS['sercos/at/axis1'].signals):
+    for telegram, signals in CARRIED.items():
+        if telegram.topic in rows and telegram not in telegrams.AT:
+            for i, signal in enumerate(signals):
+                found[signal] = np.ascontiguousarray(rows[telegram.topic][:, 3 * i : 3 * i + 3])
+    answers = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
+    if len(answers) == len(telegrams.AT):
+        for i, signal in enumerate(CARRIED[telegrams.AT[0]]):
             found[signal] = np.stack([answer[:, i] for answer in answers], axis=1)
     return {signal: found[signal] for signal in SIGNALS if signal in found}
-
-
-def _view(octets: NDArray[np.uint8], number: str) -> NDArray[Any]:
-    return np.ascontiguousarray(octets).view(number)

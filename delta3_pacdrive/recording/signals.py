@@ -16,15 +16,15 @@ SIGNALS = {
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
 }
-# signals that a telegram carries, one for each of its arrays, by its topic
+# signals that a telegram carries, one for each of its arrays
 CARRIED = {
-    telegrams.MDT.topic: ('motor_command',),
-    **{telegram.topic: ('motor_position', 'motor_speed', 'current') for telegram in telegrams.AT},
-    telegrams.FOLLOWING_ERROR.topic: ('following_error',),
-    telegrams.TCP_COMMAND.topic: ('tcp_command',),
-    telegrams.TCP_ACTUAL.topic: ('tcp_actual',),
-    telegrams.TCP_ERROR.topic: ('tcp_error',),
-    telegrams.SHAFTS.topic: ('shaft_position', 'shaft_speed', 'coupling_torque'),
+    telegrams.MDT: ('motor_command',),
+    **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
+    telegrams.FOLLOWING_ERROR: ('following_error',),
+    telegrams.TCP_COMMAND: ('tcp_command',),
+    telegrams.TCP_ACTUAL: ('tcp_actual',),
+    telegrams.TCP_ERROR: ('tcp_error',),
+    telegrams.SHAFTS: ('shaft_position', 'shaft_speed', 'coupling_torque'),
 }
 # what no topic tells: only simulations hold it
 TRUE_SIGNALS = {

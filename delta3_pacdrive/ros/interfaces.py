@@ -162,7 +162,7 @@ class Topic:
     @property
     def signals(self) -> tuple[str, ...]:
         """Signals of a trace that it carries."""
-        return CARRIED.get(self.names[0], ())
+        return CARRIED.get(self.telegrams[0], ()) if self.telegrams else ()
 
     @property
     def type_name(self) -> str:

@@ -10,7 +10,11 @@ from collections.abc import Callable, Sequence
 from operator import itemgetter
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.telegrams import Telegram
 
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
@@ -92,10 +96,13 @@ class TelegramCodec:
         self._spans: list[
             tuple[int, int, int]
         ] = []  # of each block: place in the struct, first and last number
+        offsets: list[int] = []  # bytes before each block
         places: list[int] = []  # of the constants
         numbers: list[int] = []  # places of the numbers
         for constant, length in blocks:
-            form += f'{len(constant)}s{length}d'
+            form += f'{len(constant)}s'
+            offsets.append(struct.calcsize(form))
+            form += f'{length}d'
             places.append(len(self._template))
             self._template += [constant, *[0.0] * length]
             self._spans.append((places[-1] + 1, len(numbers), len(numbers) + length))
@@ -105,6 +112,20 @@ class TelegramCodec:
         self._struct = struct.Struct(form + f'{len(tail)}s')
         self._constants = tuple(self._template[place] for place in places)
         self._constants_of, self._values_of = itemgetter(*places), itemgetter(*numbers)
+
+        blank = self.encode((0, 0), bytes(telegram.frame_length), [0.0] * len(numbers))
+        self._blank = np.frombuffer(blank, np.uint8)
+        self._fixed = np.ones(len(blank), dtype=bool)  # bytes that are the same in all messages
+        self._fixed[4:12] = self._fixed[16 : 16 + telegram.frame_length] = False
+        for offset, (_, length) in zip(offsets, blocks, strict=True):
+            self._fixed[offset : offset + 8 * length] = False
+        fields = [('sec', '<i4', 4), ('nanosec', '<u4', 8)]
+        fields += [
+            (f'block {offset}', f'({length},)<f8', offset)
+            for offset, (_, length) in zip(offsets, blocks, strict=True)
+        ]
+        names, formats, starts = (list(column) for column in zip(*fields, strict=True))
+        self._row = np.dtype({'names': names, 'formats': formats, 'offsets': starts, 'itemsize': len(blank)})
 
     def encode(self, stamp: tuple[int, int], frame: bytes, values: Sequence[float]) -> bytes:
         """Return the message as CDR; ``frame`` has the length that the telegram says."""
@@ -117,7 +138,7 @@ class TelegramCodec:
 
     def decode(self, data: bytes) -> Decoded:
         """Return (sec, nanosec, frame, values) of a message; raises TelegramError."""
-        decoded = self.decode_layout(data) or self._decode_message(data)
+        decoded = self.decode_layout(data) or self.decode_message(data)
         values = decoded[3]
         total = sum(values)
         if total - total != 0.0:
@@ -142,7 +163,24 @@ class TelegramCodec:
             return None
         return fields[1], fields[2], fields[4], self._values_of(fields)
 
-    def _decode_message(self, data: bytes) -> Decoded:
+    def decode_all(
+        self, messages: Sequence[bytes]
+    ) -> tuple[NDArray[np.int32], NDArray[np.uint32], Floats, list[bytes]]:
+        """Return seconds, nanoseconds and numbers of all messages of this layout, and the other messages.
+
+        It takes a fraction of the time of decoding each; numbers are not checked.
+        """
+        rows = [data for data in messages if len(data) == len(self._blank)]
+        octets = np.frombuffer(b''.join(rows), np.uint8).reshape(-1, len(self._blank))
+        alike = (octets[:, self._fixed] == self._blank[self._fixed]).all(axis=1)
+        others = [data for data in messages if len(data) != len(self._blank)]
+        others += [rows[i] for i in np.flatnonzero(~alike)]
+        table = np.frombuffer(b''.join(rows), self._row)[alike]
+        sec, nanosec, *blocks = (table[name] for name in self._row.names or ())
+        return sec, nanosec, np.concatenate(blocks, axis=1), others
+
+    def decode_message(self, data: bytes) -> Decoded:
+        """Return (sec, nanosec, frame, values) of a message of any layout; raises TelegramError."""
         sec, nanosec, frame, names, arrays = self._parse(data)
         lengths = tuple(len(array) for array in arrays)
         if tuple(names) != self._telegram.names or lengths != self._telegram.lengths:

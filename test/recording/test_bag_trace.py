@@ -52,16 +52,6 @@ def test_a_recording_longer_than_a_batch_is_read_whole_and_once(batch, tmp_path,
     assert trace.meta['refused'] == {'tcp/error': 1}
 
 
-def test_messages_of_one_layout_are_not_parsed_one_by_one(tmp_path, monkeypatch):
-    parsed = []
-    parse = bag_trace._Column._parse
-    monkeypatch.setattr(
-        bag_trace._Column, '_parse', lambda self, data: parsed.append(data) or parse(self, data)
-    )
-    assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', messages())))
-    assert len(parsed) == len(TYPES)
-
-
 @pytest.mark.parametrize('storage', StoragePlugin)
 def test_either_storage_of_rosbag2_is_read(storage, tmp_path):
     assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), storage=storage)))
