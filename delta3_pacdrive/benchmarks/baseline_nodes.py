@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.scheduler import Histogram, Pacing
+from delta3_pacdrive.sercos.scheduler import CycleScheduler, Histogram
 
 PERIOD_S = 1e-3
 OUTSTANDING_MAX = 8
@@ -114,7 +114,7 @@ class BaselineMaster(Node):
         super().__init__('baseline_master', **options)
         self._report = report
         self._cycles_wanted = cycles
-        self._pacing = Pacing(PERIOD_S, OUTSTANDING_MAX)
+        self._scheduler = CycleScheduler(PERIOD_S, OUTSTANDING_MAX)
         self._cycle = self._answered = 0
         self._inbox: list[set[int]] = [set(), set(), set()]
         self._sent_s = [0.0] * (4 * OUTSTANDING_MAX)
@@ -143,12 +143,12 @@ class BaselineMaster(Node):
             if partners == (3, 3):
                 ticks = math.ceil((time.monotonic() + 1.0 - self._ticks_from_s) / PERIOD_S)
                 self._ready_at_s = self._ticks_from_s + ticks * PERIOD_S
-                self._pacing.begin(0, self._ready_at_s)
+                self._scheduler.begin(0, self._ready_at_s)
             return
         if time.monotonic() < self._ready_at_s or self._cycle >= self._cycles_wanted:
             return
-        while self._pacing.may_start(self._cycle, self._cycle - self._answered, now := time.monotonic()):
-            self._lateness.add(self._pacing.late_s)
+        while self._scheduler.may_start(self._cycle, self._cycle - self._answered, now := time.monotonic()):
+            self._lateness.add(self._scheduler.late_s)
             self._sent_s[self._cycle % len(self._sent_s)] = now
             self._mdt.publish(_stamp(self._mdt_message, self._cycle))
             self._cycle += 1
@@ -176,8 +176,8 @@ class BaselineMaster(Node):
                 self._report(
                     {
                         'cycles': self._answered,
-                        'overruns': self._pacing.overruns,
-                        'slip_s': self._pacing.slip_s,
+                        'overruns': self._scheduler.overruns,
+                        'slip_s': self._scheduler.slip_s,
                         'lateness_ms': self._lateness.summary_ms(),
                         'mdt_to_last_at_ms': self._round_trip.summary_ms(),
                     }

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from delta3_pacdrive.controller.messages import TEXT_MAX, Numbering
 from delta3_pacdrive.errors import Code, Reason, shown
-from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S, Watch
+from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S, Watchdog
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Control:
     def __init__(self, period_s: float) -> None:
         self.operator: Operator | None = None
         self.changes = self.losses = 0
-        self._watch = Watch(period_s)
+        self._watch = Watchdog(period_s)
         self._beats = Numbering()
 
     def take(self, operator: Operator, by_force: bool, now_s: float) -> Reason | None:
@@ -56,7 +56,7 @@ class Control:
             self.losses += self.operator is not None
             self.operator = operator
             self.changes += 1
-        self._watch.heard(now_s)
+        self._watch.received(now_s)
         return None
 
     def release(self, identity: str) -> Reason | None:
@@ -70,7 +70,7 @@ class Control:
         """Take note of a heartbeat; one that is not newer than the last does not count."""
         new = self._beats.is_new(identity, number)
         if new and self.operator is not None and self.operator.identity == identity:
-            self._watch.heard(now_s)
+            self._watch.received(now_s)
 
     def lost(self, now_s: float) -> str:
         """Look: the name of the operator who has just lost control because he fell silent, empty if none has."""

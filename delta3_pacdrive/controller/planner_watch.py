@@ -3,7 +3,7 @@
 from delta3_pacdrive.controller.messages import Numbering
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.sercos.configuration_check import Identity, disagreements
-from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S, Watch
+from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S, Watchdog
 
 RESTARTED_S = 1.0  # without a heartbeat of the planner, after which another one takes its place
 PLANNERS_MAX = 16  # whose parameters are remembered
@@ -29,7 +29,7 @@ class PlannerWatch:
     def __init__(self, period_s: float, identity: Identity) -> None:
         self._identity = identity
         self.planner = ''
-        self._watch = Watch(period_s)
+        self._watch = Watchdog(period_s)
         self._beats = Numbering()
         self._identities: dict[str, Identity] = {}
         self._other = ''  # heard beside the one that is listened to
@@ -48,7 +48,7 @@ class PlannerWatch:
         if not self.planner:
             self.planner = planner
         if planner == self.planner:
-            self._watch.heard(now_s)
+            self._watch.received(now_s)
         else:
             self._other = planner
 
@@ -71,5 +71,5 @@ class PlannerWatch:
                 reason = f'unit_robot silent for {silence:.1f} s'
         if self._other or silence > PLANNER_SILENT_S:
             self.planner, self._other = self._other, ''
-            self._watch.heard(now_s)
+            self._watch.received(now_s)
         return reason

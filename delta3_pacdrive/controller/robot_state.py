@@ -33,16 +33,21 @@ ENABLE_FIRST = 'the drives are not enabled: enable them first'
 
 
 class Bus(Protocol):
-    """What has to be known of the bus: next cycle to start, next one to be complete."""
+    """What has to be known of the bus."""
 
-    next_cycle: int
-    answered: int
+    @property
+    def next_cycle(self) -> int:
+        """Next cycle to start."""
 
-    def closed(self) -> str:
-        """Say why nothing that needs cyclic operation can be done, empty if it can."""
+    @property
+    def answered(self) -> int:
+        """Next cycle to be complete."""
 
-    def waiting(self) -> str:
-        """Say what the present phase waits for, empty if it waits for nothing."""
+    def closed(self) -> Reason | None:
+        """Say why nothing that needs cyclic operation can be done, None if it can."""
+
+    def waiting(self) -> Reason | None:
+        """Say what the present phase waits for, None if it waits for nothing."""
 
     def earliest(self) -> int:
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
@@ -167,6 +172,11 @@ class RobotState:
     def in_torque(self) -> bool:
         """Whether any drive holds its motor."""
         return any(in_torque(status) for status in self._axes.status)
+
+    @property
+    def without_torque(self) -> bool:
+        """Whether no drive holds its motor, or is about to."""
+        return self._task.enable_cycle == NEVER and not self.in_torque
 
     @property
     def checked_from(self) -> int:
@@ -386,7 +396,7 @@ class RobotState:
         reason = self._take_over_position()
         if reason is not None:
             return reason
-        self._task.enable_cycle = self._bus.next_cycle
+        self._task.enable(self._bus.next_cycle)
         return f'effective in bus cycle {self._bus.next_cycle + 1}'
 
     def disable(self) -> str:
@@ -397,7 +407,7 @@ class RobotState:
             return f'stops on its path from bus cycle {cycle} on'
         if self.fault:
             return 'the fault has taken the torque off, or will as soon as the TCP stands'
-        self._task.enable_cycle = NEVER
+        self._task.disable()
         return f'effective in bus cycle {cycle + 1}'
 
     def _take_over_position(self) -> Reason | None:
@@ -439,7 +449,7 @@ class RobotState:
 
     def look(self) -> None:
         """Look whether a reset need not wait any more: a drive that is still to be enabled would be so at once."""
-        if self._reset_waits and self._task.enable_cycle == NEVER and not self.in_torque:
+        if self._reset_waits and self.without_torque:
             self._reset_waits = False
             self._reset_answers, self._reset_errors = len(DRIVES), []
             self.actions.extend(Asked(index, RESET_CLASS_1) for index in range(len(DRIVES)))

@@ -254,6 +254,14 @@ class Transformation:
         self._stop_cycle = min(self._stop_cycle, max(cycle, self._cycle))
         self._stop_hard = self._stop_hard or hard
 
+    def enable(self, cycle: int) -> None:
+        """Enable the drives from a cycle on that is still to come."""
+        self.enable_cycle = cycle
+
+    def disable(self) -> None:
+        """Enable the drives no longer, from the next cycle on."""
+        self.enable_cycle = NEVER
+
     def give_up(self) -> None:
         """Forget program, stop and enabling: there are no more cycles."""
         self.unload()

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
+from delta3_pacdrive.controller.cyclic_operation import Content
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.interfaces import AT
@@ -13,11 +13,9 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.statistics import BusStatistics
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
-Content = tuple[Any, int, int]  # position, speed, torque; status word; word of the service channel
-
 
 class AtReceiver:
-    """Of one master.
+    """The master reads here what the drives answer.
 
     Parameters
     ----------

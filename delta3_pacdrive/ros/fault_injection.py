@@ -19,7 +19,7 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.messages import Numbering
-from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
+from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, shown
 from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.ros import node_process
@@ -40,7 +40,7 @@ class FaultDesk:
     node
         Of the transformation task.
     closed
-        Returns why nothing can be injected, empty while it can.
+        Returns why nothing can be injected, None while it can.
     next_cycle
         Returns the next bus cycle that is not under way.
     session
@@ -52,7 +52,7 @@ class FaultDesk:
         self,
         node: Node,
         cycle_time_s: float,
-        closed: Callable[[], str],
+        closed: Callable[[], Reason | None],
         next_cycle: Callable[[], int],
         session: Callable[[], bytes],
     ) -> None:
@@ -71,7 +71,7 @@ class FaultDesk:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
             fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
             closed = self._closed()
-            if closed:
+            if closed is not None:
                 raise ProgramError(f'a fault needs cyclic operation, {closed}')
             (scheduled,) = self.inject([fault], self._next_cycle() + LEAD_CYCLES)
             response.success = True

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
+from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.recording.signals import CARRIED
 from delta3_pacdrive.ros import qos
 from delta3_pacdrive.ros.polling import PollingNode, Taken
@@ -449,13 +450,13 @@ SERVICES = (
 )
 
 
-def second_writer(node: Node) -> str:
-    """Say which topic of the bus has two writers, and who they are; empty if none has."""
+def second_writer(node: Node) -> Reason | None:
+    """Say which topic of the bus has two writers, and who they are; None if none has."""
     for name in ONE_WRITER:
         if node.count_publishers(name) > 1:
             writers = sorted(
                 f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                 for info in node.get_publishers_info_by_topic(node.resolve_topic_name(name))
             )
-            return f'{name} has {len(writers)} writers: {", ".join(writers)}'
-    return ''
+            return Reason(Code.BUS, f'{name} has {len(writers)} writers: {", ".join(writers)}')
+    return None

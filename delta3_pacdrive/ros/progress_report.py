@@ -81,7 +81,7 @@ class ProgressReport:
     def _send_health(self) -> None:
         facts = self._facts()
         level = DiagnosticStatus.ERROR if facts['fault'] else DiagnosticStatus.OK
-        twice = second_writer(self._node)
+        twice = str(second_writer(self._node) or '')
         if twice:
             self._node.get_logger().warning(twice, throttle_duration_sec=10.0)
             level = max(level, DiagnosticStatus.WARN)

@@ -18,6 +18,7 @@ from std_msgs.msg import Header, String
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller import messages
 from delta3_pacdrive.controller.messages import Reply, Request
+from delta3_pacdrive.controller.service_texts import split_mark
 from delta3_pacdrive.errors import (
     Code,
     ProgramError,
@@ -31,7 +32,6 @@ from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import LATCHED, REPORT, REQUEST
-from delta3_pacdrive.ros.service_requests import split_mark
 
 LOOK_S = 0.02
 PATIENCE_S = 10.0  # without a word

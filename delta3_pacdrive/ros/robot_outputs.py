@@ -29,9 +29,9 @@ from delta3_pacdrive.motion.execution import Course
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.fault_injection import FaultDesk
-from delta3_pacdrive.ros.service_requests import ServiceDesk
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.service_channel import Answer, ServiceError
+from delta3_pacdrive.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
@@ -61,7 +61,7 @@ class RobotOutputs:
         state: RobotState,
         task: Transformation,
         faults: FaultDesk,
-        drives: ServiceDesk,
+        drives: ServiceRequests,
         cycles: Clock,
     ) -> None:
         self._log, self._state, self._task = node.get_logger(), state, task

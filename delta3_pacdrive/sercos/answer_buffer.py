@@ -1,4 +1,4 @@
-"""The master's inbox: AT of the three drives by bus cycle, until those of a cycle are all there or known to be lost."""
+"""AT of the three drives by bus cycle, until those of a cycle are all there or known to be lost."""
 
 from typing import Generic, TypeVar
 
@@ -8,8 +8,8 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 Content = TypeVar('Content')
 
 
-class Inbox(Generic[Content]):
-    """Of one master.
+class AnswerBuffer(Generic[Content]):
+    """The master keeps here what has been answered.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Inbox(Generic[Content]):
         """Return by how many cycles the foremost axis is ahead of one."""
         return max(-1 if end == NEVER else end for end in self.expected) - cycle
 
-    def lose(self, index: int) -> None:
+    def drop(self, index: int) -> None:
         """Go on without an axis."""
         self.expected[index] = NEVER
         self._contents[index].clear()

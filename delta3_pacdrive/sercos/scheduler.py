@@ -44,7 +44,7 @@ class Histogram:
 
 
 @dataclass
-class Pacing:
+class CycleScheduler:
     """Decides when the next cycle may start.
 
     A cycle that is due but held back because ``outstanding_max`` cycles wait for answers is an overrun. Cycles that are

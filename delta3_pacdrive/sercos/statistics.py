@@ -6,7 +6,7 @@ from delta3_pacdrive.sercos.scheduler import Histogram
 
 
 class BusStatistics:
-    """Of one master, however long it runs.
+    """The bus of one master in figures, however long it runs.
 
     Attributes
     ----------

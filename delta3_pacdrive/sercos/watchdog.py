@@ -17,7 +17,7 @@ ATTENTION_S = 0.25  # between two looks at a partner: what is more is the watche
 BOUND_S = BUS_SILENT_S + 0.5
 
 
-class Watch:
+class Watchdog:
     """Looks at a partner from time to time.
 
     A look that itself comes late shows that this process was held up: what came meanwhile may still lie unread. Of the
@@ -35,7 +35,7 @@ class Watch:
         self._silence_s = 0.0  # at the last look
         self._since_s = 0.0  # the last look, or the last word of the partner after it
 
-    def heard(self, now_s: float) -> None:
+    def received(self, now_s: float) -> None:
         """Note that the partner was heard, or that it need not say anything."""
         self._silence_s, self._since_s = 0.0, now_s
 

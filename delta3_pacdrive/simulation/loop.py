@@ -115,7 +115,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
     motion = parameters.motion
     if motion.enable_cycle < 0 or motion.start_cycle < 0:
         raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
-    task.enable_cycle = motion.enable_cycle
+    task.enable(motion.enable_cycle)
     task.start(motion.start_cycle)
     if program.faults:
         signals, stopped, lost = run_disturbed(program.faults, robot, task, parameters)

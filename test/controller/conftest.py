@@ -18,7 +18,7 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.planning_job import Job, Result, work
 from delta3_pacdrive.controller.robot_state import Answered, Asked, Followed, RobotState
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.errors import Reason
+from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -75,11 +75,11 @@ class Rig:
 
     # the bus as RobotState knows it ---------------------------------------------------------------------------------
 
-    def closed(self) -> str:
-        return '' if self.in_cyclic_operation else 'the bus is in CP0'
+    def closed(self) -> Reason | None:
+        return None if self.in_cyclic_operation else Reason(Code.BUS, 'the bus is in CP0')
 
-    def waiting(self) -> str:
-        return ''
+    def waiting(self) -> None:
+        return None
 
     def earliest(self) -> int:
         follow = self.task.enable_cycle + ENABLING if self.task.enable_cycle < NEVER else 0

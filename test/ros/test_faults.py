@@ -45,7 +45,7 @@ class Cell:
         """Wait until every drive stands without torque."""
         quiet = (DriveState.READY, DriveState.FAULT)
         self.graph.spin_until(
-            lambda: all(node._drive.drive_state in quiet for node in self.drives), 'drives without torque'
+            lambda: all(node.drive.drive_state in quiet for node in self.drives), 'drives without torque'
         )
 
 
@@ -118,7 +118,7 @@ def test_repeated_telegrams_change_nothing(graph: Any) -> None:
 def test_an_overload_of_one_axis_stops_the_tcp_on_its_path(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    cell.drives[1]._drive.state['overload'] = 1e3
+    cell.drives[1].drive.state['overload'] = 1e3
     cell.wait_until_disabled()
     assert 'axis2 reports a fault' in cell.task.progress()['fault']
     commands, actual = cell.positions(cell.commands), cell.positions(cell.actual)
@@ -127,7 +127,7 @@ def test_an_overload_of_one_axis_stops_the_tcp_on_its_path(graph: Any) -> None:
     assert np.abs(commands[:, 1:] - [0.0, -0.75]).max() < 1e-7
     assert np.abs(actual[:, 1:] - [0.0, -0.75]).max() < 0.2e-3
     assert np.linalg.norm(actual[-1] - commands[-1]) < 0.2e-3
-    states = [node._drive.drive_state for node in cell.drives]
+    states = [node.drive.drive_state for node in cell.drives]
     assert states == [DriveState.READY, DriveState.FAULT, DriveState.READY]
 
 
@@ -135,7 +135,7 @@ def test_a_broken_encoder_stops_the_others_too_and_the_robot_stays_in_its_worksp
     cell = Cell(graph)
     shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
     cell.move()
-    cell.drives[0]._drive.state['encoder_broken'] = 1
+    cell.drives[0].drive.state['encoder_broken'] = 1
     cell.wait_until_disabled()
     assert cell.drives[0].diagnostics()['diagnostic'].startswith('8171')
     graph.spin_until(lambda: max(np.abs(shafts[-1].velocity)) == 0.0, 'standstill')
@@ -160,7 +160,7 @@ def test_an_emergency_stop_ends_on_the_path_without_torque(graph: Any) -> None:
     actual = cell.positions(cell.actual)
     assert 0.07 < actual[-1, 0] < 0.15
     assert np.abs(actual[:, 1:] - [0.0, -0.75]).max() < 0.2e-3
-    assert [node._drive.fault for node in cell.drives] == [0, 0, 0]
+    assert [node.drive.fault for node in cell.drives] == [0, 0, 0]
     assert cell.operator.state == 'error'
 
 
@@ -178,7 +178,7 @@ def test_an_injected_emergency_stop_ends_on_the_path_as_one_of_the_operator(grap
 
 def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
     cell = Cell(graph)
-    cell.drives[2]._drive.state['encoder_broken'] = 1
+    cell.drives[2].drive.state['encoder_broken'] = 1
     cell.wait_until_disabled()
     response = graph.call(SetBool, 'enable', SetBool.Request(data=True))
     assert not response.success
@@ -188,13 +188,13 @@ def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
 def test_after_a_reset_the_robot_is_ready_where_it_stands(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    cell.drives[1]._drive.state['encoder_broken'] = 1
+    cell.drives[1].drive.state['encoder_broken'] = 1
     cell.wait_until_disabled()
     refused = graph.call(Trigger, 'reset', Trigger.Request())
     assert not refused.success
     assert refused.message.startswith('axis2: 8503: S-0-0099: the procedure command cannot be')
     assert cell.operator.state == 'error'
-    cell.drives[1]._drive.state['encoder_broken'] = 0
+    cell.drives[1].drive.state['encoder_broken'] = 0
     assert graph.call(Trigger, 'reset', Trigger.Request()).success
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the reset')
     assert cell.task.progress()['fault'] == ''
@@ -209,7 +209,7 @@ def test_after_a_reset_the_robot_is_ready_where_it_stands(graph: Any) -> None:
     assert np.linalg.norm(stood - actual[-1]) > 0.05
     # no jump: the TCP went on from where it stood
     assert np.linalg.norm(np.diff(actual, axis=0), axis=1).max() < 2e-3
-    assert all(node._drive.fault == 0 for node in cell.drives)
+    assert all(node.drive.fault == 0 for node in cell.drives)
 
 
 def test_a_reset_after_an_emergency_stop_and_one_without_a_fault(graph: Any) -> None:

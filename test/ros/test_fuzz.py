@@ -111,7 +111,7 @@ def assert_ready(graph: Any, task: Any) -> None:
     graph.spin_until(lambda: task.progress()['cycles'] > cycles, 'the next cycle')
     facts = task.progress()
     assert (facts['state'], facts['fault']) == ('idle', '')
-    assert np.abs(task._task.state['tcp'][0] - HOME).max() < 1e-6
+    assert np.abs(task.controller.task.state['tcp'][0] - HOME).max() < 1e-6
 
 
 @pytest.mark.parametrize('topic', REQUESTS)

@@ -283,8 +283,8 @@ def test_megabytes_on_a_topic_stop_nothing(topic: str, qos: Any, cell: Cell, gra
     graph.spin_until(publisher.get_subscription_count, 'a reader')
     for _ in range(3):
         publisher.publish(String(data='x' * LARGE))
-    begun = cell.task.answered
-    graph.spin_until(lambda: cell.task.answered > begun + 500, 'cycles')
+    begun = cell.task.controller.answered
+    graph.spin_until(lambda: cell.task.controller.answered > begun + 500, 'cycles')
     facts = cell.task.progress()
     assert (facts['state'], facts['fault']) == ('moving', '')
 

@@ -98,8 +98,8 @@ class Cell:
             publishers[topic].publish(data)
             if number % BURST == BURST - 1:
                 self.graph.spin_for(0.001)
-        end = self.task.answered + 100
-        self.graph.spin_until(lambda: self.task.answered >= end, 'cycles')
+        end = self.task.controller.answered + 100
+        self.graph.spin_until(lambda: self.task.controller.answered >= end, 'cycles')
         for publisher in publishers.values():
             self.player.destroy_publisher(publisher)
 

@@ -48,7 +48,7 @@ def test_a_gain_is_read_and_written_while_the_cycle_runs(cell: Cell) -> None:
     assert cell.operator.drive('axis2 write S-0-0104 72.5').endswith('= 72.5 1/s')
     assert cell.operator.drive('axis2 read S-0-0104').endswith('= 72.5 1/s')
     assert cell.operator.drive('axis1 read S-0-0104').endswith('= 60 1/s')
-    assert float(cell.drives[1]._drive.constants['position_gain'][0]) == 72.5
+    assert float(cell.drives[1].drive.constants['position_gain'][0]) == 72.5
     assert cell.drives[1].get_parameter('drive.position_gain_rad_s_rad').value == 72.5
     assert cell.task.progress()['fault'] == ''
 
@@ -68,7 +68,7 @@ def test_an_access_takes_about_ten_cycles_and_its_words_are_in_the_telegrams(cel
 def test_actual_values_come_from_the_drive(cell: Cell) -> None:
     text = cell.operator.drive('axis1 read S-0-0051')
     value = float(text.split('= ')[1].split()[0])
-    assert value == pytest.approx(float(cell.drives[0]._drive.answer[0]), abs=1e-3)
+    assert value == pytest.approx(float(cell.drives[0].drive.answer[0]), abs=1e-3)
     assert cell.operator.drive('axis1 read S-0-0135').endswith('= 0xc008')
     assert cell.operator.drive('axis1 read S-0-0134').endswith('= 0xe000')
 
@@ -131,7 +131,7 @@ def test_questions_to_the_same_drive_are_answered_in_their_order(cell: Cell) -> 
 
 
 def test_the_drive_tells_the_same_in_its_diagnostics_and_in_the_service_channel(cell: Cell) -> None:
-    cell.drives[0]._drive.state['mdt_losses'] = 3
+    cell.drives[0].drive.state['mdt_losses'] = 3
     facts = {key.split()[0]: value for key, value in cell.drives[0].diagnostics().items()}
     assert (facts['S-0-0028'], facts['S-0-0029']) == (3, 3)
     assert cell.operator.drive('axis1 read S-0-0028').endswith('MST error counter = 3')
@@ -185,8 +185,8 @@ def test_the_channel_is_open_from_cp3_on_and_some_values_are_writable_only_there
         operator.drive('axis2 command S-0-0127')
     assert operator.drive('axis2 read S-0-0295').endswith('= 0.01 s')
     assert operator.drive('axis2 write S-0-0295 0.08').endswith('= 0.08 s')
-    assert float(drives[1]._drive.constants['settle_cycles'][0]) == 80
-    task._wait_for_program = False
+    assert float(drives[1].drive.constants['settle_cycles'][0]) == 80
+    task.controller.wait_for_program = False
     graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
     assert operator.drive('axis2 read S-0-0295').endswith('= 0.08 s')
     with pytest.raises(ProgramError, match=r'write-protected in this communication phase \(error 0x7005\)'):
@@ -214,8 +214,8 @@ def test_drive_parameters_are_ros_parameters_that_can_be_set(cell: Cell) -> None
     request = GetParameters.Request(names=['drive.velocity_feedforward'])
     (value,) = cell.graph.call(GetParameters, 'mc4_drive_2/get_parameters', request).values
     assert value.double_value == 0.9
-    assert float(cell.drives[1]._drive.constants['velocity_feedforward'][0]) == 0.9
-    assert float(cell.drives[0]._drive.constants['velocity_feedforward'][0]) == 1.0
+    assert float(cell.drives[1].drive.constants['velocity_feedforward'][0]) == 0.9
+    assert float(cell.drives[0].drive.constants['velocity_feedforward'][0]) == 1.0
     assert cell.operator.drive('axis2 read S-0-0296').endswith('= 0.9')
 
 

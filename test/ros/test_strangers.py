@@ -56,14 +56,14 @@ class Cell:
 
     def go_on(self, cycles: int) -> None:
         """Let bus time pass."""
-        end = self.task.answered + cycles
-        self.graph.spin_until(lambda: self.task.answered >= end, 'cycles')
+        end = self.task.controller.answered + cycles
+        self.graph.spin_until(lambda: self.task.controller.answered >= end, 'cycles')
 
     def assert_untouched(self) -> None:
         facts = self.task.progress()
         assert (facts['state'], facts['fault'], facts['in_torque']) == ('idle', '', True)
-        assert np.abs(self.task._task.state['tcp'][0] - HOME).max() < 1e-6
-        assert all(drive._drive.drive_state == DriveState.ENABLED for drive in self.drives)
+        assert np.abs(self.task.controller.task.state['tcp'][0] - HOME).max() < 1e-6
+        assert all(drive.drive.drive_state == DriveState.ENABLED for drive in self.drives)
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def telegram_message(frame: str, names: list[str], stamp: tuple[int, int], **val
 def forged(cell: Cell, **values: Any) -> Callable[[str, list[str]], JointState]:
     """Return the maker of telegrams with the session of the robot."""
     return lambda frame, names: telegram_message(
-        frame, names, cell.task.stamp(cell.task.next_cycle + 3), **values
+        frame, names, cell.task.stamp(cell.task.controller.next_cycle + 3), **values
     )
 
 
@@ -93,7 +93,7 @@ SHAFTS = {'position': [0.0] * 3, 'velocity': [0.0] * 3, 'effort': [0.0] * 3}
 def test_numbers_that_no_machine_has_are_refused_although_everything_else_is_right(
     huge: float, cell: Cell
 ) -> None:
-    session = cell.task._receiver.session.decode()
+    session = cell.task.controller.bus.session.decode()
     make = forged(cell, effort=[huge] * 16)
     cell.publish(
         JointState, 'axis1/motor_current', CYCLIC_PUBLISHER, make(f'free 000.0000 {session}', ['axis1'])
@@ -140,15 +140,15 @@ def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) ->
     last = cell.mdt[-1]
     for step in range(1000):
         position = [value + 1e-3 * step for value in last.position]
-        stamp = cell.task.stamp(cell.task.next_cycle + 3)
+        stamp = cell.task.stamp(cell.task.controller.next_cycle + 3)
         publisher.publish(telegram_message(last.header.frame_id, list(DRIVES), stamp, position=position))
         cell.graph.spin_for(0.002)
         if cell.task.progress()['fault']:
             break
     cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the stop')
-    cell.graph.spin_until(lambda: not any(drive._drive.powered for drive in cell.drives), 'no torque')
+    cell.graph.spin_until(lambda: not any(drive.drive.powered for drive in cell.drives), 'no torque')
     moved = max(
-        abs(drive._drive.answer[0] - home) for drive, home in zip(cell.drives, last.position, strict=True)
+        abs(drive.drive.answer[0] - home) for drive, home in zip(cell.drives, last.position, strict=True)
     )
     assert moved < 0.5  # motor side: a degree of the arm
 
@@ -156,10 +156,10 @@ def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) ->
 def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_they_claim(cell: Cell) -> None:
     publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
     cell.graph.spin_until(publisher.get_subscription_count, 'the master')
-    session = cell.task._receiver.session.decode()
+    session = cell.task.controller.bus.session.decode()
     for _ in range(1000):
         # of a cycle whose answers are under way: what the drive says of it, or of those before, does not fit any more
-        stamp = cell.task.stamp(cell.task.next_cycle - 1)
+        stamp = cell.task.stamp(cell.task.controller.next_cycle - 1)
         publisher.publish(telegram_message(f'c008 0000 {session}', ['axis1'], stamp, **AT))
         cell.graph.spin_for(0.002)
         if cell.task.progress()['fault']:
@@ -167,14 +167,14 @@ def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_the
     assert cell.task.progress()['fault'].startswith(
         ('axis1: two different AT of', 'axis1: two AT lost', 'axis1: ten AT lost')
     )
-    cell.graph.spin_until(lambda: not any(drive._drive.powered for drive in cell.drives), 'no torque')
+    cell.graph.spin_until(lambda: not any(drive.drive.powered for drive in cell.drives), 'no torque')
 
 
 def test_an_at_of_a_cycle_to_come_says_that_the_drives_went_on_without_their_master(cell: Cell) -> None:
     session = cell.task.progress()['session']
     publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
     cell.graph.spin_until(publisher.get_subscription_count, 'the master')
-    stamp = cell.task.stamp(cell.task.next_cycle + 100_000)
+    stamp = cell.task.stamp(cell.task.controller.next_cycle + 100_000)
     publisher.publish(telegram_message(f'c008 0000 {session}', ['axis1'], stamp, **AT))
     cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
     assert ' without the master (8506)' in cell.task.progress()['fault']
@@ -327,13 +327,13 @@ def test_enabling_takes_over_where_the_arm_was_pushed_to(cell: Cell) -> None:
         assert '8911' in cell.task.progress()['fault']
         assert graph.call(Trigger, 'reset', Trigger.Request()).success
         graph.spin_until(lambda: not cell.task.progress()['fault'], 'the reset')
-    pushed = np.array([drive._drive.answer[0] for drive in cell.drives])
+    pushed = np.array([drive.drive.answer[0] for drive in cell.drives])
     assert abs(pushed[0]) > 1.0
     speeds = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
     assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
     graph.spin_until(lambda: cell.task.progress()['in_torque'], 'torque')
     cell.go_on(200)
-    now = np.array([drive._drive.answer[0] for drive in cell.drives])
+    now = np.array([drive.drive.answer[0] for drive in cell.drives])
     assert np.abs(now - pushed).max() < 0.2
     assert max(abs(v) for m in speeds for v in m.velocity) < 20.0
     assert cell.task.progress()['fault'] == ''
@@ -341,7 +341,7 @@ def test_enabling_takes_over_where_the_arm_was_pushed_to(cell: Cell) -> None:
     operator.call('start')
     graph.spin_until(lambda: operator.state == 'moving', 'the motion')
     graph.spin_until(lambda: operator.state == 'idle', 'the end')
-    assert cell.task._task.state['tcp'][0] == pytest.approx([0.0, 0.0, -0.78], abs=1e-6)
+    assert cell.task.controller.task.state['tcp'][0] == pytest.approx([0.0, 0.0, -0.78], abs=1e-6)
 
 
 def test_an_emergency_stop_before_cyclic_operation_leaves_the_drives_without_torque(graph: Any) -> None:
@@ -352,8 +352,8 @@ def test_an_emergency_stop_before_cyclic_operation_leaves_the_drives_without_tor
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
     graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
     assert graph.call(Trigger, 'emergency_stop', Trigger.Request()).success
-    task._wait_for_program = False
-    graph.spin_until(lambda: task.answered > 100, 'cycles')
+    task.controller.wait_for_program = False
+    graph.spin_until(lambda: task.controller.answered > 100, 'cycles')
     words = {message.header.frame_id.split()[1] for message in mdt if message.header.stamp.sec >= 0}
     assert words == {'8000'}
 

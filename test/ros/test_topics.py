@@ -197,7 +197,7 @@ def test_latecomers_hear_how_things_stand(driven: Driven) -> None:
     place = heard['motion/located'][-1]
     assert numbers_of(place) == pytest.approx([0.0, 0.1, -0.85], abs=1e-5)
     began, ended = heard['motion/course'][-1].data[0], cycle_of(place)
-    assert began + 200 < ended <= driven.task.answered
+    assert began + 200 < ended <= driven.task.controller.answered
 
 
 def test_planner_and_operator_send_heartbeats_with_rising_numbers(driven: Driven) -> None:

@@ -6,7 +6,7 @@ import pytest
 from delta3_pacdrive.controller.transformation import DISABLE_CYCLES, Transformation
 from delta3_pacdrive.motion import program, program_planner
 from delta3_pacdrive.motion.resume import rejoin
-from delta3_pacdrive.sercos.answer_buffer import Inbox
+from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.losses import CLEARING_CYCLES
@@ -15,7 +15,7 @@ from delta3_pacdrive.sercos.watchdog import (
     BUS_SILENT_S,
     DRIVE_SILENT_S,
     MASTER_SILENT_S,
-    Watch,
+    Watchdog,
 )
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Status
 
@@ -80,24 +80,24 @@ def test_times_of_silence_let_decide_first_who_can_tell_the_culprit():
 
 
 def test_a_watch_measures_silence_between_its_looks():
-    watch = Watch(0.2)
+    watch = Watchdog(0.2)
     watch.silence_s(10.0)
-    watch.heard(10.05)
+    watch.received(10.05)
     assert watch.silence_s(10.2) == pytest.approx(0.15)
     assert watch.silence_s(10.4) == pytest.approx(0.35)
 
 
 def test_a_look_that_comes_late_proves_little():
-    watch = Watch(0.2)
-    watch.heard(10.0)
+    watch = Watchdog(0.2)
+    watch.received(10.0)
     assert watch.silence_s(13.0) == pytest.approx(0.4)
     assert watch.silence_s(13.2) == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize('period_s', [0.04, 0.2])
 def test_a_partner_that_is_dead_is_found_by_a_watch_that_is_always_late(period_s):
-    watch = Watch(period_s)
-    watch.heard(0.0)
+    watch = Watchdog(period_s)
+    watch.received(0.0)
     looks = [watch.silence_s(1.0 * second) for second in range(1, 30)]
     assert looks == sorted(looks)
     assert looks[-1] > 2.0 * BUS_SILENT_S
@@ -277,53 +277,53 @@ def test_an_axis_that_reports_a_fault_does_not_follow_unless_it_says_so(follows,
     assert (fault.sentence, fault.not_following) == ('axis1 reports a fault in bus cycle 7', not_following)
 
 
-# inbox ----------------------------------------------------------------------------------------------------------------
+# buffer ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def inbox():
-    result = Inbox()
+def buffer():
+    result = AnswerBuffer()
     result.begin(100)
     return result
 
 
-def test_a_cycle_is_complete_when_the_answers_of_all_three_drives_are_there(inbox):
+def test_a_cycle_is_complete_when_the_answers_of_all_three_drives_are_there(buffer):
     for index in range(3):
-        assert not inbox.is_complete(100)
-        assert inbox.behind(100) == list(range(index, 3))
-        assert inbox.put(index, 100, f'of {index}')
-    assert inbox.is_complete(100)
-    assert not inbox.is_complete(101)
-    assert inbox.get(100) == ['of 0', 'of 1', 'of 2']
-    assert inbox.lost == inbox.repeated == 0
+        assert not buffer.is_complete(100)
+        assert buffer.behind(100) == list(range(index, 3))
+        assert buffer.put(index, 100, f'of {index}')
+    assert buffer.is_complete(100)
+    assert not buffer.is_complete(101)
+    assert buffer.get(100) == ['of 0', 'of 1', 'of 2']
+    assert buffer.lost == buffer.repeated == 0
 
 
-def test_a_later_answer_of_a_drive_says_that_those_before_are_lost(inbox):
-    inbox.put(0, 102, 'later')
-    inbox.put(1, 100, None)
-    assert inbox.lost == 3
-    assert inbox.expected == [103, 101, 100]
-    assert inbox.ahead(100) == 3
-    inbox.put(2, 100, 'c')
-    assert inbox.get(100) == [None, None, 'c']
+def test_a_later_answer_of_a_drive_says_that_those_before_are_lost(buffer):
+    buffer.put(0, 102, 'later')
+    buffer.put(1, 100, None)
+    assert buffer.lost == 3
+    assert buffer.expected == [103, 101, 100]
+    assert buffer.ahead(100) == 3
+    buffer.put(2, 100, 'c')
+    assert buffer.get(100) == [None, None, 'c']
 
 
-def test_the_same_answer_twice_is_counted_and_a_different_one_contradicts(inbox):
-    assert inbox.put(0, 100, 'a')
-    assert inbox.put(0, 100, 'a')
-    assert inbox.repeated == 1
-    assert not inbox.put(0, 100, 'another')
-    assert inbox.put(0, 99, 'of a cycle that is over')
+def test_the_same_answer_twice_is_counted_and_a_different_one_contradicts(buffer):
+    assert buffer.put(0, 100, 'a')
+    assert buffer.put(0, 100, 'a')
+    assert buffer.repeated == 1
+    assert not buffer.put(0, 100, 'another')
+    assert buffer.put(0, 99, 'of a cycle that is over')
     for index in (1, 2):
-        inbox.put(index, 100, 'b')
-    assert inbox.get(100)[0] == 'a'
+        buffer.put(index, 100, 'b')
+    assert buffer.get(100)[0] == 'a'
 
 
-def test_nobody_waits_for_an_axis_that_is_given_up(inbox):
+def test_nobody_waits_for_an_axis_that_is_given_up(buffer):
     for index in (0, 2):
-        inbox.put(index, 100, 'x')
-    inbox.lose(1)
-    assert inbox.is_complete(100)
-    assert inbox.get(100) == ['x', None, 'x']
-    assert inbox.ahead(100) == 1
-    assert inbox.lost == 0
+        buffer.put(index, 100, 'x')
+    buffer.drop(1)
+    assert buffer.is_complete(100)
+    assert buffer.get(100) == ['x', None, 'x']
+    assert buffer.ahead(100) == 1
+    assert buffer.lost == 0

@@ -1,4 +1,4 @@
-"""Facts about the bus (thesis 2.2.3, 8.1): time stamps, agreement in phase CP2, pacing, increments, words."""
+"""Facts about the bus (thesis 2.2.3, 8.1): time stamps, agreement in phase CP2, scheduler, increments, words."""
 
 import math
 
@@ -11,7 +11,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity, disagreements, missing
 from delta3_pacdrive.sercos.increments import on_grid, to_increments
-from delta3_pacdrive.sercos.scheduler import Histogram, Pacing
+from delta3_pacdrive.sercos.scheduler import CycleScheduler, Histogram
 from delta3_pacdrive.sercos.words import (
     CONTROL_ENABLE,
     CONTROL_OFF,
@@ -108,93 +108,93 @@ def test_any_other_value_shows_in_the_checksum(robot):
     assert disagreements(master, dict.fromkeys(PARTICIPANTS, Identity.of(robot))) == []
 
 
-# pacing
+# scheduler
 
 
 def test_paced_cycles_start_at_their_due_times():
-    pacing = Pacing(1e-3, 8)
-    assert pacing.may_start(0, 0, 100.0)
-    assert not pacing.may_start(1, 0, 100.0009)
-    assert pacing.may_start(1, 0, 100.00101)
-    assert pacing.late_s == pytest.approx(1e-5, abs=1e-9)
-    assert not pacing.may_start(2, 0, 100.00199)
-    assert pacing.may_start(2, 0, 100.00201)
-    assert (pacing.overruns, pacing.slip_s) == (0, 0.0)
+    scheduler = CycleScheduler(1e-3, 8)
+    assert scheduler.may_start(0, 0, 100.0)
+    assert not scheduler.may_start(1, 0, 100.0009)
+    assert scheduler.may_start(1, 0, 100.00101)
+    assert scheduler.late_s == pytest.approx(1e-5, abs=1e-9)
+    assert not scheduler.may_start(2, 0, 100.00199)
+    assert scheduler.may_start(2, 0, 100.00201)
+    assert (scheduler.overruns, scheduler.slip_s) == (0, 0.0)
 
 
 def test_due_times_do_not_drift_with_late_starts():
-    pacing, now = Pacing(1e-3, 8), 50.0
-    assert pacing.may_start(0, 0, now)
+    scheduler, now = CycleScheduler(1e-3, 8), 50.0
+    assert scheduler.may_start(0, 0, now)
     for cycle in range(1, 10_000):
         now = 50.0 + cycle * 1e-3 + 0.4e-3
-        assert not pacing.may_start(cycle, 0, 50.0 + cycle * 1e-3 - 1e-5)
-        assert pacing.may_start(cycle, 0, now)
-    assert pacing.late_s == pytest.approx(0.4e-3, abs=1e-9)
-    assert pacing.slip_s == 0.0
+        assert not scheduler.may_start(cycle, 0, 50.0 + cycle * 1e-3 - 1e-5)
+        assert scheduler.may_start(cycle, 0, now)
+    assert scheduler.late_s == pytest.approx(0.4e-3, abs=1e-9)
+    assert scheduler.slip_s == 0.0
 
 
 def test_a_cycle_that_is_held_back_counts_one_overrun_however_often_it_is_asked_for():
-    pacing = Pacing(1e-3, 4)
-    assert pacing.may_start(0, 0, 0.0)
-    assert not pacing.may_start(1, 4, 0.0005)  # not due: no overrun
+    scheduler = CycleScheduler(1e-3, 4)
+    assert scheduler.may_start(0, 0, 0.0)
+    assert not scheduler.may_start(1, 4, 0.0005)  # not due: no overrun
     for n in range(10):
-        assert not pacing.may_start(1, 4, 0.0011 + n * 1e-4)
-    assert pacing.overruns == 1
-    assert pacing.may_start(1, 3, 0.0022)
-    assert not pacing.may_start(2, 4, 0.0023)
-    assert pacing.overruns == 2
+        assert not scheduler.may_start(1, 4, 0.0011 + n * 1e-4)
+    assert scheduler.overruns == 1
+    assert scheduler.may_start(1, 3, 0.0022)
+    assert not scheduler.may_start(2, 4, 0.0023)
+    assert scheduler.overruns == 2
 
 
 def test_late_cycles_are_caught_up():
-    pacing = Pacing(1e-3, 8)
-    assert pacing.may_start(0, 0, 0.0)
+    scheduler = CycleScheduler(1e-3, 8)
+    assert scheduler.may_start(0, 0, 0.0)
     for cycle in range(1, 6):  # all due at once after a pause of 5 ms
-        assert pacing.may_start(cycle, 0, 0.0052)
-    assert not pacing.may_start(6, 0, 0.0052)
-    assert pacing.may_start(6, 0, 0.0061)
-    assert pacing.slip_s == 0.0
+        assert scheduler.may_start(cycle, 0, 0.0052)
+    assert not scheduler.may_start(6, 0, 0.0052)
+    assert scheduler.may_start(6, 0, 0.0061)
+    assert scheduler.slip_s == 0.0
 
 
 def test_a_schedule_that_lags_too_far_slips_for_good_and_skips_nothing():
-    pacing = Pacing(1e-3, 8)
-    assert pacing.may_start(0, 0, 0.0)
-    assert pacing.may_start(1, 0, 1.0)  # due at 1 ms: 999 ms late, 8 ms may be caught up
-    assert pacing.slip_s == pytest.approx(0.991)
-    assert pacing.late_s == pytest.approx(0.999)  # what is given up was late as well
-    started = [cycle for cycle in range(2, 30) if pacing.may_start(cycle, 0, 1.0)]
+    scheduler = CycleScheduler(1e-3, 8)
+    assert scheduler.may_start(0, 0, 0.0)
+    assert scheduler.may_start(1, 0, 1.0)  # due at 1 ms: 999 ms late, 8 ms may be caught up
+    assert scheduler.slip_s == pytest.approx(0.991)
+    assert scheduler.late_s == pytest.approx(0.999)  # what is given up was late as well
+    started = [cycle for cycle in range(2, 30) if scheduler.may_start(cycle, 0, 1.0)]
     assert started == list(range(2, 10))
-    assert not pacing.may_start(10, 0, 1.0)
-    assert pacing.may_start(10, 0, 1.0011)
-    assert pacing.slip_s == pytest.approx(0.991)
+    assert not scheduler.may_start(10, 0, 1.0)
+    assert scheduler.may_start(10, 0, 1.0011)
+    assert scheduler.slip_s == pytest.approx(0.991)
 
 
 def test_a_schedule_that_slips_keeps_together_with_the_ticks_of_its_timer():
-    pacing = Pacing(1e-3, 4)
-    pacing.begin(0, 10.0)
-    assert not pacing.may_start(0, 0, 9.9999)
-    assert pacing.may_start(0, 0, 10.00005)
-    assert pacing.may_start(1, 0, 10.01763)  # due at 10.001: 16.63 ms late, 4 ms may be caught up
-    assert pacing.slip_s == pytest.approx(0.013)
-    late = [cycle for cycle in range(2, 30) if pacing.may_start(cycle, 0, 10.01763)]
+    scheduler = CycleScheduler(1e-3, 4)
+    scheduler.begin(0, 10.0)
+    assert not scheduler.may_start(0, 0, 9.9999)
+    assert scheduler.may_start(0, 0, 10.00005)
+    assert scheduler.may_start(1, 0, 10.01763)  # due at 10.001: 16.63 ms late, 4 ms may be caught up
+    assert scheduler.slip_s == pytest.approx(0.013)
+    late = [cycle for cycle in range(2, 30) if scheduler.may_start(cycle, 0, 10.01763)]
     assert late == [2, 3, 4]
-    assert pacing.may_start(5, 0, 10.01805)  # the next tick finds the next cycle
-    assert pacing.late_s == pytest.approx(5e-5, abs=1e-9)
+    assert scheduler.may_start(5, 0, 10.01805)  # the next tick finds the next cycle
+    assert scheduler.late_s == pytest.approx(5e-5, abs=1e-9)
 
 
 def test_without_a_clock_cycles_start_as_soon_as_answers_allow():
-    pacing = Pacing(0.0, 2)
-    assert pacing.may_start(0, 0, 5.0)
-    assert pacing.may_start(1, 1, 5.0)
-    assert not pacing.may_start(2, 2, 5.0)
-    assert pacing.may_start(2, 1, 4.0)
-    assert (pacing.overruns, pacing.slip_s, pacing.late_s) == (0, 0.0, 0.0)
+    scheduler = CycleScheduler(0.0, 2)
+    assert scheduler.may_start(0, 0, 5.0)
+    assert scheduler.may_start(1, 1, 5.0)
+    assert not scheduler.may_start(2, 2, 5.0)
+    assert scheduler.may_start(2, 1, 4.0)
+    assert (scheduler.overruns, scheduler.slip_s, scheduler.late_s) == (0, 0.0, 0.0)
 
 
 def test_a_run_may_begin_at_any_cycle():
-    pacing = Pacing(2e-3, 8)
-    assert pacing.may_start(1000, 0, 7.0)
-    assert not pacing.may_start(1001, 0, 7.0019)
-    assert pacing.may_start(1001, 0, 7.0021)
+    scheduler = CycleScheduler(2e-3, 8)
+    assert scheduler.may_start(1000, 0, 7.0)
+    assert not scheduler.may_start(1001, 0, 7.0019)
+    assert scheduler.may_start(1001, 0, 7.0021)
 
 
 # histogram

@@ -45,14 +45,14 @@ def test_refused_telegrams_are_told():
 
 
 def test_a_schedule_that_slips_twice_tells_both_slips():
-    from delta3_pacdrive.sercos.scheduler import Pacing
+    from delta3_pacdrive.sercos.scheduler import CycleScheduler
 
-    pacing = Pacing(1e-3, 2)
-    assert pacing.may_start(0, 0, 0.0)
-    assert pacing.may_start(1, 0, 0.001 + 0.002 + 0.005)
-    assert pacing.slip_s == pytest.approx(0.005)
-    assert pacing.may_start(2, 0, 0.007 + 0.002 + 0.010)
-    assert pacing.slip_s == pytest.approx(0.005 + 0.010)
+    scheduler = CycleScheduler(1e-3, 2)
+    assert scheduler.may_start(0, 0, 0.0)
+    assert scheduler.may_start(1, 0, 0.001 + 0.002 + 0.005)
+    assert scheduler.slip_s == pytest.approx(0.005)
+    assert scheduler.may_start(2, 0, 0.007 + 0.002 + 0.010)
+    assert scheduler.slip_s == pytest.approx(0.005 + 0.010)
 
 
 def test_a_payload_travels_in_tenths_of_a_gram():

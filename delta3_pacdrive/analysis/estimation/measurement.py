@@ -142,7 +142,7 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
     robot, task = Robot(placed), Transformation(placed)
     planned = program_planner.plan(program, task.locate(robot.encoder_positions()), placed)
     task.load(planned.plan)
-    task.enable_cycle = placed.motion.enable_cycle
+    task.enable(placed.motion.enable_cycle)
     task.start(placed.motion.start_cycle)
     cycles, steps = task.last_cycle + 1, round(placed.bus.cycle_time_s / period)
     scope = _Oscilloscope(robot, cycles * steps)

@@ -32,10 +32,9 @@ from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.diagnostics import Health
 from delta3_pacdrive.ros.drive_parameters import WRITABLE, DriveParameters
 from delta3_pacdrive.ros.fault_injection import Faults
-from delta3_pacdrive.ros.interfaces import PHASE_CURRENT
+from delta3_pacdrive.ros.interfaces import AT, MDT, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE, PHASE_CURRENT
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import slave, telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
@@ -43,7 +42,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.participants import Occasion
 from delta3_pacdrive.sercos.slave import BusSlave
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S, Watch
+from delta3_pacdrive.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S, Watchdog
 from delta3_pacdrive.sercos.words import Phase, Status
 
 HOUSEKEEPING_S = 0.25
@@ -53,7 +52,14 @@ RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 
 
 class MC4DriveNode(RobotNode):
-    """The node lets one drive take part in the bus."""
+    """The node lets one drive take part in the bus.
+
+    Attributes
+    ----------
+    drive
+        The drive, without ROS.
+
+    """
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('mc4_drive', **node_options)
@@ -64,7 +70,7 @@ class MC4DriveNode(RobotNode):
         bus = parameters.bus
         self._index = number - 1
         self._axis = axis = DRIVES[self._index]
-        self._drive = MC4(parameters, self._index)
+        self.drive = MC4(parameters, self._index)
         self._slave = BusSlave()
         self._cycles, self._exchanges = Clock(bus.cycle_time_s), Clock(bus.exchange_period_s)
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
@@ -73,10 +79,10 @@ class MC4DriveNode(RobotNode):
         )  # cycles by which an MDT may come before its time
         self._faults = Faults(self, axis, lambda: self._drive_clock.cycle, lambda: self._slave.session)
         self._link: FaultyLink[Command] = FaultyLink(self._faults, MDT_FAULTS, self._refuse)
-        self._register = Register(parameters, self._actual, self._configure, self._drive.clear_fault)
+        self._register = Register(parameters, self._actual, self._configure, self.drive.clear_fault)
         self._settings = DriveParameters(self, axis, self._register)
         self._drive_clock = DriveClock(
-            self._drive,
+            self.drive,
             axis,
             parameters,
             self._faults,
@@ -85,7 +91,7 @@ class MC4DriveNode(RobotNode):
             self._send_current,
             lambda: self._carry_out(self._slave.rest()),
         )
-        self._master = Watch(HOUSEKEEPING_S)
+        self._master = Watchdog(HOUSEKEEPING_S)
         self._frame = b''  # of the last MDT: it rarely changes
         # its phase, control word, word of the service channel and payload
         self._words: tuple[Phase, int, int, float] = (Phase.CP0, 0, 0, 0.0)
@@ -106,20 +112,14 @@ class MC4DriveNode(RobotNode):
         }
         self._mdt = cdr.codec(telegrams.MDT)
         self._at = cdr.codec(telegrams.AT[self._index])
-        self._current = cdr.codec(telegrams.motor_current(axis, len(self._drive.currents)))
+        self._current = cdr.codec(telegrams.motor_current(axis, len(self.drive.currents)))
         self._shaft = cdr.codec(telegrams.SHAFTS)
-        self._publish_at = cdr.raw_publish(
-            self.create_publisher(JointState, f'sercos/at/{axis}', CYCLIC_PUBLISHER)
-        )
-        self._publish_current = cdr.raw_publish(
-            self.create_publisher(JointState, f'{axis}/motor_current', CYCLIC_PUBLISHER)
-        )
+        self._publish_at = cdr.raw_publish(AT.publisher(self, axis))
+        self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(self, axis))
         self._phases = Output(self, PHASE_CURRENT, axis)
-        self.create_bounded_subscription(Header, 'sercos/phase', self._on_phase, LATCHED, refuse=self._refuse)
-        self.create_subscription(JointState, 'sercos/mdt', self._on_mdt, CYCLIC_SUBSCRIPTION, raw=True)
-        self.create_subscription(
-            JointState, 'plant/motor_shafts', self._on_shafts, CYCLIC_SUBSCRIPTION, raw=True
-        )
+        PHASE.bounded_subscription(self, self._on_phase, refuse=self._refuse)
+        MDT.subscription(self, self._on_mdt, raw=True)
+        MOTOR_SHAFTS.subscription(self, self._on_shafts, raw=True)
         self._participant = Participant(self, axis, parameters)
         self._health = Health(self, axis)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
@@ -134,18 +134,18 @@ class MC4DriveNode(RobotNode):
         phase, session, stamp = cdr.parse_phase(message)
         cycle = self._cycles.count(*stamp)
         alone = self.count_publishers('sercos/phase') <= 1
-        self._carry_out(self._slave.announced(phase, session, cycle, self._drive.powered, alone))
+        self._carry_out(self._slave.announced(phase, session, cycle, self.drive.powered, alone))
 
     def _carry_out(self, actions: Sequence[slave.Action]) -> None:
         for action in actions:
             self._ways[type(action)](action)
 
     def _join(self, action: slave.Join) -> None:
-        self._master.heard(time.monotonic())
+        self._master.received(time.monotonic())
         self._drive_clock.begin(action.start)
 
     def _part(self, action: slave.Part) -> None:
-        self._master.heard(time.monotonic())
+        self._master.received(time.monotonic())
         self.get_logger().error(f'{self._axis}: {action.reason} in bus cycle {self._drive_clock.cycle}')
         self._drive_clock.part()
 
@@ -175,14 +175,14 @@ class MC4DriveNode(RobotNode):
             if bus.cyclic and cycle > now + self._ahead_max:
                 self._refuse(f'{self._axis}: an MDT of bus cycle {cycle} in cycle {now} is ahead of bus time')
                 return
-            self._master.heard(time.monotonic())
+            self._master.received(time.monotonic())
             command = (values[self._index], *self._words[1:])
             for arrived, what in self._link.arrivals(self._axis, cycle, command):
                 if clock.take_command(arrived, what) is Taken.CONTRADICTED:
                     reason = f'two different MDT of bus cycle {arrived}, is there a second master? (8506)'
                     self._carry_out(bus.lose_master(reason))
         elif self._resting_position is not None and not bus.cyclic:
-            position = self._drive.encoder_position(self._resting_position)
+            position = self.drive.encoder_position(self._resting_position)
             clock.service.received(self._words[2])
             frame = telegrams.at_frame(RESTING, clock.service.to_send(), bus.session)
             self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
@@ -204,21 +204,21 @@ class MC4DriveNode(RobotNode):
             self._drive_clock.take_shaft(exchange, (values[i], values[3 + i], values[6 + i]))
         elif not self._slave.cyclic:
             self._resting_position = values[i]
-            nothing = (0.0,) * len(self._drive.currents)
+            nothing = (0.0,) * len(self.drive.currents)
             frame = telegrams.current_frame(False, 0.0, session)
             self._publish_current(self._current.encode((ACYCLIC_SEC, 0), frame, nothing))
 
     def _send_answer(self, cycle: int, status: int) -> None:
         frame = telegrams.at_frame(status, self._drive_clock.service.to_send(), self._slave.session)
         stamp = self._cycles.stamp(cycle)
-        self._publish_at(self._at.encode(stamp, frame, self._drive.answer.tolist()))
+        self._publish_at(self._at.encode(stamp, frame, self.drive.answer.tolist()))
         if self._phases.wanted:
-            message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self._drive.phase_currents())
+            message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self.drive.phase_currents())
             message.header.stamp.sec, message.header.stamp.nanosec = stamp
             self._phases.publish(message)
 
     def _send_current(self, exchange: int, released: bool) -> None:
-        drive = self._drive
+        drive = self.drive
         frame = self._current_frames.get((released, drive.payload))
         if frame is None:
             frame = telegrams.current_frame(released, drive.payload, self._slave.session)
@@ -231,11 +231,11 @@ class MC4DriveNode(RobotNode):
 
     def _actual(self, name: str) -> float:
         """Field of the drive's state, for the service channel."""
-        return float(self._drive.state[name][0])
+        return float(self.drive.state[name][0])
 
     def _configure(self, parameters: Parameters) -> None:
         """Take over parameters that were written."""
-        self._drive.configure(parameters)
+        self.drive.configure(parameters)
         self._settings.follow(parameters, self._drive_clock.cycle)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -248,7 +248,7 @@ class MC4DriveNode(RobotNode):
     # looks ------------------------------------------------------------------------------------------------------------
 
     def _housekeeping(self) -> None:
-        fault = self._drive.fault
+        fault = self.drive.fault
         if fault != self._reported_fault:
             self._reported_fault = fault
             if fault:
@@ -276,21 +276,21 @@ class MC4DriveNode(RobotNode):
         if self._slave.parting:
             if clock.exchange != self._exchange_seen:
                 self._exchange_seen = clock.exchange
-                self._master.heard(time.monotonic())
+                self._master.received(time.monotonic())
             elif silence > BUS_SILENT_S:
                 self._carry_out(self._slave.rest())  # the plant is silent as well: nothing is left to stop
         elif not clock.awaits_command:
-            self._master.heard(time.monotonic())  # it is the plant that is waited for
+            self._master.received(time.monotonic())  # it is the plant that is waited for
         elif silence > MASTER_SILENT_S:
             self._carry_out(self._slave.lose_master(f'no MDT for {silence:.1f} s (8506)'))
 
     def diagnostics(self) -> dict[str, Any]:
         """What the drive says of itself, by SERCOS names."""
         counted = {'late_telegrams': self._drive_clock.late, 'refused_telegrams': self._refused}
-        return report(self._drive) | counted
+        return report(self.drive) | counted
 
     def _send_health(self) -> None:
-        drive = self._drive
+        drive = self.drive
         level = DiagnosticStatus.ERROR if drive.fault else DiagnosticStatus.OK
         if not drive.fault and drive.warning:
             level = DiagnosticStatus.WARN

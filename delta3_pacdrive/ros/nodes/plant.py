@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive.errors import TelegramError
@@ -17,8 +16,8 @@ from delta3_pacdrive.plant.plant_clock import PlantClock
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
+from delta3_pacdrive.ros.interfaces import MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
 from delta3_pacdrive.ros.parameters import declare_robot
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, CYCLIC_SUBSCRIPTION, LATCHED
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import slave, telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
@@ -26,7 +25,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 from delta3_pacdrive.sercos.participants import Occasion
 from delta3_pacdrive.sercos.slave import BusSlave
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.watchdog import DRIVE_SILENT_S, PARTING_S, Watch
+from delta3_pacdrive.sercos.watchdog import DRIVE_SILENT_S, PARTING_S, Watchdog
 
 GREETING_S = 0.02
 HOUSEKEEPING_S = 0.1
@@ -46,7 +45,7 @@ class PlantNode(RobotNode):
         self._frame = NO_SESSION  # of the shafts
         self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read
         self._heard: set[str] = set()
-        self._drives = Watch(HOUSEKEEPING_S)
+        self._drives = Watchdog(HOUSEKEEPING_S)
         self._waiting = ''
         self._looks = 0
         self._ways: dict[type, Callable[[Any], None]] = {
@@ -65,14 +64,10 @@ class PlantNode(RobotNode):
             cdr.codec(telegrams.motor_current(axis, self._plant_clock.samples), most_a) for axis in DRIVES
         ]
         self._shafts = cdr.codec(telegrams.SHAFTS)
-        self._publish = cdr.raw_publish(
-            self.create_publisher(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
-        )
+        self._publish = cdr.raw_publish(MOTOR_SHAFTS.publisher(self))
         for index, axis in enumerate(DRIVES):
-            self.create_subscription(
-                JointState, f'{axis}/motor_current', self._on_current(index), CYCLIC_SUBSCRIPTION, raw=True
-            )
-        self.create_bounded_subscription(Header, 'sercos/phase', self._on_phase, LATCHED, refuse=self._refuse)
+            MOTOR_CURRENT.subscription(self, self._on_current(index), axis, raw=True)
+        PHASE.bounded_subscription(self, self._on_phase, refuse=self._refuse)
         self._participant = Participant(self, PLANT, parameters)
         self._greeter = self.create_timer(GREETING_S, self._greet)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
@@ -109,7 +104,7 @@ class PlantNode(RobotNode):
 
     def _publish_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         self._publish(self._shafts.encode(self._exchanges.stamp(exchange), self._frame, shafts))
-        self._drives.heard(time.monotonic())
+        self._drives.received(time.monotonic())
 
     # the bus ----------------------------------------------------------------------------------------------------------
 

@@ -23,18 +23,14 @@ from delta3_pacdrive.ros.deferred_service import create_deferred_service
 from delta3_pacdrive.ros.fault_injection import LEAD_CYCLES, SCHEDULE, Faults
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.phase_up import PhaseUp
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
-from delta3_pacdrive.sercos.participants import Announcement, Occasion, Participants
 from delta3_pacdrive.sercos.statistics import BusStatistics
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.words import Phase
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -221,33 +217,3 @@ def test_a_message_that_is_too_large_is_refused_unread(graph: Any) -> None:
     graph.spin_until(lambda: len(read) >= 2, 'what can be read', SOON_S)
     assert read == [10, 900]
     assert refused == ['a message has 2009 bytes, the limit is 1000']
-
-
-def test_nobody_leaves_cp2_before_the_plant_hears_every_drive(graph: Any) -> None:
-    table = Participants()
-    table.begin(SESSION.decode())
-    identity = Identity.of(ROBOT)
-
-    def present(name: str, *links: str) -> None:
-        table.announced(Announcement(name, name, SESSION.decode(), Occasion.CALLED, identity, links))
-
-    for name in PARTICIPANTS:
-        present(name)
-    phase_up = PhaseUp(graph.listener, table, identity)
-    assert phase_up.next(Phase.CP2) == Phase.CP2
-    assert phase_up.waiting == 'waiting for the plant to hear axis1, axis2, axis3'
-    present('plant', 'axis1', 'axis3')
-    assert phase_up.next(Phase.CP2) == Phase.CP2
-    assert phase_up.waiting == 'waiting for the plant to hear axis2'
-    present('plant', 'axis1', 'axis2', 'axis3')
-    assert phase_up.next(Phase.CP2) == Phase.CP3
-    assert phase_up.waiting == ''
-
-
-def test_a_start_up_that_begins_anew_asks_everybody_again(graph: Any) -> None:
-    phase_up = PhaseUp(graph.listener, Participants(), Identity.of(ROBOT))
-    phase_up.resting.update({0: 0.0, 1: 0.0, 2: 0.0})
-    assert phase_up.next(Phase.CP1) == Phase.CP2
-    phase_up.begin()
-    assert phase_up.next(Phase.CP1) == Phase.CP1
-    assert phase_up.waiting == 'waiting for an answer of axis1, axis2, axis3'

@@ -1,0 +1,186 @@
+"""Cyclic operation of the controller: bus cycles start when they are due, and count when they are answered.
+
+All of it happens in each bus cycle, a thousand times a second on a clock and more often without one.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from delta3_pacdrive.controller.cycle import Command, ControllerCycle, emergency_stop
+from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.faults.fault import AT_FAULTS
+from delta3_pacdrive.faults.schedule import Schedule
+from delta3_pacdrive.faults.telegram_faults import FaultyLink
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.scheduler import CycleScheduler
+from delta3_pacdrive.sercos.service_requests import ServiceRequests
+from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.watchdog import Watchdog
+
+Content = tuple[Any, int, int]  # position, speed, torque; status word; word of the service channel
+
+
+class CyclePort(Protocol):
+    """What bus cycles do outside of the controller."""
+
+    def send(self, cycle: int, command: Command) -> None:
+        """Send the MDT of a bus cycle."""
+
+    def tell(self, cycle: int) -> None:
+        """Tell what the answers of a bus cycle say."""
+
+    def refuse(self, reason: str) -> None:
+        """Say that a telegram was refused."""
+
+    def change(self) -> None:
+        """Carry out what the state of the robot wants done."""
+
+    def report(self) -> None:
+        """Do the same, and tell everybody how things stand."""
+
+
+class CyclicOperation:
+    """Bus cycles of one controller.
+
+    Parameters
+    ----------
+    parameters, period_s
+        Of the robot; wall-clock time per cycle [s], 0 = as fast as possible.
+    state, cycle, axes, services, watchdog, statistics
+        Of the same controller.
+    faults
+        Those of the ATs and of the operator.
+    port
+        Takes part in each cycle.
+    fall
+        Called with a reason for which the phase has to fall.
+    now_s, now_ns
+        Return the time: of a clock that never jumps [s], of day [ns].
+
+    Attributes
+    ----------
+    running
+        Whether the bus is in cyclic operation.
+    next_cycle, answered
+        Next cycle to start, next one to be complete.
+    answers
+        What has been answered, until a cycle is complete.
+    scheduler
+        Decides when cycles start.
+    last_answer_s
+        When the last cycle was complete [s].
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        period_s: float,
+        state: RobotState,
+        cycle: ControllerCycle,
+        axes: AxisMonitor,
+        services: ServiceRequests,
+        watchdog: Watchdog,
+        statistics: BusStatistics,
+        faults: Schedule,
+        port: CyclePort,
+        fall: Callable[[str], None],
+        now_s: Callable[[], float] = time.monotonic,
+        now_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._state, self._cycle, self._axes, self._services = state, cycle, axes, services
+        self._watchdog, self._statistics, self._faults = watchdog, statistics, faults
+        self._port, self._fall = port, fall
+        self._now_s, self._now_ns = now_s, now_ns
+        self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
+        self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max)
+        self.answers: AnswerBuffer[Content] = AnswerBuffer()
+        self.running = False
+        self.next_cycle = self.answered = 0
+        self.last_answer_s = 0.0
+
+    def begin(self, cycle: int) -> None:
+        """Begin cyclic operation with a cycle."""
+        self.next_cycle = self.answered = cycle
+        self.answers.begin(cycle)
+        self._link.clear()
+        self.last_answer_s = self._now_s()
+        self._watchdog.received(self.last_answer_s)
+        self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
+        self.running = True
+
+    def due(self, index: int) -> bool:
+        """Whether an axis may have more to say; before cyclic operation nobody knows how often it answers."""
+        return not self.running or self.answers.expected[index] < self.next_cycle
+
+    def start_due(self) -> None:
+        """Start every cycle that is due."""
+        may_start, state = self.scheduler.may_start, self._state
+        while self.running and may_start(self.next_cycle, self.next_cycle - self.answered, self._now_s()):
+            cycle = self.next_cycle
+            outstanding = cycle - self.answered
+            if cycle >= self._faults.next_cycle:
+                self._begin_faults(cycle)
+            command = self._cycle.command(cycle)
+            self._statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
+            self._port.send(cycle, command)
+            self.next_cycle = cycle + 1
+            state.commanded(cycle)
+            if state.actions:
+                self._port.change()
+
+    def _begin_faults(self, cycle: int) -> None:
+        """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
+        for fault, _ in self._faults.due(cycle):
+            if fault.kind == 'emergency_stop':
+                self._state.stop_for(emergency_stop(cycle))
+                self._port.change()
+
+    def take(self, index: int, cycle: int, content: Content, received_ns: int) -> None:
+        """Take the AT of an axis, and the time at which it came [ns], 0 if nobody knows it."""
+        if not self.running:
+            return
+        axis = DRIVES[index]
+        if cycle >= self.next_cycle:
+            self._fall(f'{axis} went on to bus cycle {cycle} without the master (8506)')
+            return
+        for arrived, what in self._link.arrivals(axis, cycle, content):
+            if not self.running:
+                return
+            if self.answers.put(index, arrived, what):
+                self.complete(received_ns)
+            else:
+                self._state.stop(
+                    f'{axis}: two different AT of bus cycle {arrived}: who is the second writer?'
+                )
+                self._port.report()
+
+    def complete(self, received_ns: int = 0) -> None:
+        """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
+        buffer, state, services = self.answers, self._state, self._services
+        while (cycle := self.answered) < self.next_cycle and buffer.is_complete(cycle):
+            answers = buffer.get(cycle)
+            if services.busy:
+                for index, answer in enumerate(answers):
+                    services.received(index, None if answer is None else answer[2])
+            self._statistics.answered(cycle, received_ns or self._now_ns())
+            self.last_answer_s = self._now_s()
+            self._watchdog.received(self.last_answer_s)
+            self.answered = cycle + 1
+            stop = self._cycle.evaluate(cycle, answers, state.checked_from, bool(state.fault))
+            self._port.tell(cycle)
+            if stop is not None:
+                state.stop_for(stop)
+                self._port.report()
+            if cycle == state.ends:
+                state.answered(cycle)
+                self._port.report()
+            if self._axes.absent and state.without_torque:
+                self._fall(state.fault)
+                return
+        if not self.scheduler.period_s and self.running:
+            self.start_due()

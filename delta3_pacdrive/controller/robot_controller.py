@@ -1,0 +1,300 @@
+"""The controller of one robot: the master of the bus, its cycles, the state of the robot, and who may change it.
+
+Pure: what comes from the graph comes in as calls; what has to go out is done by a ``Port``, and by whoever carries out
+the actions of the state. Tests let it run without ROS.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, Protocol
+
+from delta3_pacdrive.controller.control import Control
+from delta3_pacdrive.controller.cycle import ControllerCycle
+from delta3_pacdrive.controller.cyclic_operation import Content, CyclePort, CyclicOperation
+from delta3_pacdrive.controller.orders import Orders
+from delta3_pacdrive.controller.planner_watch import PlannerWatch
+from delta3_pacdrive.controller.robot_state import RobotState, Said
+from delta3_pacdrive.controller.transformation import FOLLOWING_ERROR, TCP_ACTUAL, Transformation
+from delta3_pacdrive.errors import Code, Reason, UnreachableError
+from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
+from delta3_pacdrive.faults.schedule import Schedule
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos import master
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES, Identity
+from delta3_pacdrive.sercos.master import BusMaster
+from delta3_pacdrive.sercos.participants import Announcement
+from delta3_pacdrive.sercos.service_requests import ServiceRequests
+from delta3_pacdrive.sercos.statistics import BusStatistics
+from delta3_pacdrive.sercos.watchdog import Watchdog
+
+
+class Port(CyclePort, Protocol):
+    """What the controller does on the graph."""
+
+    def announce(self, announcement: master.Announce) -> None:
+        """Announce a phase of the bus."""
+
+    def greet(self, greeting: master.Greet) -> None:
+        """Greet the drives, outside of cyclic operation."""
+
+    def check_faults(self, faults: Sequence[Fault]) -> None:
+        """Refuse faults of a program that cannot be injected; raises ProgramError."""
+
+
+class RobotController:
+    """Controller of one robot.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    period_s, report_s
+        Wall-clock time per cycle, 0 = as fast as possible, and between two looks [s].
+    wait_for_program
+        Whether to stay in CP3 until a program is loaded.
+    faults
+        Those that are injected into the controller.
+    port
+        Does what has to be done outside.
+
+    Attributes
+    ----------
+    bus, cycles, state, task, axes
+        The phases of the bus, its cycles, the state of the robot, its transformation, what is known of the drives.
+    services, control, planners, orders
+        What is asked of the drives, who has control, which planner is there, what it has ordered.
+    statistics
+        Counts.
+    wait_for_program
+        Whether the bus still stays in CP3 until a program is loaded.
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        period_s: float,
+        report_s: float,
+        wait_for_program: bool,
+        faults: Schedule,
+        port: Port,
+    ) -> None:
+        bus, identity = parameters.bus, Identity.of(parameters)
+        self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
+        enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
+        self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
+        self._start_s: float | None = None  # of the first cyclic operation
+        self._watchdog = Watchdog(report_s)
+        self.task, self.axes = Transformation(parameters), AxisMonitor(parameters)
+        self.statistics = BusStatistics(bus.outstanding_cycles_max)
+        self.bus = BusMaster(identity, self._locate)
+        self.services = ServiceRequests(self.bus.channel_closed)
+        self.state = RobotState(self, self.task, self.axes)
+        self.cycles = CyclicOperation(
+            parameters,
+            period_s,
+            self.state,
+            ControllerCycle(self.task, self.axes, parameters),
+            self.axes,
+            self.services,
+            self._watchdog,
+            self.statistics,
+            faults,
+            port,
+            self._fall,
+        )
+        self.control = Control(report_s)
+        self.planners = PlannerWatch(report_s, identity)
+        self.orders = Orders(parameters, self.state, self.control, self.planners, port.check_faults)
+        self.orders.begin_session(self.bus.session.decode())
+        if parameters.motion.enable_cycle >= 0:
+            self.task.enable(parameters.motion.enable_cycle)
+
+    # the bus as RobotState knows it -----------------------------------------------------------------------------------
+
+    @property
+    def next_cycle(self) -> int:
+        """Next cycle to start."""
+        return self.cycles.next_cycle
+
+    @property
+    def answered(self) -> int:
+        """Next cycle to be complete."""
+        return self.cycles.answered
+
+    def closed(self) -> Reason | None:
+        """Say why nothing that needs cyclic operation can be done, None if it can."""
+        return self.bus.closed()
+
+    def waiting(self) -> Reason | None:
+        """Say what the present phase waits for, None if it waits for nothing."""
+        return self.bus.waiting
+
+    def earliest(self) -> int:
+        """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
+        enabled = self.task.enable_cycle
+        follow = enabled + self._enabling_cycles if enabled < NEVER else 0
+        if not self.next_cycle:
+            return follow
+        return max(self.next_cycle + self._parameters.bus.outstanding_cycles_max + 1, follow)
+
+    # phases -----------------------------------------------------------------------------------------------------------
+
+    def look_at_start_up(self, doubled: Reason | None) -> None:
+        """Advance the phases of the bus, knowing who writes what only one may write."""
+        ready = not self.wait_for_program or self.state.starts != NEVER
+        self._do(self.bus.look(self.next_cycle, doubled, ready))
+
+    def announced(self, announcement: Announcement) -> None:
+        """Take the announcement of a participant of the bus, or of a planner."""
+        if announcement.name == UNIT_ROBOT:
+            self.planners.announced(announcement.instance, announcement.identity)
+        self._do(self.bus.announced(announcement, self.next_cycle, self.answered))
+
+    def take(self, index: int, cycle: int, content: Content, received_ns: int) -> None:
+        """Take the AT of an axis; its cycle is negative outside of cyclic operation."""
+        if cycle >= 0:
+            self.cycles.take(index, cycle, content, received_ns)
+        elif not self.bus.cyclic:
+            self.bus.positioned(index, content[0][0])
+            self.services.received(index, content[2])
+
+    def _locate(self, motor_positions_rad: Sequence[float]) -> Reason | None:
+        try:
+            self.task.locate(motor_positions_rad)
+        except UnreachableError as error:
+            return Reason(Code.CONTENT, str(error))
+        return None
+
+    def _fall(self, reason: str) -> None:
+        self._do(self.bus.fall(reason, self.next_cycle))
+
+    def _do(self, actions: Sequence[master.Action]) -> None:
+        for action in actions:
+            match action:
+                case master.Announce():
+                    self._port.announce(action)
+                case master.Greet():
+                    self._port.greet(action)
+                case master.Stand(cycle):
+                    if not self.state.fault:
+                        self.state.locate(self.task.state['tcp'][0], cycle)
+                case master.Begin(cycle):
+                    self._begin(cycle)
+                case master.GiveUp(reason, session):
+                    self._give_up(reason, session)
+                case master.Note(reason):
+                    self.state.note(reason)
+                case master.Stop(reason):
+                    self.state.stop(reason)
+                case master.Drop(index, reason):
+                    self._drop(index, reason)
+                case master.Wait(waiting):
+                    self.state.actions.append(Said(str(waiting)))
+        if any(isinstance(action, (master.GiveUp, master.Stop, master.Drop)) for action in actions):
+            self._port.report()
+        elif self.state.actions:
+            self._port.change()
+
+    def _begin(self, cycle: int) -> None:
+        if cycle or self.state.fault:
+            self.task.disable()  # who comes back enables nothing by himself
+        self.axes.begin()
+        self.cycles.begin(cycle)
+        if self._start_s is None:
+            self._start_s = self.cycles.last_answer_s
+
+    def _give_up(self, reason: str, session: bytes) -> None:
+        self.cycles.running = False
+        self.axes.begin()
+        self.services.close()
+        self.state.lose_bus(reason)
+        self.wait_for_program = False
+        self.orders.begin_session(session.decode())
+
+    def _drop(self, index: int, reason: str) -> None:
+        """Go on without a drive, to a stop; then the phase falls."""
+        self.axes.drop(index)
+        self.cycles.answers.drop(index)
+        self.state.stop(reason, hard=True)
+        if len(self.axes.absent) == len(DRIVES):
+            self._fall(reason)
+        else:
+            self.cycles.complete()
+
+    # looks ------------------------------------------------------------------------------------------------------------
+
+    def look(self, now_s: float) -> None:
+        """Look whether everybody is still there who should be."""
+        self._look_for_drives(now_s)
+        reason = self.orders.look(now_s)
+        if reason:
+            # nobody could change the course of the program any more
+            self.state.stop(f'{reason}, in bus cycle {self.answered}')
+        self.state.look()
+
+    def _look_for_drives(self, now_s: float) -> None:
+        silence_s = self._watchdog.silence_s(now_s)
+        answered, next_cycle = self.answered, self.next_cycle
+        if not self.bus.cyclic or next_cycle == answered:
+            self._watchdog.received(now_s)
+            return
+        answers = self.cycles.answers
+        self._do(
+            self.bus.missed(
+                answers.behind(answered), silence_s, answers.ahead(answered), next_cycle, answered
+            )
+        )
+
+    # reports ----------------------------------------------------------------------------------------------------------
+
+    def progress(self) -> dict[str, Any]:
+        """Return the present state of bus and program, as published in ``motion/progress``."""
+        task, state, cycles = self.task, self.state, self.cycles
+        move, distance, speed = task.progress()
+        cycle_time, answered, end = self._parameters.bus.cycle_time_s, cycles.answered, task.end_cycle
+        operator = self.control.operator
+        remaining = max(end - answered, 0) if end < NEVER else 0
+        return {
+            'session': self.bus.session.decode(),
+            'phase': self.bus.phase.name,
+            'waiting': str(self.bus.waiting or ''),
+            'fault': state.fault,
+            'fault_cycle': state.fault_cycle,
+            'state': str(state.motion),
+            'finished': state.finished,
+            'in_torque': state.in_torque,
+            'enabled': state.enabled,
+            'operator': operator.name if operator else '',
+            'operator_identity': operator.identity if operator else '',
+            'control': self.control.changes,
+            'tcp_m': (task.answer[TCP_ACTUAL] if answered else state.tcp_m).tolist(),
+            'cycles': answered,
+            'bus_time_s': answered * cycle_time,
+            'wall_time_s': cycles.last_answer_s - (self._start_s or 0.0),
+            'move': move,
+            'moves': task.moves,
+            'end_s': (state.ends if state.ends < NEVER else answered) * cycle_time,
+            'remaining_s': remaining * cycle_time,
+            'master_m': distance,
+            'master_speed_m_s': speed,
+            'rate': 1.0 if task.course is None else task.course.rate,
+            'outputs': task.outputs,
+            'payload_kg': task.payload,
+            'following_error_rad': max(abs(value) for value in task.answer[FOLLOWING_ERROR].tolist()),
+            'overruns': cycles.scheduler.overruns,
+            'slip_s': cycles.scheduler.slip_s,
+            'lost_telegrams': cycles.answers.lost,
+            'repeated_telegrams': cycles.answers.repeated,
+        }
+
+    def totals(self) -> dict[str, Any]:
+        """Return what the bus and the program did so far."""
+        return {
+            'at_losses': self.axes.losses,
+            **self.statistics.summary(),
+            'figures': asdict(self.task.figures()),
+        }

@@ -1,0 +1,54 @@
+"""Requests to the service channels of the drives as text, and their answers in sentences.
+
+A request may begin with a mark of the asker's own choice, and its answer begins with the same: "#3fa9 axis1 read
+S-0-0104" is answered with "#3fa9 accepted: axis1: ...".
+"""
+
+import re
+
+from delta3_pacdrive.drive.operation_data import TABLE, refusal, value_text
+from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, format_idn, parse_idn
+
+_MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
+OPERATIONS = {operation.name.lower(): operation for operation in Operation}
+
+
+def split_mark(text: str) -> tuple[str, str]:
+    """Return (mark such as "#3fa9", the rest) of a request or an answer; the mark is empty without one."""
+    match = _MARK.match(text)
+    return (match[1].rstrip(), match[2]) if match else ('', text)
+
+
+def parse_request(text: str) -> tuple[int, Access]:
+    """Return (number of the drive, access) of a request; raises TelegramError or ParameterError."""
+    words = text.split()
+    if len(words) < 3 or words[0] not in DRIVES or words[1] not in OPERATIONS:
+        raise TelegramError(
+            f'{shown(text)} is no request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '
+            '"axis1 command S-0-0099"'
+        )
+    operation = OPERATIONS[words[1]]
+    if len(words) != (4 if operation == Operation.WRITE else 3):
+        raise TelegramError(f'{shown(text)}: only "write" takes a value, and it needs one')
+    value = _number(words[3]) if operation == Operation.WRITE else 0.0
+    return DRIVES.index(words[0]), Access(parse_idn(words[2]), operation, value)
+
+
+def _number(text: str) -> float:
+    try:
+        # Python alone takes 1_0 for 10
+        return float(text if text.isascii() and '_' not in text else '')
+    except ValueError:
+        raise TelegramError(f'{shown(text)} is no number') from None
+
+
+def sentence(index: int, access: Access, answer: Answer) -> str:
+    """Say what became of an access."""
+    if answer.error:
+        return f'refused: {DRIVES[index]}: {refusal(access, answer)}'
+    row = TABLE[access.idn]
+    if access.operation == Operation.COMMAND:
+        return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name}: done'
+    return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name} = {value_text(row, answer.value)}'

@@ -1,0 +1,68 @@
+"""The master's ends of the service channels of all drives, and who waits for which answer."""
+
+from collections import deque
+from collections.abc import Callable
+
+from delta3_pacdrive.errors import Reason, TelegramError
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.service_channel import (
+    ERROR_TEXTS,
+    Access,
+    Answer,
+    ServiceError,
+    ServiceMaster,
+    message_8503,
+)
+
+Done = Callable[[int, Answer], None]
+
+
+class ServiceRequests:
+    """Requests to the drives, one after the other through the service channel of each.
+
+    Parameters
+    ----------
+    closed
+        Returns why the channels are closed, None while they are open.
+
+    Attributes
+    ----------
+    busy
+        Whether an access is under way.
+
+    """
+
+    def __init__(self, closed: Callable[[], Reason | None]) -> None:
+        self._closed = closed
+        self._channels = [ServiceMaster() for _ in DRIVES]
+        self._waiting: list[deque[Done]] = [deque() for _ in DRIVES]
+        self.busy = False
+
+    def ask(self, index: int, access: Access, done: Done) -> None:
+        """Ask a drive; ``done`` is called with the answer some ten telegrams later. Raises TelegramError."""
+        reason = self._closed()
+        if reason is not None:
+            text = f'{ERROR_TEXTS[ServiceError.NOT_OPEN]}: {reason}'
+            raise TelegramError(message_8503(access.idn, ServiceError.NOT_OPEN, text))
+        self._channels[index].request(access)
+        self._waiting[index].append(done)
+        self.busy = True
+
+    def to_send(self) -> list[int]:
+        """Return the words for the next MDT."""
+        return [channel.to_send() for channel in self._channels]
+
+    def received(self, index: int, word: int | None) -> None:
+        """Take the word of an AT, None for one that was lost."""
+        answer = self._channels[index].received(word)
+        if answer is not None:
+            done = self._waiting[index].popleft()
+            self.busy = any(self._waiting)
+            done(index, answer)
+
+    def close(self) -> None:
+        """End all accesses: there are no more cycles."""
+        for index, channel in enumerate(self._channels):
+            channel.close()
+            while channel.outstanding:
+                self.received(index, None)
