@@ -24,16 +24,17 @@ EXECUTABLES = {
     'bringup': f'{PACKAGE}.cli.main:bringup',
     'record': f'{PACKAGE}.cli.main:record',
 }
+# Lower bounds are tried: test/lower_bounds.txt
 ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazzy-rmw-fastrtps-cpp>=8.4.3']
 TEST = [
-    'toppra>=0.6',
-    'hypothesis>=6.170',
+    'toppra>=0.6.3',
+    'hypothesis>=6.98.15',
     'import-linter>=2.16',
-    'mujoco>=4.0',
+    'mujoco>=3.1',
     'mypy>=2.4',
-    'pytest>=9.2',
-    'pytest-timeout>=2.4',
-    'pytest-xdist>=3.8',
+    'pytest>=7.4.4',
+    'pytest-timeout>=2.2',
+    'pytest-xdist>=3.5',
     'ruff>=0.17.5',
     'types-PyYAML>=6.0.12',
 ]
@@ -93,7 +94,7 @@ setup(
     version='0.1.0',
     description='A Delta-3 robot on a PacDrive motion controller, emulated in software, for ROS 2',
     maintainer='delta3_pacdrive maintainers',
-    maintainer_email='maintainers@example.org',
+    maintainer_email='maintainers@delta3-pacdrive.invalid',  # reaches nobody: there is no public address yet
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
@@ -102,15 +103,15 @@ setup(
     data_files=data_files,
     zip_safe=False,
     install_requires=[
-        'matplotlib>=3.11',
-        'numba>=0.68',
-        'numpy>=2.4',
-        'psutil>=7.2',
-        'PyYAML>=6.0',
-        'rich>=15.0',
-        'rosbags>=0.11.9',
-        'ruckig>=0.19.4',
-        'scipy>=1.14',
+        'matplotlib>=3.8',
+        'numba>=0.59',
+        'numpy>=1.26',
+        'psutil>=5.9.6',
+        'PyYAML>=6.0.1',
+        'rich>=13.7',
+        'rosbags>=0.11.6',
+        'ruckig>=0.12.2',
+        'scipy>=1.11.2',
     ],
     extras_require={
         'ros': ROS,

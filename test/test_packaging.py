@@ -20,9 +20,12 @@ MARKER = f'share/ament_index/resource_index/packages/{PACKAGE}'
 EXECUTABLES = ['delta3', 'unit_robot', 'transformation_task', 'mc4_drive', 'plant', 'bringup', 'record']
 MODULES = [path.relative_to(SOURCE) for path in sorted((SOURCE / PACKAGE).rglob('*.py'))]
 CONFIGURATION = [path.relative_to(SOURCE) for path in sorted((SOURCE / 'config').rglob('*.*'))]
-ROSDEP_KEYS = {'PyYAML': 'python3-yaml'}  # the other keys are python3- and the distribution's name
+ROSDEP_KEYS = {
+    'PyYAML': 'python3-yaml',
+    'rosbags': 'python3-rosbags-pip',
+}  # the other keys are python3- and the distribution's name
 OPTIONAL = {'toppra', 'mujoco'}  # of the extra "test": benchmarks compare with them where they are installed
-WITHOUT_ROSDEP_KEY = {'rosbags', 'ruckig'}  # named in a comment of package.xml
+WITHOUT_ROSDEP_KEY = {'ruckig'}  # named in a comment of package.xml
 DISTRIBUTIONS = {'yaml': 'PyYAML', 'mpl_toolkits': 'matplotlib'}  # the others bear the name that is imported
 
 
@@ -133,6 +136,25 @@ def test_package_xml_declares_every_dependency(requirements):
             assert name in comments
         else:
             assert ROSDEP_KEYS.get(name, f'python3-{name}') in declared
+
+
+def test_the_lower_bounds_that_are_tried_are_those_that_are_asked_for(distribution):
+    tried = dict(
+        re.findall(r'^([\w-]+)==(\S+)', (SOURCE / 'test/lower_bounds.txt').read_text(), re.MULTILINE)
+    )
+    asked = dict(re.match(r'([\w-]+)>=([\d.]+)', line).groups() for line in distribution.requires)
+    assert tried.items() <= asked.items()
+    unconditional = [re.match(r'[\w-]+', line)[0] for line in distribution.requires if 'extra' not in line]
+    assert set(unconditional) <= tried.keys()
+
+
+def test_package_xml_names_the_ros_packages_that_are_used_and_no_other():
+    named = {depend.text for depend in package_xml().iter('exec_depend') if 'python3-' not in depend.text}
+    text = ''.join((SOURCE / path).read_text(encoding='utf-8') for path in MODULES)
+    used = set(
+        re.findall(r'^\s*(?:from|import) (rclpy|\w+_msgs|\w+_interfaces|std_srvs)\b', text, re.MULTILINE)
+    )
+    assert named == used | {'rmw_fastrtps_cpp'}
 
 
 @pytest.mark.parametrize('path', MODULES, ids=str)
