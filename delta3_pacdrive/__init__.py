@@ -92,11 +92,11 @@ def load_program(source: str | Path | Mapping[str, Any], parameters: Parameters)
         The file cannot be read or breaks rules; names up to ten places and the rules.
 
     """
-    from delta3_pacdrive.motion import program
+    from delta3_pacdrive.motion import program_file
 
     if isinstance(source, (str, PathLike)):
-        return program.load(source, parameters.motion)
-    return program.parse(source, parameters.motion)
+        return program_file.load(source, parameters.motion)
+    return program_file.parse(source, parameters.motion)
 
 
 def load_trace(path: str | Path) -> Trace:

@@ -1,17 +1,17 @@
-"""Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups and the one strict reader of parameter files."""
+"""Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, and the rules that their values keep."""
 
 import dataclasses
 import functools
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.configuration.checked import Errors, nearest_of, refuse
-from delta3_pacdrive.configuration.located import place_in, place_of_key
+from delta3_pacdrive.configuration import parameter_file
+from delta3_pacdrive.configuration.checked import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 
 DEFAULT_FILE = 'delta3.yaml'
@@ -271,9 +271,9 @@ class Parameters:
 
     def __post_init__(self) -> None:
         """Check the rules that join several values."""
-        _check_timing(self)
-        _check_geometry(self.kinematics, self.dynamics)
-        _check_rich(self)
+        broken = [sentence for _, sentence in _broken_rules(**vars(self))]
+        if broken:
+            raise ParameterError('; '.join(broken))
 
     @property
     def set_point_delay_cycles(self) -> float:
@@ -316,67 +316,85 @@ def _is_multiple(value: float, unit: float) -> bool:
     return round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9
 
 
-def _check_timing(parameters: Parameters) -> None:
-    bus, drive = parameters.bus, parameters.drive
+Rules = Iterator[tuple[str, str]]  # the name of a value, and which rule it breaks with others
+
+
+def _broken_rules(
+    kinematics: Kinematics, dynamics: Dynamics, drive: Drive, bus: Bus, rich: Rich, motor: Motor, **_: Any
+) -> Rules:
+    """Tell which rules that join several values are broken."""
+    yield from _broken_timing(bus, drive)
+    yield from _broken_geometry(kinematics, dynamics)
+    yield from _broken_effects(rich, bus, motor)
+
+
+def _broken_timing(bus: Bus, drive: Drive) -> Rules:
     if bus.cycle_time_s not in CYCLE_TIMES_S:
-        raise ParameterError(f'bus.cycle_time_s is {bus.cycle_time_s}, but must be 0.001, 0.002 or 0.004')
+        yield (
+            'bus.cycle_time_s',
+            f'bus.cycle_time_s is {bus.cycle_time_s}, but must be 0.001, 0.002 or 0.004',
+        )
     if bus.exchange_period_s not in EXCHANGE_PERIODS_S:
-        raise ParameterError(
-            f'bus.exchange_period_s is {bus.exchange_period_s}, but must be 125e-6, 250e-6, 500e-6 or 0.001'
+        yield (
+            'bus.exchange_period_s',
+            f'bus.exchange_period_s is {bus.exchange_period_s}, but must be 125e-6, 250e-6, 500e-6 or 0.001',
         )
-    nested = [
-        (
-            'drive.velocity_period_s',
-            drive.velocity_period_s,
-            'drive.current_period_s',
-            drive.current_period_s,
-        ),
-        (
-            'drive.position_period_s',
-            drive.position_period_s,
-            'drive.velocity_period_s',
-            drive.velocity_period_s,
-        ),
-        ('bus.cycle_time_s', bus.cycle_time_s, 'drive.position_period_s', drive.position_period_s),
-        ('bus.exchange_period_s', bus.exchange_period_s, 'drive.velocity_period_s', drive.velocity_period_s),
-    ]
-    for name, value, unit_name, unit in nested:
+    velocity = 'drive.velocity_period_s', drive.velocity_period_s
+    position = 'drive.position_period_s', drive.position_period_s
+    current = 'drive.current_period_s', drive.current_period_s
+    for (name, value), (unit_name, unit) in (
+        (velocity, current),
+        (position, velocity),
+        (('bus.cycle_time_s', bus.cycle_time_s), position),
+        (('bus.exchange_period_s', bus.exchange_period_s), velocity),
+    ):
         if not _is_multiple(value, unit):
-            raise ParameterError(f'{name} is {value}, but must be a whole multiple of {unit_name} ({unit})')
+            yield name, f'{name} is {value}, but must be a whole multiple of {unit_name} ({unit})'
 
 
-def _check_geometry(kinematics: Kinematics, dynamics: Dynamics) -> None:
-    if kinematics.plate_radius_m > kinematics.base_radius_m:
-        raise ParameterError(
-            f'kinematics.plate_radius_m is {kinematics.plate_radius_m}, '
-            f'but must not exceed base_radius_m ({kinematics.base_radius_m})'
+def _broken_geometry(kinematics: Kinematics, dynamics: Dynamics) -> Rules:
+    k = kinematics
+    if k.plate_radius_m > k.base_radius_m:
+        yield (
+            'kinematics.plate_radius_m',
+            f'kinematics.plate_radius_m is {k.plate_radius_m}, '
+            f'but must not exceed base_radius_m ({k.base_radius_m})',
         )
-    if kinematics.workspace_bottom_m >= kinematics.workspace_top_m:
-        raise ParameterError(
-            f'kinematics.workspace_bottom_m is {kinematics.workspace_bottom_m}, '
-            f'but must lie below workspace_top_m ({kinematics.workspace_top_m})'
+    if k.workspace_bottom_m >= k.workspace_top_m:
+        yield (
+            'kinematics.workspace_bottom_m',
+            f'kinematics.workspace_bottom_m is {k.workspace_bottom_m}, '
+            f'but must lie below workspace_top_m ({k.workspace_top_m})',
         )
-    if len({round(angle % 360.0, 6) for angle in kinematics.arm_azimuth_deg}) < 3:
-        raise ParameterError(
-            f'kinematics.arm_azimuth_deg is {shown(kinematics.arm_azimuth_deg)}, but the arms must differ in direction'
+    if len({round(angle % 360.0, 6) for angle in k.arm_azimuth_deg}) < 3:
+        yield (
+            'kinematics.arm_azimuth_deg',
+            f'kinematics.arm_azimuth_deg is {shown(k.arm_azimuth_deg)}, but the arms must differ in direction',
         )
-    if dynamics.end_stop_min_deg > kinematics.arm_angle_min_deg:
-        raise ParameterError('dynamics.end_stop_min_deg must not lie above kinematics.arm_angle_min_deg')
-    if dynamics.end_stop_max_deg < kinematics.arm_angle_max_deg:
-        raise ParameterError('dynamics.end_stop_max_deg must not lie below kinematics.arm_angle_max_deg')
+    if dynamics.end_stop_min_deg > k.arm_angle_min_deg:
+        yield (
+            'dynamics.end_stop_min_deg',
+            'dynamics.end_stop_min_deg must not lie above kinematics.arm_angle_min_deg',
+        )
+    if dynamics.end_stop_max_deg < k.arm_angle_max_deg:
+        yield (
+            'dynamics.end_stop_max_deg',
+            'dynamics.end_stop_max_deg must not lie below kinematics.arm_angle_max_deg',
+        )
 
 
-def _check_rich(parameters: Parameters) -> None:
-    rich, bus, motor = parameters.rich, parameters.bus, parameters.motor
-    # what is switched off must not limit the friction of the plain robot
+def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
+    # what is switched off must not limit the friction of the nominal robot
     if rich.effects.friction and rich.break_away_torque_n_m < motor.static_friction_n_m:
-        raise ParameterError(
+        yield (
+            'rich.break_away_torque_n_m',
             f'rich.break_away_torque_n_m is {rich.break_away_torque_n_m}, '
-            f'but must not be less than motor.static_friction_n_m ({motor.static_friction_n_m})'
+            f'but must not be less than motor.static_friction_n_m ({motor.static_friction_n_m})',
         )
     if rich.effects.gear and bus.exchange_period_s > ELASTIC_EXCHANGE_S:
-        raise ParameterError(
-            f'rich.gear needs a bus.exchange_period_s of at most {ELASTIC_EXCHANGE_S}, not {bus.exchange_period_s}'
+        yield (
+            'bus.exchange_period_s',
+            f'rich.gear needs a bus.exchange_period_s of at most {ELASTIC_EXCHANGE_S}, not {bus.exchange_period_s}',
         )
 
 
@@ -395,7 +413,7 @@ def write(parameters: Parameters, path: Path) -> Path:
     for name, value in flatten(parameters).items():
         group, _, key = name.partition('.')
         document[group][key] = list(value) if isinstance(value, tuple) else value
-    yaml_file.write(path, {'/**': {'ros__parameters': document}})
+    parameter_file.write(document, path)
     return path
 
 
@@ -430,9 +448,9 @@ def load(path: str | Path | None = None) -> Parameters:
     """
     default = config_directory() / DEFAULT_FILE
     path = find(path) if path is not None else default
-    tree = _read_tree(path)
+    tree = parameter_file.read(path)
     if path != default and path.parent.resolve() == default.parent.resolve():
-        complete = _read_tree(default)
+        complete = parameter_file.read(default)
         tree = complete | {group: complete.get(group, {}) | values for group, values in tree.items()}
     return _from_tree(tree, str(path))
 
@@ -444,19 +462,6 @@ def find(path: str | Path) -> Path:
         if str(path) in (packaged.name, packaged.stem) and not path.exists():
             return packaged
     return path
-
-
-def _read_tree(path: Path) -> dict[str, Any]:
-    document = yaml_file.read(path, 'parameter file', ParameterError)
-    try:
-        (node,) = document.values()
-        tree: dict[str, Any] = node['ros__parameters']
-        tree.items()
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise ParameterError(
-            f'{path} is not a ROS parameter file: expected "/**: ros__parameters: ..."'
-        ) from None
-    return tree
 
 
 def config_directory() -> Path:
@@ -472,69 +477,15 @@ def is_rich(plant: Any, where: str) -> bool:
     return bool(plant == PLANTS[1])
 
 
-def _from_tree(tree: dict[str, Any], where: str) -> Parameters:
+def _from_tree(tree: parameter_file.Tree, where: str) -> Parameters:
     if 'plant' in tree and isinstance(tree.get('rich'), dict):
         tree = tree | {'rich': tree['rich'] | {'enabled': is_rich(tree['plant'], where)}}
         del tree['plant']
     errors = Errors(where)
-    built: dict[str, Any] = {}
     with errors.raised_as(ParameterError):
-        for group in tree:
-            if group not in _GROUPS:
-                with errors.noted(place_of_key(tree, group)):
-                    refuse(f'unknown parameter group {group}{nearest_of(group, _GROUPS)}')
-        for group, cls in _GROUPS.items():
-            with errors.noted():
-                built[group] = _group(tree, group, cls, errors)
-    try:
-        return Parameters(**{group: cls(**built[group]) for group, cls in _GROUPS.items()})
-    except ParameterError as error:
-        raise ParameterError(f'{where}: {error}') from None
-
-
-def _group(tree: dict[str, Any], group: str, cls: Any, errors: Errors) -> dict[str, Any]:
-    """Return the values of a group that are good."""
-    given = tree.get(group)
-    if not isinstance(given, dict):
-        refuse(f'missing parameter group {group}')
-    fields = {f.name: f for f in dataclasses.fields(cls)}
-    values = {}
-    for key, f in fields.items():
-        name = f'{group}.{key}'
-        with errors.noted(place_in(given, key) if key in given else None):
-            if key not in given:
-                refuse(f'missing parameter {name}')
-            values[key] = _checked(f, given[key], name)
-    for key in given:
-        if key not in fields:
-            with errors.noted(place_of_key(given, key)):
-                refuse(f'unknown parameter {group}.{key}{nearest_of(key, fields)}')
-    return values
-
-
-def _checked(f: Any, value: Any, name: str) -> Any:
-    if f.type is bool:
-        if not isinstance(value, bool):
-            refuse(f'{name} must be a switch, true or false, not {shown(value)}')
-        return value
-    if f.type in (int, float):
-        return _checked_number(f, value, name)
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
-        refuse(f'{name} must be a list of 3 numbers, not {shown(value)}')
-    return tuple(float(_checked_number(f, item, name)) for item in value)
-
-
-def _checked_number(f: Any, value: Any, name: str) -> float | int:
-    wanted = int if f.type is int else (int, float)
-    if isinstance(value, bool) or not isinstance(value, wanted):
-        kind = 'whole number' if f.type is int else 'number'
-        refuse(f'{name} must be a {kind}, not {shown(value)}')
-    low, high = f.metadata['low'], f.metadata['high']
-    if isinstance(value, int) and abs(value) > 2**63:
-        refuse(f'{name} is too large a number')
-    if not low <= value <= high:
-        rule = f'at least {low:g}' if high == math.inf else f'between {low:g} and {high:g}'
-        if 0.0 < low < 1e-300:
-            rule = 'positive' if high == math.inf else f'positive and at most {high:g}'
-        refuse(f'{name} is {shown(value)}, but must be {rule}')
-    return int(value) if f.type is int else float(value)
+        built = parameter_file.checked_groups(tree, _GROUPS, errors)
+        if len(built) == len(_GROUPS):
+            for name, sentence in _broken_rules(**built):
+                with errors.noted(parameter_file.place_of(tree, name)):
+                    refuse(sentence)
+    return Parameters(**built)

@@ -7,7 +7,7 @@ from delta3_pacdrive import dynamics, kinematics, parameters
 from delta3_pacdrive.analysis.tuning.run import robot_of
 from delta3_pacdrive.analysis.tuning.study import Settings
 from delta3_pacdrive.errors import ParameterError, ProgramError, TelegramError, TuningError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG

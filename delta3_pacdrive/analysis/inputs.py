@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.analysis.provenance import digest
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

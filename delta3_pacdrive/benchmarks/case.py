@@ -17,7 +17,7 @@ def program_file(seconds: float, folder: str) -> Path:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.configuration import yaml_file
     from delta3_pacdrive.errors import ProgramError
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
 
     robot = core.load()

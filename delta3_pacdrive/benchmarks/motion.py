@@ -72,7 +72,7 @@ START = (0.0, 0.0, -0.80)
 
 
 def _planning_times(robot: Any) -> dict[str, dict[str, float]]:
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
 
     times = {}
@@ -86,7 +86,7 @@ def _planning_times(robot: Any) -> dict[str, dict[str, float]]:
 def _cycle_costs(robot: Any) -> dict[str, dict[str, float]]:
     """Cost of a command: plan, path and inverse kinematics of three arms."""
     from delta3_pacdrive.controller.transformation import Transformation
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
 
     costs = {}
@@ -108,7 +108,7 @@ def _errors(robot: Any) -> dict[str, float]:
     """Deviation of paths from the true circle and from their points, and of the cruise from its speed."""
     import numpy as np
 
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
     from delta3_pacdrive.motion.path import sample_path
     from delta3_pacdrive.motion.plan import sample_plan
@@ -136,7 +136,7 @@ def _errors(robot: Any) -> dict[str, float]:
 
 def _packaging(robot: Any) -> dict[str, Any]:
     """Time of the packaging cycle beside the bounds that leave out jerk, or all but the motors."""
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
 
     result: dict[str, Any] = {}
@@ -156,7 +156,7 @@ def _bounds(robot: Any) -> dict[str, float]:
     """Shortest times [s] of the rounded half cycle: as planned, without limit of jerk, and with the motors alone."""
     import numpy as np
 
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
     from delta3_pacdrive.motion.curves import Curve
     from delta3_pacdrive.motion.limits import Limits
@@ -223,7 +223,7 @@ def _under_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
 def _measure_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.benchmarks.planning_load import measure
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion import program_planner
 
     robot = core.load()

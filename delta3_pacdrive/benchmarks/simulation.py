@@ -33,7 +33,7 @@ def measure_simulation(options: argparse.Namespace) -> dict[str, Any]:
 
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
 
     robot = core.load()
     simulation.rehearse(robot)
@@ -107,7 +107,7 @@ def _exchange_difference(robot: Parameters) -> dict[str, float]:
     import numpy as np
 
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
 
     once = programs.load('experiment1', robot.motion)
     normal = simulation.run(once, robot)

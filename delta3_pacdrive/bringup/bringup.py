@@ -30,7 +30,8 @@ from delta3_pacdrive.bringup.processes import Child, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule, real_time_is_permitted, relent
 from delta3_pacdrive.errors import ParameterError, RunError, RunInterruptedError
 from delta3_pacdrive.motion import arrival, program_planner
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -385,7 +386,7 @@ def _process_age_s() -> float:
 
 def _check(
     options: Options,
-) -> tuple[core.Parameters, programs.Program | None, program_planner.Planned | None]:
+) -> tuple[core.Parameters, Program | None, program_planner.Planned | None]:
     """Read and check everything before the first process starts."""
     robot = core.load(options.parameters)
     if options.exchange_period_s is not None:

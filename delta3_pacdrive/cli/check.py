@@ -59,7 +59,7 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
     """Return what a file holds; what is in it says what it is."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.configuration import yaml_file
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
 
     path = programs.find(name)
     if path == Path(name) and not path.exists():

@@ -141,7 +141,7 @@ def _document(options: argparse.Namespace) -> str:
 
 
 def _program_text(values: list[str]) -> str:
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
 
     if len(values) != 1:
         raise ProgramError(f'move program takes one file, not {len(values)}')

@@ -116,7 +116,7 @@ def _run(options: argparse.Namespace) -> int:
     # ROS and numba are imported after the options are known to be good
     from delta3_pacdrive.analysis.provenance import digest
     from delta3_pacdrive.bringup.bringup import Bringup
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
 
     announce_compilation()
     program = programs.find(options.program).absolute()

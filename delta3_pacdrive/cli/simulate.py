@@ -35,7 +35,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from delta3_pacdrive.analysis.provenance import Provenance, digest
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import arrival
-    from delta3_pacdrive.motion import program as programs
+    from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.recording import bag_trace
 
     announce_compilation()

@@ -15,7 +15,7 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN
 from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
-from delta3_pacdrive.motion.program import FAULTS_MAX
+from delta3_pacdrive.motion.program_file import FAULTS_MAX
 from delta3_pacdrive.parameters import Parameters
 
 ORDER_HEADER = 2  # start cycle (-1: as soon as possible), rate; behind it the numbers of the moves

@@ -36,7 +36,7 @@ from delta3_pacdrive.controller.program_run import (
 from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.robot_state import STANDING_M
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Timeline
 from delta3_pacdrive.motion.plan import Plan

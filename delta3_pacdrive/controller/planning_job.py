@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned

@@ -21,7 +21,7 @@ from delta3_pacdrive.analysis.jacobian.sensitivity import sensitivities, slope
 from delta3_pacdrive.analysis.tuning import effect, settings
 from delta3_pacdrive.analysis.tuning.load import friction_slope, load_at
 from delta3_pacdrive.analysis.tuning.response import bandwidth, margins, step_figures
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 
 EXACT = 1e-12
 GRID = 2e-3  # of margins that are interpolated between 4000 frequencies

@@ -13,7 +13,7 @@ from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.recording.trace import Trace
 

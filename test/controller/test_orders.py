@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive.controller.messages import ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.motion import program, program_planner
+from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.sercos.configuration_check import Identity
 
 ME, SESSION = 'a1b2c3d4', '5e55'
@@ -16,7 +16,7 @@ START = [-1.0, 1.0, 0.0]
 
 
 def rows_from(robot: Any, here: Any) -> list[Any]:
-    plan = program_planner.plan(program.parse(LINE, robot.motion), here, robot).plan
+    plan = program_planner.plan(program_file.parse(LINE, robot.motion), here, robot).plan
     return [move.to_array(n, len(plan)) for n, move in enumerate(plan.moves)]
 
 

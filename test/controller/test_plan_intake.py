@@ -9,7 +9,7 @@ from delta3_pacdrive.controller.messages import FAULT, ORDER, Origin
 from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion import program, program_planner
+from delta3_pacdrive.motion import program_file, program_planner
 
 MOVES = [[0.1, 0.0, -0.8], [0.0, 0.1, -0.8], [0.0, 0.0, -0.75]]
 
@@ -17,7 +17,7 @@ MOVES = [[0.1, 0.0, -0.8], [0.0, 0.1, -0.8], [0.0, 0.0, -0.75]]
 @pytest.fixture(scope='module')
 def rows(robot) -> list[Any]:
     document = {'moves': [{'move_l': {'to_m': point}} for point in MOVES]}
-    plan = program_planner.plan(program.parse(document, robot.motion), robot.motion.home_m, robot).plan
+    plan = program_planner.plan(program_file.parse(document, robot.motion), robot.motion.home_m, robot).plan
     return [move.to_array(n, len(plan)) for n, move in enumerate(plan.moves)]
 
 

@@ -396,9 +396,9 @@ def test_a_job_that_is_given_up_says_so(robot) -> None:
 
 
 def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_can(robot) -> None:
-    from delta3_pacdrive.motion import program
+    from delta3_pacdrive.motion import program_file
 
-    given = program.load('experiment1', robot.motion)
+    given = program_file.load('experiment1', robot.motion)
     planner = Planner(robot, ME, given, lambda: 0)
     status = Status('5e55', '', 1, '', 'idle', 'CP3', 'no', 'disabled', 1, HOME, 0, '', '', 0, 0, 0, 0)
     planner.hear_status(status, 0.0)

@@ -18,7 +18,7 @@ from delta3_pacdrive.controller.program_run import (
     RunEvent,
     RunState,
 )
-from delta3_pacdrive.motion import program, program_planner
+from delta3_pacdrive.motion import program_file, program_planner
 
 E, S = RunEvent, RunState
 WAYS = {
@@ -32,7 +32,7 @@ WAYS = {
 @pytest.fixture(scope='module')
 def order(robot: Any) -> Order:
     document = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.75]}}]}
-    read = program.parse(document, robot.motion)
+    read = program_file.parse(document, robot.motion)
     planned = program_planner.plan(read, (0.0, 0.0, -0.75), robot)
     return Order(planned.plan, (), -1, 1.0, 1.2, read, 'started')
 

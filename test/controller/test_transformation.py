@@ -18,7 +18,7 @@ from delta3_pacdrive.controller.transformation import (
     Transformation,
 )
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.curves import line
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan

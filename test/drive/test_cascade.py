@@ -8,7 +8,7 @@ import pytest
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.drive.diagnostics import DriveFault
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion import program
+from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.sercos.words import Status
 from delta3_pacdrive.simulation import run
 from delta3_pacdrive.simulation.robot import Robot
@@ -133,7 +133,7 @@ def test_a_velocity_limit_leaves_the_drive_behind_a_faster_command_until_8132_an
 
 
 def test_the_planner_knows_nothing_of_a_torque_limit(robot):
-    experiment = program.load('experiment1', robot.motion)
+    experiment = program_file.load('experiment1', robot.motion)
     with pytest.raises(RunError, match='8111'):
         run(experiment, robot.replace(drive__torque_limit_n_m=0.5))
 
@@ -187,7 +187,7 @@ def test_a_correction_of_the_observer_is_no_speed(robot):
 
 
 def test_one_exchange_per_cycle_is_within_10_um_of_the_exact_loops(robot):
-    experiment = program.load('experiment1', robot.motion)
+    experiment = program_file.load('experiment1', robot.motion)
     coarse, exact = run(experiment, robot), run(experiment, robot.replace(bus__exchange_period_s=125e-6))
     tcp = [kinematics.forward(trace['shaft_position'] / GEAR, robot.kinematics) for trace in (coarse, exact)]
     distance = np.linalg.norm(tcp[0] - tcp[1], axis=1)

@@ -16,7 +16,7 @@ from delta3_pacdrive.faults import fault as fault_table
 from delta3_pacdrive.faults.fault import KINDS, NAMES, Fault, Target, applies_to, parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.faults.telegram_faults import FaultyLink
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES

@@ -8,7 +8,7 @@ import pytest
 from delta3_pacdrive import simulation
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.motion import arrival
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.arrival import ARRIVAL_TOLERANCE_M
 
 END_M = [0.1, 0.0, -0.8]

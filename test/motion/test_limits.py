@@ -11,7 +11,7 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.limits import check_speed

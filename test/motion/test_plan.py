@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves, program_planner
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.limits import check_reach
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, sample_path
 from delta3_pacdrive.motion.plan import (

@@ -8,7 +8,7 @@ import pytest
 from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves, program_planner
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.plan import sample_plan
 from planned import HOME, around, dwell, output, parse, plan, refusal, through, to
 

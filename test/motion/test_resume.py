@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, PlanBuilder

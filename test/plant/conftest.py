@@ -3,7 +3,7 @@
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 
 
 @pytest.fixture(scope='module')

@@ -26,7 +26,7 @@ from built_plant import (
     with_only,
 )
 from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.simulation import run
 

@@ -9,7 +9,7 @@ from built_plant import GEAR, elbows, shafts, with_only
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.drive import sensors
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.simulation import run
 

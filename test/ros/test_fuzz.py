@@ -14,7 +14,7 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.controller.messages import ORDER
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.numbers import numbers

@@ -17,7 +17,7 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.controller.messages import ORDER
 from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode

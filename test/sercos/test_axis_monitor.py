@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.controller.transformation import DISABLE_CYCLES, Transformation
-from delta3_pacdrive.motion import program, program_planner
+from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.motion.resume import rejoin
 from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -111,7 +111,7 @@ def task(robot):
     """Return a task that is driving along x from cycle 10 on."""
     result = Transformation(robot)
     tcp = result.locate(np.zeros(3))
-    line = program.parse(
+    line = program_file.parse(
         {'moves': [{'move_l': {'to_m': {'by_m': [0.0, 0.0, -0.1]}, 'speed_m_s': 0.5}}]}, robot.motion
     )
     result.load(program_planner.plan(line, tcp, robot).plan)
@@ -221,7 +221,9 @@ def test_a_stop_for_an_axis_that_is_lost_is_as_hard_as_the_robot_can_also_when_a
         tcp = task.locate(np.zeros(3))
         slow = {'to_m': {'by_m': [0.0, 0.0, -0.1]}, 'speed_m_s': 0.5, 'acceleration_m_s2': 2.0}
         task.load(
-            program_planner.plan(program.parse({'moves': [{'move_l': slow}]}, robot.motion), tcp, robot).plan
+            program_planner.plan(
+                program_file.parse({'moves': [{'move_l': slow}]}, robot.motion), tcp, robot
+            ).plan
         )
         task.enable_cycle = 0
         task.start(10)

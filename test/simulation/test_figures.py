@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive import kinematics, parameters, simulation
 from delta3_pacdrive.controller.transformation import SETTLE_CYCLES, Transformation
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 
 GEAR = 32.0

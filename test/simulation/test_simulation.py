@@ -10,7 +10,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.controller.transformation import SETTLE_CYCLES
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation import run

@@ -5,7 +5,7 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import Plan, sample_plan
 

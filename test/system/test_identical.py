@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode

@@ -10,7 +10,7 @@ pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
 
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
-from delta3_pacdrive.motion import program
+from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.verification import invariants, soak_programs
 from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Tap, Telegrams
@@ -253,7 +253,7 @@ def test_programs_follow_from_seed_pace_and_number() -> None:
 def test_random_programs_can_be_read_and_hold_every_kind_of_fault() -> None:
     drawn = [soak_programs.draw(1, 'fast', number) for number in range(600)]
     for one in drawn:
-        read = program.parse({'moves': one.moves, 'faults': one.faults}, ROBOT.motion, 'random')
+        read = program_file.parse({'moves': one.moves, 'faults': one.faults}, ROBOT.motion, 'random')
         assert len(read.faults) == len(one.faults) <= 3
     faults = [fault for one in drawn for fault in one.faults]
     assert {parse(fault, 'fault').kind for fault in faults} == set(KINDS) - {'clear'}

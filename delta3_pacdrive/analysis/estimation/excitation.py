@@ -23,7 +23,7 @@ from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.errors import EstimationError, ProgramError, UnreachableError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import sample_plan
 from delta3_pacdrive.numerics.types import Floats

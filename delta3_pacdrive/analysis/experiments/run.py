@@ -16,7 +16,7 @@ from delta3_pacdrive.analysis.provenance import Provenance, digest
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import ReportError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
 
 FILES = {'model': 'model.yaml', 'robot': 'robot.yaml'}  # their parameters

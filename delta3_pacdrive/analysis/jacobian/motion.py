@@ -19,9 +19,10 @@ from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.analysis.inputs import is_recording, program_name
 from delta3_pacdrive.analysis.run_figures import program_part
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.recording.trace import Trace
 
@@ -138,9 +139,7 @@ def load(text: str, robot: Parameters, signals: Signals) -> Motion:
     return of_trace(simulation.run(program, robot), robot, signals, label, thesis)
 
 
-def of_program(
-    program: programs.Program, robot: Parameters, name: str, thesis: Thesis | None = None
-) -> Motion:
+def of_program(program: Program, robot: Parameters, name: str, thesis: Thesis | None = None) -> Motion:
     """Return the set points of a program in every bus cycle, not rounded to increments.
 
     Raises

@@ -26,7 +26,8 @@ from delta3_pacdrive.analysis.tuning.load import extremes, load_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
 from delta3_pacdrive.analysis.tuning.study import Results, Settings, SweepPoint, Variant
 from delta3_pacdrive.errors import RunError, TuningError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.recording.bag_trace import load as load_trace
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Study:
     on_progress: OnProgress
     robot: Parameters = field(init=False)
     operation: OperatingPoint = field(init=False)
-    program: programs.Program = field(init=False)  # that shows the effect
+    program: Program = field(init=False)  # that shows the effect
 
     def __post_init__(self) -> None:
         """Read the parameters and check everything that needs no computing."""

@@ -15,7 +15,7 @@ from delta3_pacdrive.controller.messages import COURSE, REVOKE, Origin, Status, 
 from delta3_pacdrive.controller.plan_rows import PlanRows
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults

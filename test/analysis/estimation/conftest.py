@@ -3,7 +3,7 @@
 import pytest
 
 from delta3_pacdrive.analysis.estimation import measurement
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from estimated import LIMITS, THROUGH
 
 

@@ -6,7 +6,7 @@ import pytest
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.estimation import excitation, measurement
 from delta3_pacdrive.errors import EstimationError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_csv
 
 # measurement

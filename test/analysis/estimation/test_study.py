@@ -11,7 +11,7 @@ from delta3_pacdrive.analysis.estimation import excitation
 from delta3_pacdrive.analysis.estimation.run import Settings, Study
 from delta3_pacdrive.cli import estimate
 from delta3_pacdrive.errors import EstimationError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.trace import Trace
 from estimated import IDENTIFIABLE, THROUGH, quiet

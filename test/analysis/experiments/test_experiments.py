@@ -22,7 +22,7 @@ from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparis
 from delta3_pacdrive.analysis.experiments.conclusions import conclusions, truth, verdict
 from delta3_pacdrive.cli import experiment, experiment_graph
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.parameters import flatten
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation import run

@@ -16,7 +16,7 @@ from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, JointMotion, Pose
 from delta3_pacdrive.analysis.jacobian.motion import Signals
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import ParameterError, TraceError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.trace import Trace
 

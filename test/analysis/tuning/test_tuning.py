@@ -35,7 +35,7 @@ from delta3_pacdrive.analysis.tuning.response import bandwidth, margins, step_fi
 from delta3_pacdrive.cli import tune
 from delta3_pacdrive.drive.operation_data import TABLE
 from delta3_pacdrive.errors import ParameterError, TuningError
-from delta3_pacdrive.motion import program as programs
+from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.service_channel import format_idn

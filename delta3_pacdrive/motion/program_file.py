@@ -1,0 +1,356 @@
+"""Motion programs: a strict reader of YAML files.
+
+name: pick and place            # optional
+start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
+repeat: 1                       # optional
+payload_kg: 0.0                 # optional: carried at the start
+limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each
+points: {pick: [0.15, 0.0, -0.85]}                                    # optional: names for points
+moves:
+- move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0, blend_m: 0.02}     # limits may stand in each move
+- move_l: {to_m: pick}                                                # a named point
+- move_l: {to_m: {by_m: [0.0, 0.0, 0.02]}}                            # relative to where the robot stands
+- move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; refused, not slowed down
+- move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
+- move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
+- cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
+- dwell: {time_s: 0.1}
+- output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
+faults:                                                             # optional: injected faults, see faults/fault.py
+- {fault: drop_at, axis: axis2, after_s: 0.3}                         # bus time from the start of the program
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.configuration import packaged, yaml_file
+from delta3_pacdrive.configuration.checked import Errors, Refusal, Section, at, expected, nearest_of, refuse
+from delta3_pacdrive.configuration.located import numbered, place_in, place_of, place_of_key
+from delta3_pacdrive.configuration.readers import (
+    flag,
+    line_of_text,
+    number,
+    number_between,
+    one_of,
+    whole_number_between,
+)
+from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.faults.fault import Fault, read_fault
+from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
+from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
+from delta3_pacdrive.motion.program import (
+    Cubic,
+    Dwell,
+    MoveC,
+    MoveL,
+    MoveSB,
+    Output,
+    Point,
+    Program,
+    Statement,
+    Target,
+)
+from delta3_pacdrive.parameters import Motion, config_directory
+from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
+
+REPEAT_MAX = 10_000
+TIME_MAX_S = 3600.0  # of a dwell or a cubic
+BLEND_MIN_M, BLEND_MAX_M = 1e-4, 1.0
+REACH_M = 10.0
+LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
+VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
+NAME_MAX = 100
+FAULTS_MAX = 1000
+_NAME = line_of_text(NAME_MAX)
+
+
+def load(path: str | Path, motion: Motion) -> Program:
+    """Read a program file; a bare name is looked for among the packaged programs as well.
+
+    Raises
+    ------
+    ProgramError
+        The file cannot be read or breaks a rule; names the place and the rule.
+
+    """
+    return parse(yaml_file.read(find(path), 'program file', ProgramError), motion, Path(path).stem)
+
+
+def find(path: str | Path) -> Path:
+    """Return the file that ``path`` means: itself, else the packaged program of that name."""
+    path = Path(path)
+    own = config_directory() / 'programs' / f'{path.name}.yaml'
+    if not path.exists() and path.parent == Path() and own.exists():
+        return own
+    return path
+
+
+def packaged_names() -> list[str]:
+    """Names of the packaged programs."""
+    return packaged.program_names()
+
+
+@dataclass(frozen=True)
+class _Context:
+    """What a statement may refer to."""
+
+    limits: Limits
+    points: dict[str, Point | None]
+    errors: Errors
+
+
+_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
+_PATH_KEYS = (*_LIMIT_KEYS, 'blend_m', 'strict')
+
+
+def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
+    """Build a program from a parsed YAML document.
+
+    Raises
+    ------
+    ProgramError
+        Values break rules; names the places and the rules, up to ten.
+
+    """
+    errors = Errors(getattr(document, 'source', ''))
+    programs: list[Program] = []
+    with errors.raised_as(ProgramError), errors.noted(place_of(document)):
+        programs.append(_program(document, motion, name, errors))
+    (program,) = programs
+    source, moves = getattr(document, 'source', ''), document['moves']
+    places = tuple(place_in(moves, n) for n in range(len(moves)))
+    if source or any(
+        place and place.line > 1 for place in places
+    ):  # nobody looks for a place in a single line
+        return replace(program, source=source, places=places)
+    return program
+
+
+def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Program:
+    """Build a program; it is good for nothing if there are errors."""
+    allowed = ('name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves', 'faults')
+    fields = Section(document, 'the program', errors, allowed, ('moves',))
+    defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
+    limits = fields.read(
+        'limits',
+        lambda value, where: _limits(Section(value, where, errors, _LIMIT_KEYS), defaults),
+        defaults,
+        prefix='',
+    )
+    points = fields.read('points', lambda value, where: _points(value, where, errors), {}, prefix='')
+    repeat = fields.read('repeat', whole_number_between(1, REPEAT_MAX), 1, prefix='')
+    context = _Context(limits, points, errors)
+
+    def statements(value: Any, where: str) -> tuple[Statement, ...]:
+        if not isinstance(value, list) or not value:
+            refuse(f'{where} must be a list of at least one move')
+        if len(value) * repeat > MOVES_MAX:
+            refuse(f'the program has {len(value) * repeat} moves, the limit is {MOVES_MAX}')
+        found = []
+        for item, name, place in numbered(value, where):
+            with errors.noted(place):
+                found.append(_statement(item, name, context))
+        return tuple(found)
+
+    def faults(value: Any, where: str) -> tuple[Fault, ...]:
+        if not isinstance(value, list) or len(value) > FAULTS_MAX:
+            refuse(f'{where} must be a list of at most {FAULTS_MAX} faults')
+        found = []
+        for item, name, place in numbered(value, where):
+            with errors.noted(place):
+                found.append(read_fault(item, name, errors))
+        return tuple(found)
+
+    return Program(
+        fields.read('name', _NAME, _NAME(name, 'name'), prefix=''),
+        fields.read('moves', statements, (), prefix=''),
+        fields.read('start_m', lambda value, where: _point(value, where, points), prefix=''),
+        repeat,
+        fields.read('payload_kg', _payload, prefix=''),
+        fields.read('faults', faults, (), prefix=''),
+    )
+
+
+def _points(value: Any, where: str, errors: Errors) -> dict[str, Point | None]:
+    """Return points by their names; None is one that is wrong, which has been told."""
+    if not isinstance(value, dict):
+        refuse(f'{where} must be a mapping, not {shown(value)}')
+    found: dict[str, Point | None] = {}
+    for key, point in value.items():
+        with errors.noted(place_of_key(value, key)):
+            found[_NAME(key, f'{where}: the name of a point')] = None
+            with errors.noted(place_in(value, key)):
+                found[key] = _point(point, f'{where}.{key}', {})
+    return found
+
+
+def _payload(value: Any, where: str) -> float:
+    return payload_on_grid(number_between(0.0, PAYLOAD_MAX_KG)(value, where))
+
+
+def _vector(value: Any, where: str, unit: str) -> Point:
+    if not isinstance(value, list) or len(value) != 3:
+        refuse(f'{where} must be a list of 3 numbers [{unit}], not {shown(value)}')
+    numbers = []
+    for item, name, place in numbered(value, where):
+        try:
+            numbers.append(number(item, name))
+        except Refusal as refusal:
+            refusal.place = place
+            raise
+    if not all(math.isfinite(item) for item in numbers):
+        refuse(f'{where} must be finite, not {shown(value)}')
+    x, y, z = numbers
+    return x, y, z
+
+
+def _point(value: Any, where: str, points: dict[str, Point | None]) -> Point | None:
+    if isinstance(value, str):
+        if value not in points:
+            known = ', '.join(shown(name) for name in sorted(points)[:5]) or 'none'
+            nearest = nearest_of(value, points)
+            refuse(f'{where}: unknown point {shown(value)}, the points are: {known}{nearest}')
+        return points[value]
+    point = _vector(value, where, 'm')
+    if max(abs(item) for item in point) > REACH_M:
+        refuse(f'{where} is {shown(value)} m, farther than {REACH_M:g} m: are these millimetres?')
+    return point
+
+
+def _target(value: Any, where: str, context: _Context) -> Target | None:
+    if not isinstance(value, dict):
+        point = _point(value, where, context.points)
+        return None if point is None else Target(point)
+    fields = Section(value, where, context.errors, ('point', 'by_m'), ('by_m',))
+    step = fields.read('by_m', lambda step, name: _point(step, name, {}))
+    if 'point' not in fields:
+        return None if step is None else Target(step, relative=True)
+    point = fields.read('point', lambda name, place: _point(name, place, context.points))
+    if point is None or step is None:
+        return None
+    return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
+
+
+def _limit(value: Any, where: str) -> float:
+    limit = number(value, where)
+    if not limit > 0.0 or (math.isinf(limit) and not where.endswith('jerk_m_s3')):
+        refuse(f'{where} is {limit}, but must be a positive number')
+    if not LIMIT_MIN <= limit <= LIMIT_MAX and not math.isinf(limit):
+        refuse(f'{where} is {limit:g}, but must be between {LIMIT_MIN:g} and {LIMIT_MAX:g}')
+    return limit
+
+
+def _limits(fields: Section, defaults: Limits) -> Limits:
+    return Limits(*(fields.read(key, _limit, getattr(defaults, key)) for key in _LIMIT_KEYS))
+
+
+def _blend(value: Any, where: str) -> float:
+    blend = number_between(0.0, BLEND_MAX_M)(value, where)
+    if 0.0 < blend < BLEND_MIN_M:
+        refuse(f'{where} is {blend:g}, but must be 0 or at least {BLEND_MIN_M:g}')
+    return blend
+
+
+def _path_options(fields: Section, context: _Context) -> dict[str, Any]:
+    return {
+        'limits': _limits(fields, context.limits),
+        'blend_m': fields.read('blend_m', _blend, 0.0),
+        'strict': fields.read('strict', flag, False),
+    }
+
+
+def _parse_move_l(value: Any, where: str, context: _Context) -> Statement:
+    fields = Section(value, where, context.errors, {'to_m', *_PATH_KEYS}, ('to_m',))
+    to = fields.read('to_m', lambda value, where: _target(value, where, context))
+    return MoveL(to, **_path_options(fields, context))  # type: ignore[arg-type]
+
+
+def _parse_move_c(value: Any, where: str, context: _Context) -> Statement:
+    fields = Section(value, where, context.errors, {'via_m', 'to_m', *_PATH_KEYS}, ('to_m', 'via_m'))
+    via, to = (
+        fields.read(key, lambda value, where: _target(value, where, context)) for key in ('via_m', 'to_m')
+    )
+    return MoveC(via, to, **_path_options(fields, context))  # type: ignore[arg-type]
+
+
+def _parse_move_sb(value: Any, where: str, context: _Context) -> Statement:
+    fields = Section(value, where, context.errors, {'through_m', *_PATH_KEYS}, ('through_m',))
+
+    def through(points: Any, name: str) -> tuple[Target, ...]:
+        if not isinstance(points, list) or not points:
+            refuse(f'{name} must be a list of at least one point')
+        if len(points) > SPLINE_POINTS_MAX:
+            refuse(f'{name} has {len(points)} points, the limit is {SPLINE_POINTS_MAX}')
+        targets = []
+        for item, place_name, place in numbered(points, name):
+            with context.errors.noted(place):
+                targets.append(_target(item, place_name, context))
+        return tuple(targets)  # type: ignore[arg-type]
+
+    return MoveSB(fields.read('through_m', through, ()), **_path_options(fields, context))
+
+
+def _parse_cubic(value: Any, where: str, context: _Context) -> Statement:
+    keys = {'to_m', 'duration_s', 'end_velocity_m_s'}
+    fields = Section(value, where, context.errors, keys, ('duration_s', 'to_m'))
+
+    def velocity(value: Any, where: str) -> Point:
+        vector = _vector(value, where, 'm/s')
+        if max(abs(item) for item in vector) > VELOCITY_MAX_M_S:
+            refuse(f'{where} may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
+        return vector
+
+    return Cubic(
+        fields.read('to_m', lambda value, where: _target(value, where, context)),  # type: ignore[arg-type]
+        fields.read('duration_s', number_between(1e-3, TIME_MAX_S)),
+        fields.read('end_velocity_m_s', velocity, (0.0, 0.0, 0.0)),
+    )
+
+
+def _parse_dwell(value: Any, where: str, context: _Context) -> Statement:
+    def duration(value: Any, where: str) -> float:
+        time = number(value, where)
+        if not 0.0 < time <= TIME_MAX_S:
+            refuse(f'{where} is {time}, but must be positive and at most {TIME_MAX_S:g}')
+        return time
+
+    return Dwell(Section(value, where, context.errors, ('time_s',), ('time_s',)).read('time_s', duration))
+
+
+def _parse_output(value: Any, where: str, context: _Context) -> Statement:
+    keys = {'name', 'value', 'before_m', 'payload_kg'}
+    fields = Section(value, where, context.errors, keys, ('name', 'value'))
+
+    return Output(
+        fields.read('name', one_of(OUTPUTS)),
+        float(fields.read('value', flag, False)),
+        fields.read('before_m', number_between(0.0, REACH_M), 0.0),
+        fields.read('payload_kg', _payload),
+    )
+
+
+_PARSERS: dict[str, Callable[[Any, str, _Context], Statement]] = {
+    'move_l': _parse_move_l,
+    'move_c': _parse_move_c,
+    'move_sb': _parse_move_sb,
+    'cubic': _parse_cubic,
+    'dwell': _parse_dwell,
+    'output': _parse_output,
+}
+
+
+def _statement(value: Any, where: str, context: _Context) -> Statement:
+    if not isinstance(value, dict):
+        refuse(f'{where} must be a mapping, not {shown(value)}')
+    for key in value:
+        if key not in _PARSERS:
+            refuse(f'{where}: unknown key {shown(key)}, {expected(key, _PARSERS)}', place_of_key(value, key))
+    if len(value) != 1:
+        refuse(f'{where} must hold exactly one of {", ".join(_PARSERS)}')
+    ((kind, content),) = value.items()
+    with at(place_in(value, kind)):
+        return _PARSERS[kind](content, f'{where}.{kind}', context)

@@ -1,0 +1,107 @@
+"""Facts about the strict reader: every kind of file is told all its mistakes at once, with their places."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.configuration.checked import ERRORS_MAX
+from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.faults import fault as faults
+from delta3_pacdrive.motion import program_file
+
+PROGRAM = """\
+points: {above: [0.0, 0.0, -0.7]}
+repeat: 0
+moves:
+- move_l: {to_m: abov, speed_m_s: -1}
+- dwel: {time_s: 1}
+- output: {name: griper, value: 1}
+faults:
+- {fault: drop_a, axis: axis1}
+- {fault: kill, node: plnt}
+"""
+PROGRAM_MISTAKES = [
+    '2:9: repeat is 0, but must be a whole number between 1 and 10000',
+    "4:18: moves[0].move_l.to_m: unknown point 'abov', the points are: 'above': did you mean above?",
+    '4:35: moves[0].move_l.speed_m_s is -1.0, but must be a positive number',
+    "5:3: moves[1]: unknown key 'dwel', expected one of move_l, move_c, move_sb, cubic, dwell, output: did you mean "
+    'dwell?',
+    "6:18: moves[2].output.name is 'griper', but must be one of ",
+    '6:33: moves[2].output.value must be true or false, not 1',
+    "8:11: faults[0].fault is 'drop_a', but must be one of ",
+    "9:23: faults[1].node is 'plnt', but must be one of ",
+]
+FAULT = '{fault: encoder_jump, axis: axis9, jump_rad: yes, after: 1}'
+FAULT_MISTAKES = [
+    "line 1, column 29: fault.axis is 'axis9', but must be one of axis1, axis2, axis3: did you mean axis",
+    'line 1, column 46: fault.jump_rad must be a number, not True',
+    "line 1, column 51: fault: unknown key 'after', expected one of after_s, axis, fault, for_s, jump_rad: "
+    'did you mean after_s?',
+]
+
+
+def mistakes(read: Any) -> list[str]:
+    with pytest.raises(Delta3Error) as caught:
+        read()
+    return str(caught.value).split('; ')
+
+
+def agree(told: list[str], expected: list[str], path: str = '') -> None:
+    assert len(told) == len(expected), told
+    for sentence, beginning in zip(told, expected, strict=True):
+        assert sentence.startswith(path + beginning), sentence
+
+
+def test_a_program_is_told_all_its_mistakes(tmp_path: Path, robot: Any) -> None:
+    path = tmp_path / 'program.yaml'
+    path.write_text(PROGRAM)
+    told = mistakes(lambda: program_file.load(path, robot.motion))
+    agree(told, PROGRAM_MISTAKES, f'{path}:')
+
+
+def test_a_fault_of_a_request_is_told_all_its_mistakes() -> None:
+    document = yaml_file.parse(FAULT, 'the fault', ProgramError)
+    agree(mistakes(lambda: faults.parse(document, 'fault')), FAULT_MISTAKES)
+
+
+def test_parameters_are_told_all_their_mistakes(tmp_path: Path, robot: Any) -> None:
+    path = parameters.write(robot, tmp_path / 'robot.yaml')
+    lines = path.read_text().splitlines()
+    expected = []
+    for name, value, rule in (
+        ('peak_current_a:', '-1.0', 'motor.peak_current_a is -1.0, but must be positive'),
+        ('gear_in:', 'many', "dynamics.gear_in must be a number, not 'many'"),
+        ('cycle_time_s:', '', 'bus.cycle_time_s must be a number, not None'),
+    ):
+        (number,) = [n for n, line in enumerate(lines) if line.strip().startswith(name)]
+        lines[number] = f'{lines[number].partition(":")[0]}: {value}'
+        column = lines[number].index(':') + 2 + bool(value)
+        expected.append((number, f'{number + 1}:{column}: {rule}'))
+    path.write_text('\n'.join(lines))
+    agree(mistakes(lambda: parameters.load(path)), [text for _, text in sorted(expected)], f'{path}:')
+
+
+def test_every_rule_between_parameters_that_is_broken_is_told_with_its_place(
+    tmp_path: Path, robot: Any
+) -> None:
+    path = parameters.write(robot, tmp_path / 'robot.yaml')
+    text = path.read_text()
+    for name, value in (('plate_radius_m', 1.5), ('workspace_bottom_m', -0.1), ('cycle_time_s', 0.003)):
+        start = text.index(f' {name}:') + len(name) + 3
+        text = text[:start] + str(value) + text[text.index('\n', start) :]
+    path.write_text(text)
+    told = mistakes(lambda: parameters.load(path))
+    for name in ('kinematics.plate_radius_m', 'kinematics.workspace_bottom_m', 'bus.cycle_time_s'):
+        (sentence,) = [one for one in told if f': {name} is ' in one]
+        line = int(sentence.removeprefix(f'{path}:').partition(':')[0])
+        assert name.rpartition('.')[2] in text.splitlines()[line - 1]
+
+
+def test_the_search_ends_after_ten_mistakes(robot: Any) -> None:
+    document = {'moves': [{'move_l': {}} for _ in range(20)]}
+    told = mistakes(lambda: program_file.parse(document, robot.motion))
+    assert len(told) == ERRORS_MAX + 1
+    assert told[-1] == f'the search ended after {ERRORS_MAX} errors'
