@@ -40,6 +40,44 @@ def diagnostics() -> Rows:
             yield row.number, row.text, row.class_, reaction, f'{word} bit {int(row.bit).bit_length() - 1}'
 
 
+def fault_kinds() -> Rows:
+    """Return the faults that can be injected."""
+    from delta3_pacdrive.faults.fault import KINDS
+
+    yield 'fault', 'what', 'happens to', 'value', 'lasts'
+    for name, kind in KINDS.items():
+        value = f'`{kind.value}` {kind.low:g} to {kind.high:g}' if kind.value else ''
+        lasts = '`cycles`' if kind.telegram else 'once' if kind.once else '`for_s`'
+        yield f'`{name}`', kind.text, f'`{kind.target}`' if kind.target else 'the robot', value, lasts
+
+
+def topics() -> Rows:
+    """Return the topics of a robot."""
+    from delta3_pacdrive.ros.interface_tables import topic_table
+
+    return joined(topic_table())
+
+
+def services() -> Rows:
+    """Return the services of a robot."""
+    from delta3_pacdrive.ros.interface_tables import service_table
+
+    return joined(service_table())
+
+
+def deliveries() -> Rows:
+    """Return the ways in which messages are delivered."""
+    from delta3_pacdrive.ros.interface_tables import delivery_table
+
+    return joined(delivery_table())
+
+
+def joined(table: tuple[Sequence[object], Rows]) -> Rows:
+    """Return a table with its head as the first row."""
+    head, rows = table
+    return [head, *rows]
+
+
 class Table(SphinxDirective):
     """Shows the rows of a function as a table; the first row is its head."""
 
@@ -56,6 +94,6 @@ class Table(SphinxDirective):
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add a directive for each table."""
-    for rows in (idns, diagnostics):
+    for rows in (idns, diagnostics, fault_kinds, topics, services, deliveries):
         app.add_directive(rows.__name__, type(rows.__name__, (Table,), {'rows': staticmethod(rows)}))
     return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -27,17 +27,20 @@ ROBOT = re.compile(
     re.M,
 )
 BLOCK = re.compile(
-    r'(?:^<!-- *(?P<mark>terminal|until|ends|elsewhere): *(?P<words>[^\n]*?) *-->\n+)?'
+    r'(?:^<!-- *ends: *(?P<ends>[^\n]*?) *-->\n+)?'
+    r'(?:^<!-- *(?P<mark>terminal|until|elsewhere): *(?P<words>[^\n]*?) *-->\n+)?'
     r'^(?P<fence>```+|:::+) *(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=fence) *$',
     re.M | re.S,
 )
 END_S = 60.0
+ENDED_BY_CTRL_C = 130
 WAIT_S = 240.0
+NETWORK = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a page: its line, its language, the file it is written to, and what is said to the test about it."""
+    """A block of a page: its line, its language, the file it is written to, and what the comments above it say."""
 
     line: int
     language: str
@@ -45,6 +48,7 @@ class Block:
     file: str
     mark: str
     words: str
+    ends: tuple[str, ...]
 
 
 def blocks(page: Path) -> list[Block]:
@@ -62,7 +66,8 @@ def blocks(page: Path) -> list[Block]:
             file = dict(re.findall(r':([\w-]+): *([^\n]*)', options[1])).get('caption', '')
             code = code[options.end() :]
         line = text.count('\n', 0, match.start('fence')) + 1
-        found.append(Block(line, language, code, file, match['mark'] or '', match['words'] or ''))
+        ends = tuple(re.split(', *', match['ends'])) if match['ends'] else ()
+        found.append(Block(line, language, code, file, match['mark'] or '', match['words'] or '', ends))
     return found
 
 
@@ -80,7 +85,9 @@ def environment(folder: Path) -> dict[str, str]:
     stand_in.write_text(f'#!/bin/sh\nexec "{sys.executable}" -P "{script}" "$@"\n', encoding='utf-8')
     stand_in.chmod(0o755)
     path = [str(programs), str(Path(sys.executable).parent), os.environ['PATH']]
-    return os.environ | {
+    # what the tests have said about the network is none of a reader's settings
+    own = {key: value for key, value in os.environ.items() if key not in NETWORK}
+    return own | {
         'PATH': os.pathsep.join(path),
         'VIRTUAL_ENV': sys.prefix,
         'AMENT_PREFIX_PATH': sys.prefix,
@@ -131,8 +138,12 @@ class Terminal:
         raise AssertionError(f'the shell ended, or took over {WAIT_S:g} s: {commands}{"".join(printed)}')
 
     def start(self, command: str, words: str) -> subprocess.Popen[str]:
-        """Start a command in a terminal of its own; return when it has printed the words."""
+        """Start a command in a terminal of its own; return when it has printed the words, or after so many seconds."""
         process = self._start(['bash', '-c', f'exec {command}'])
+        if seconds := re.fullmatch(r'(\d+) s', words):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(float(seconds[1]))
+            return process
         assert process.stdout is not None
         printed = []
         with killed_after(process, WAIT_S):
@@ -163,10 +174,11 @@ def end(process: subprocess.Popen[str]) -> None:
     """End a command with Ctrl-C; it has to obey."""
     process.send_signal(signal.SIGINT)
     try:
-        process.wait(END_S)
+        status = process.wait(END_S)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         raise
+    assert status in (0, ENDED_BY_CTRL_C), f'{process.args} ended with status {status}'
 
 
 def commands_and_prints(text: str) -> list[tuple[str, str]]:
@@ -209,8 +221,7 @@ def run_block(
     """Run one block; ``others`` are the commands in terminals of their own, ``names`` those of Python."""
     if block.language == 'text' or block.mark == 'elsewhere':
         return
-    if block.mark == 'ends':
-        (command,) = (command for command in others if command.startswith(block.words))
+    for command in block.ends:
         end(others.pop(command))
     if block.file:
         (folder / block.file).write_text(block.text, encoding='utf-8')

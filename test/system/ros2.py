@@ -1,6 +1,7 @@
-"""Stands in for the ``ros2`` command line, which the package index does not have, as far as the README uses it.
+"""Stands in for the ``ros2`` command line, which the package index does not have, as far as the pages use it.
 
     ros2 run PACKAGE EXECUTABLE [ARGUMENTS]
+    ros2 launch FILE
     ros2 topic pub --once TOPIC TYPE YAML
     ros2 service call SERVICE TYPE
     ros2 param set NODE NAME VALUE
@@ -10,9 +11,15 @@ Like the real one it finds packages through AMENT_PREFIX_PATH, publishes when so
 
 import importlib
 import os
+import runpy
+import signal
+import subprocess
 import sys
+import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import rclpy
 import yaml
@@ -38,13 +45,83 @@ def fill(message, values):
     return message
 
 
-def run(package, executable, *arguments):
-    """Become an executable of a package."""
+def path_of(package, executable):
+    """Return the path of an executable of a package."""
     for prefix in os.environ['AMENT_PREFIX_PATH'].split(os.pathsep):
         path = Path(prefix) / 'lib' / package / executable
         if path.exists():
-            os.execv(path, [str(path), *arguments])
+            return path
     sys.exit(f'No executable found: {package} {executable}')
+
+
+def run(package, executable, *arguments):
+    """Become an executable of a package."""
+    path = path_of(package, executable)
+    os.execv(path, [str(path), *arguments])
+
+
+@dataclass
+class LaunchNode:
+    """An action of a launch file: a process."""
+
+    package: str
+    executable: str
+    name: str
+    parameters: list
+
+
+@dataclass
+class Namespace:
+    """An action of a launch file: the namespace of all that follows in its group."""
+
+    name: str
+
+
+class Group(list):
+    """What a launch file describes: actions, and groups of them."""
+
+
+def processes_of(actions, namespace=''):
+    """Return the command lines that launch_ros makes of actions."""
+    lines = []
+    for action in actions:
+        match action:
+            case Namespace(name):
+                namespace = f'{namespace}/{name}'
+            case Group():
+                lines += processes_of(action, namespace)
+            case LaunchNode(package, executable, name, [values]):
+                with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
+                    yaml.safe_dump({f'{namespace}/{name}': {'ros__parameters': values}}, file)
+                remapped = ['-r', f'__node:={name}', '-r', f'__ns:={namespace}']
+                given = ['--params-file', file.name] if values else []
+                lines.append([str(path_of(package, executable)), '--ros-args', *remapped, *given])
+    return lines
+
+
+def launch(path):
+    """Start what a launch file describes; end it with Ctrl-C."""
+    modules = {
+        'launch': {'LaunchDescription': Group},
+        'launch.actions': {'GroupAction': Group},
+        'launch_ros': {},
+        'launch_ros.actions': {'Node': LaunchNode, 'PushRosNamespace': Namespace},
+    }
+    for name, contents in modules.items():
+        sys.modules[name] = ModuleType(name)
+        vars(sys.modules[name]).update(contents)
+    description = runpy.run_path(path)['generate_launch_description']()
+    started = [subprocess.Popen(line) for line in processes_of(description)]
+    for process in started:
+        print(f'[INFO] [{Path(process.args[0]).name}]: process started with pid [{process.pid}]', flush=True)
+    try:
+        signal.pause()
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for process in started:
+            process.send_signal(signal.SIGINT)
+        for process in started:
+            process.wait()
 
 
 def wait(node, condition, what):
@@ -78,6 +155,8 @@ def main():
     match sys.argv[1:]:
         case ['run', package, executable, *arguments]:
             run(package, executable, *arguments)
+        case ['launch', path]:
+            launch(path)
         case ['topic', 'pub', '--once', topic, kind, text]:
             rclpy.init()
             publish(rclpy.create_node('stand_in'), topic, kind, text)
