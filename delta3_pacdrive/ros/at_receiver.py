@@ -8,10 +8,11 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.interfaces import AT
 from delta3_pacdrive.ros.polling import PollingNode, Taken
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.statistics import BusStatistics
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.telegrams import NO_SESSION, parse_at_frame
 
 
 class AtReceiver:
@@ -49,7 +50,7 @@ class AtReceiver:
         self.session = NO_SESSION
         self._cycles, self._statistics, self._receive = cycles, statistics, receive
         self._log = node.get_logger()
-        self._codecs = [cdr.at_codec(axis) for axis in DRIVES]
+        self._codecs = [cdr.codec(telegram) for telegram in telegrams.AT]
         self._takes: list[Callable[[], Taken | None]] = []
         for index, axis in enumerate(DRIVES):
             if polled:
@@ -74,7 +75,7 @@ class AtReceiver:
         try:
             sec, nanosec, frame, values = self._codecs[index].decode(data)
             cycle = self._cycles.count(sec, nanosec)
-            status, service = cdr.parse_at_frame(frame, self.session)
+            status, service = parse_at_frame(frame, self.session)
         except TelegramError as error:
             self.refuse(f'{DRIVES[index]}: {error}')
             return

@@ -11,7 +11,6 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegram_codec import IMPOSSIBLE, Message, TelegramCodec
 from delta3_pacdrive.sercos.telegrams import Telegram
 from delta3_pacdrive.sercos.words import Phase
@@ -59,31 +58,6 @@ def parse_phase(message: Header) -> tuple[Phase, bytes, tuple[int, int]]:
     return *telegrams.parse_phase_text(message.frame_id), (message.stamp.sec, message.stamp.nanosec)
 
 
-# for callers that do not yet use telegrams and codec
-AXES = DRIVES
-BASE_FRAME, NO_SESSION = telegrams.BASE_FRAME, telegrams.NO_SESSION
-MDT_FRAME_LENGTH, AT_FRAME_LENGTH = telegrams.MDT.frame_length, telegrams.AT[0].frame_length
-CURRENT_FRAME_LENGTH, SHAFTS_FRAME_LENGTH = len(telegrams.CURRENT_FRAME), telegrams.SHAFTS.frame_length
-new_session, require_session = telegrams.new_session, telegrams.require_session
-mdt_frame, parse_mdt_frame = telegrams.mdt_frame, telegrams.parse_mdt_frame
-at_frame, parse_at_frame = telegrams.at_frame, telegrams.parse_at_frame
-current_frame, parse_current_frame = telegrams.current_frame, telegrams.parse_current_frame
+# until the transformation task uses telegrams and codec
 mdt_codec = partial(codec, telegrams.MDT)
-shafts_codec = partial(codec, telegrams.SHAFTS)
-following_error_codec = partial(codec, telegrams.FOLLOWING_ERROR)
-joint_states_codec = partial(codec, telegrams.JOINT_STATES)
-
-
-def at_codec(axis: str) -> TelegramCodec:
-    """Return the codec of the AT of an axis."""
-    return codec(telegrams.AT[AXES.index(axis)])
-
-
-def current_codec(axis: str, samples: int, limit_a: float = IMPOSSIBLE) -> TelegramCodec:
-    """Return the codec of the motor current of an axis."""
-    return codec(telegrams.motor_current(axis, samples), limit_a)
-
-
-def stamped_triple_codec(message_type: type) -> TelegramCodec:
-    """Return the codec of points or of vectors."""
-    return codec(telegrams.TCP_ACTUAL if message_type is PointStamped else telegrams.TCP_ERROR)
+mdt_frame = telegrams.mdt_frame

@@ -6,6 +6,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
@@ -27,7 +28,7 @@ class NewestCycle:
     def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
         self._cycles, self._known = cycles, known
         self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=NEWEST)
-        self._codec = cdr.joint_states_codec()
+        self._codec = cdr.codec(telegrams.JOINT_STATES)
         self._newest = 0
 
     def __call__(self) -> int:

@@ -9,18 +9,18 @@ from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros import cdr, interfaces
+from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import WATCHER
 from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES
 
-SHAFTS, MDT = 'plant/motor_shafts', 'sercos/mdt'
-AT = tuple(f'sercos/at/{axis}' for axis in DRIVES)
+SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
+AT = interfaces.AT.names
 CODECS = {
-    SHAFTS: cdr.shafts_codec(),
-    MDT: cdr.mdt_codec(),
-    **{topic: cdr.at_codec(axis) for topic, axis in zip(AT, DRIVES, strict=True)},
+    telegram.topic: cdr.codec(telegram)
+    for topic in (MOTOR_SHAFTS, interfaces.MDT, interfaces.AT)
+    for telegram in topic.telegrams
 }
 _SESSION_DIGITS = 4
 

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 
 from bags import (
-    AXES,
     CLOCK,
     CYCLES,
     FRAMES,
@@ -25,8 +24,9 @@ from bags import (
 )
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import bag_trace
-from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.signals import CARRIED, SIGNALS
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
+from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 
 
 def greetings(topics=TYPES):
@@ -219,20 +219,7 @@ def test_zeros_tell_no_byte_order(tmp_path):
 
 
 def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
-    pytest.importorskip('rclpy', reason='the layouts are written with the message types of ROS')
-    from geometry_msgs.msg import PointStamped, Vector3Stamped
-
-    from delta3_pacdrive.ros import cdr
-
-    codecs = {
-        'sercos/mdt': cdr.mdt_codec(),
-        **{f'sercos/at/{axis}': cdr.at_codec(axis) for axis in AXES},
-        'plant/motor_shafts': cdr.shafts_codec(),
-        'following_error': cdr.following_error_codec(),
-        'tcp/command': cdr.stamped_triple_codec(PointStamped),
-        'tcp/actual': cdr.stamped_triple_codec(PointStamped),
-        'tcp/error': cdr.stamped_triple_codec(Vector3Stamped),
-    }
+    codecs = {telegram.topic: TelegramCodec(telegram, lambda _: None) for telegram in CARRIED}
     for topic, data in messages([3]):
         frame = FRAMES.get(topic, 'base').encode()
         values = np.hstack(numbers(topic, 3)).tolist()

@@ -115,16 +115,6 @@ def test_telegrams_whose_session_is_no_text_are_refused(cell: Cell) -> None:
     cell.assert_untouched()
 
 
-def test_a_raw_session_of_bytes_that_are_no_text_is_refused() -> None:
-    from delta3_pacdrive.errors import TelegramError
-    from delta3_pacdrive.ros import cdr
-
-    with pytest.raises(TelegramError, match='belongs to session'):
-        cdr.parse_at_frame(b'c008 0000 \xff\xff\xff\xff', b'3fa9')
-    with pytest.raises(TelegramError, match='belongs to session'):
-        cdr.require_session(b'\xff\xff\xff\xff', b'3fa9')
-
-
 @pytest.mark.parametrize('seconds', [2**31 - 1, 100_000])
 def test_an_mdt_far_ahead_of_bus_time_is_refused(seconds: int, cell: Cell) -> None:
     last = cell.mdt[-1]

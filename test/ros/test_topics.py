@@ -12,11 +12,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio
@@ -49,7 +49,7 @@ class Driven:
         self.graph = graph
         kinds = {
             'sercos/mdt': JointState,
-            **{f'sercos/at/{axis}': JointState for axis in cdr.AXES},
+            **{f'sercos/at/{axis}': JointState for axis in DRIVES},
             'following_error': JointState,
             **TRIPLES,
             'motion/master': Vector3Stamped,
@@ -76,7 +76,7 @@ class Driven:
 
     def answers(self) -> dict[int, np.ndarray]:
         """Return position, speed and torque of the three motors by bus cycle, shape (3, 3)."""
-        rows = [self.rows(f'sercos/at/{axis}') for axis in cdr.AXES]
+        rows = [self.rows(f'sercos/at/{axis}') for axis in DRIVES]
         return {
             cycle: np.array([row[cycle] for row in rows]).T for cycle in set.intersection(*map(set, rows))
         }

@@ -14,7 +14,9 @@ from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import Phase, Status
 
 ROBOT = parameters.load()
@@ -59,7 +61,7 @@ class Drive(Bus):
         self.node = graph.add(MC4DriveNode, axis=2)
         super().__init__(graph, ('sercos/mdt', 'plant/motor_shafts'))
         self.cycle = 0
-        self._mdt, self._shafts = cdr.mdt_codec(), cdr.shafts_codec()
+        self._mdt, self._shafts = cdr.codec(telegrams.MDT), cdr.codec(telegrams.SHAFTS)
         graph.spin_until(self._greeted, 'the answer to a greeting')
         self.tell(Phase.CP4)
 
@@ -75,7 +77,7 @@ class Drive(Bus):
         self, stamp: tuple[int, int], control: int, payload_kg: float = 0.0, position: float = 0.0
     ) -> None:
         phase = Phase.CP1 if stamp[0] < 0 else Phase.CP4
-        frame = cdr.mdt_frame(phase, control, payload_kg, SESSION)
+        frame = telegrams.mdt_frame(phase, control, payload_kg, SESSION)
         self.publish['sercos/mdt'](self._mdt.encode(stamp, frame, [position] * 3))
 
     def answer(self) -> Any:
@@ -163,7 +165,7 @@ class Machine(Bus):
     def __init__(self, graph: Any) -> None:
         self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
         graph.add(PlantNode)
-        super().__init__(graph, tuple(f'{axis}/motor_current' for axis in cdr.AXES))
+        super().__init__(graph, tuple(f'{axis}/motor_current' for axis in DRIVES))
         graph.spin_until(lambda: self.shafts, 'a greeting')
         self.exchange = 0
         self.tell(Phase.CP4)
@@ -184,8 +186,8 @@ class Machine(Bus):
         self, axis: str, exchange: int, amperes: float = 0.0, free: bool = False, session: bytes = SESSION
     ) -> None:
         """Publish the current of an axis."""
-        codec = cdr.current_codec(axis, 16)
-        frame = cdr.current_frame(free, self.payload_kg, session)
+        codec = cdr.codec(telegrams.motor_current(axis, 16))
+        frame = telegrams.current_frame(free, self.payload_kg, session)
         self.publish[f'{axis}/motor_current'](codec.encode(CLOCK.stamp(exchange), frame, [amperes] * 16))
 
     payload_kg = 0.0
@@ -194,7 +196,7 @@ class Machine(Bus):
         """Let exchanges pass; return the last shafts."""
         self.payload_kg = payload_kg
         for _ in range(exchanges):
-            for axis in cdr.AXES:
+            for axis in DRIVES:
                 self.current(axis, self.exchange, free=free)
             self.exchange += 1
             self.wait()

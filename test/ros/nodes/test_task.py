@@ -28,6 +28,7 @@ from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.statistics import BusStatistics
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
@@ -113,7 +114,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     receiver = AtReceiver(node, Clock(1e-3), True, statistics, lambda *what: taken.append(what))
     beside = node.create_polled_subscription(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     publisher = graph.listener.create_publisher(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
-    publish, codec = cdr.raw_publish(publisher), cdr.at_codec('axis2')
+    publish, codec = cdr.raw_publish(publisher), cdr.codec(telegrams.AT[1])
     graph.spin_until(lambda: publisher.get_subscription_count() == 2, 'the master')
 
     def look() -> None:
@@ -122,7 +123,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     def send(cycles: range, session: bytes = SESSION) -> None:
         """Publish AT, and wait until somebody beside the master has all of them."""
         for cycle in cycles:
-            frame = cdr.at_frame(0xC008, 7, session)
+            frame = telegrams.at_frame(0xC008, 7, session)
             publish(codec.encode((0, cycle * 1_000_000), frame, [1.0, 2.0, 3.0]))
         came = 0
 
