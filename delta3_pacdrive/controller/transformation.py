@@ -6,7 +6,7 @@ the drives answer serves only the following error and supervision, never the nex
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +16,11 @@ from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kinematics import arm_angles, geometry, plate_position
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import Course, MasterState, Timeline, course_at
-from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, plan_path_at
+from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, Tables, plan_path_at
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.increments import on_grid
@@ -69,28 +70,42 @@ CONSTANTS = np.dtype(
     align=True,
 )
 
+
+class TaskArrays(NamedTuple):
+    """The task as the arrays that the compiled code works on; ``course`` to ``tables`` are those of its timeline."""
+
+    course: NDArray[Any]  # motion.execution.COURSE
+    table: Floats  # (rows, 5) master phases of the course
+    tables: Tables  # the plan
+    motors: Floats  # (3,) motor commands [rad]
+    answer: Floats  # (ANSWER_COLUMNS,) of the last cycle that was evaluated
+    state: NDArray[Any]  # STATE
+    constants: NDArray[Any]  # CONSTANTS
+    geometry: NDArray[Any]  # kinematics.GEOMETRY
+
+
 # columns of the answer of one cycle
 THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
 ANSWER_COLUMNS = 15
 
 
 @kernel
-def command_cycle(cycle, course, table, tables, motors, state, constants, geometry_record):
-    """Fill the motor commands [rad] of a cycle; nan where the TCP is out of reach."""
-    s, c = state[0], constants[0]
+def command_cycle(cycle, task):
+    """Fill the motor commands [rad] of a bus cycle in the ``TaskArrays``; nan where the TCP is out of reach."""
+    s, c, course, tables = task.state[0], task.constants[0], task.course, task.tables
     if cycle >= s.start_cycle:
         time = (cycle - course[0].cycle) * c.cycle_time
-        number, s.master, s.master_speed, _ = course_at(time, s.move, course, table, tables)
+        number, s.master, s.master_speed, _ = course_at(time, s.move, course, task.table, tables)
         _switch_outputs(number, cycle >= s.end_cycle and course[0].held == 0, tables, s)
         p = plan_path_at(s.master, number, tables)
         for axis in range(3):
             s.tcp[axis] = p[axis]
-    theta = arm_angles((s.tcp[0], s.tcp[1], s.tcp[2]), geometry_record[0])
+    theta = arm_angles(triple(s.tcp), task.geometry[0])
     row = cycle % HISTORY
     for i in range(3):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
-        motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
+        task.motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
 
 
 @kernel
@@ -117,11 +132,14 @@ def _switch_outputs(number, over, tables, s):
 
 
 @kernel
-def answer_cycle(cycle, positions, torques, out, state, constants, geometry_record):
-    """Forward kinematics and errors of a cycle from the drives' answers."""
-    s, c = state[0], constants[0]
+def answer_cycle(cycle, positions, torques, task):
+    """Fill ``answer`` of the ``TaskArrays``: forward kinematics and errors of a bus cycle.
+
+    ``positions`` [rad] and ``torques`` [N m] are those of the motor shafts as the drives answered, shapes (3,).
+    """
+    s, c, out = task.state[0], task.constants[0], task.answer
     theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
-    p = plate_position(theta, geometry_record[0])
+    p = plate_position(theta, task.geometry[0])
     row = cycle % HISTORY
     # the command that the actual position answers to, on the chord between two commands
     whole = math.floor(c.set_point_delay)
@@ -172,26 +190,43 @@ class Transformation:
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus
         self._parameters = parameters
-        self._geometry = geometry(parameters.kinematics)
-        self._constants = np.zeros(1, CONSTANTS)
-        self._constants['gear_ratio'] = parameters.dynamics.gear_ratio
-        self._constants['increments_per_rad'] = bus.increments_per_rev / math.tau
-        self._constants['cycle_time'] = bus.cycle_time_s
-        self._constants['extrapolation'] = parameters.following_error_delay_cycles
-        self._constants['set_point_delay'] = parameters.set_point_delay_cycles
-        self._constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
+        constants = np.zeros(1, CONSTANTS)
+        constants['gear_ratio'] = parameters.dynamics.gear_ratio
+        constants['increments_per_rad'] = bus.increments_per_rev / math.tau
+        constants['cycle_time'] = bus.cycle_time_s
+        constants['extrapolation'] = parameters.following_error_delay_cycles
+        constants['set_point_delay'] = parameters.set_point_delay_cycles
+        constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
         self.state: NDArray[Any] = np.zeros(1, STATE)
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
-        self._timeline = Timeline(_NO_PLAN, bus.cycle_time_s)
+        self.motors: Floats = np.zeros(3)
+        self.answer: Floats = np.zeros(ANSWER_COLUMNS)
+        self._timeline = timeline = Timeline(_NO_PLAN, bus.cycle_time_s)
+        self.arrays = TaskArrays(
+            timeline.record,
+            timeline.table,
+            timeline.tables,
+            self.motors,
+            self.answer,
+            self.state,
+            constants,
+            geometry(parameters.kinematics),
+        )
         self._coming: Course | None = None
         self._cycle = 0  # of the next command
         self.loaded = False
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
         self._stop_hard = False
-        self.motors: Floats = np.zeros(3)
-        self.answer: Floats = np.zeros(ANSWER_COLUMNS)
+
+    def _look_at_timeline(self) -> None:
+        """Let the compiled code see the timeline after a change."""
+        timeline = self._timeline
+        self.arrays = self.arrays._replace(
+            course=timeline.record, table=timeline.table, tables=timeline.tables
+        )
+        self.state['end_cycle'] = timeline.end_cycle
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
@@ -212,10 +247,11 @@ class Transformation:
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``."""
         self._timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        self._look_at_timeline()
         self._coming = None
         self.loaded = True
         state = self.state[0]
-        state['start_cycle'] = state['end_cycle'] = NEVER
+        state['start_cycle'] = NEVER
         state['move'] = state['event'] = 0
 
     def start(self, cycle: int, rate: float = 1.0) -> int:
@@ -225,9 +261,9 @@ class Transformation:
         if cycle < self._cycle:
             raise RunError(f'bus cycle {cycle} is over, the next one is {self._cycle}')
         self._timeline.start(cycle, rate)
+        self._look_at_timeline()
         state = self.state[0]
         state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
-        state['end_cycle'] = self._timeline.end_cycle
         state['payload'] = payload_on_grid(self._timeline.plan.move(0).payload_kg)
         for name in ('measured_cycles', 'error_max', 'error_square_sum', 'following_error_max'):
             state[name] = 0
@@ -297,7 +333,7 @@ class Transformation:
 
     def _follow(self, course: Course) -> None:
         self._timeline.change(course)
-        self.state['end_cycle'] = self._timeline.end_cycle
+        self._look_at_timeline()
 
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
@@ -362,40 +398,24 @@ class Transformation:
             self._stop(cycle)
         if cycle >= self.disable_cycle:
             self.enable_cycle = self.disable_cycle = NEVER
-        timeline = self._timeline
-        command_cycle(
-            cycle,
-            timeline.record,
-            timeline.table,
-            timeline.tables,
-            self.motors,
-            self.state,
-            self._constants,
-            self._geometry,
-        )
+        command_cycle(cycle, self.arrays)
         self._cycle = cycle + 1
         return self.motors
 
+    def next_event(self, cycle: int) -> int:
+        """Return the first cycle from a cycle on whose command does more than follow the present course."""
+        coming = NEVER if self._coming is None else self._coming.cycle
+        due = min(coming, self._stop_cycle, self.disable_cycle)
+        return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))
+
+    def commanded_to(self, cycle: int) -> None:
+        """Note that compiled code has given the commands of the cycles before this one."""
+        self._cycle = cycle
+
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
         """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""
-        answer_cycle(
-            cycle, positions_rad, torques_n_m, self.answer, self.state, self._constants, self._geometry
-        )
+        answer_cycle(cycle, positions_rad, torques_n_m, self.arrays)
         return self.answer
-
-    def arrays(self) -> tuple[Any, ...]:
-        """Arrays of the task, for a loop that is compiled as a whole, in the order of ``simulation``."""
-        timeline = self._timeline
-        return (
-            timeline.record,
-            timeline.table,
-            timeline.tables,
-            self.motors,
-            self.answer,
-            self.state,
-            self._constants,
-            self._geometry,
-        )
 
     def progress(self) -> tuple[int, float, float]:
         """Number of the present move, master position [m] and speed [m/s]."""

@@ -1,12 +1,19 @@
-"""State and constants of one drive as records that the compiled loops share."""
+"""State and constants of one drive as records that the compiled loops share.
+
+In the kernels of this room ``s`` is the record ``STATE``, ``c`` is ``CONSTANTS``, ``m`` is ``motor.MOTOR``, and
+``drive`` is ``DriveArrays``.
+"""
 
 import math
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.motor import MOTOR
+from delta3_pacdrive.motor import motor as motor_constants
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 
@@ -95,6 +102,11 @@ STATE = np.dtype(
         # sampled at the start of the bus cycle for the AT
         ('sampled_position', 'f8'),  # [rad], on the grid
         ('status', 'i8'),  # S-0-0135
+        (
+            'answer',
+            'f8',
+            (3,),
+        ),  # of the AT: position [rad] on the increment grid, speed [rad/s], torque [N m]
     ],
     align=True,
 )
@@ -144,9 +156,18 @@ CONSTANTS = np.dtype(
         ('release_cycles', 'i8'),
         ('apply_cycles', 'i8'),
         ('stop_cycles_max', 'i8'),
+        ('motor', MOTOR),
     ],
     align=True,
 )
+
+
+class DriveArrays(NamedTuple):
+    """A drive as the arrays that the compiled code works on."""
+
+    state: NDArray[Any]  # STATE
+    constants: NDArray[Any]  # CONSTANTS
+    currents: Floats  # (steps,) I_eff [A] of the motor's winding at the end of each current-loop period
 
 
 def _smoothing(period_s: float, time_constant_s: float) -> float:
@@ -216,4 +237,5 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
     record = np.zeros(1, CONSTANTS)
     for name, value in values.items():
         record[name] = value
+    record['motor'] = motor_constants(parameters)
     return record

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from delta3_pacdrive.drive.arrays import STATE, DriveState, drive_constants
+from delta3_pacdrive.drive.arrays import STATE, DriveArrays, DriveState, drive_constants
 from delta3_pacdrive.drive.cascade import (
     clamp,
     current_feedforward,
@@ -31,7 +31,6 @@ from delta3_pacdrive.drive.state_machine import (
     stopping_speed,
 )
 from delta3_pacdrive.motor import (
-    motor,
     phase_currents,
     phase_voltage_max,
     short_circuit_current,
@@ -56,18 +55,39 @@ def _encoder(position, s, c):
 
 
 @kernel
-def mc4_begin_cycle(received, command, control, position, speed, coupling, answer, state, constants):
-    """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine."""
-    s, c = state[0], constants[0]
-    reset_observer(position, speed, coupling, s)
+def mc4_begin_cycle(received, command, control, shaft, drive):
+    """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine.
+
+    Parameters
+    ----------
+    received
+        Whether the MDT is there.
+    command
+        Motor shaft that it commands [rad].
+    control
+        Its control word S-0-0134.
+    shaft
+        True shaft at the start of the cycle: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
+    drive
+        The ``DriveArrays``; its ``answer`` is filled.
+
+    Returns
+    -------
+    int
+        Status word S-0-0135.
+
+    """
+    s, c = drive.state[0], drive.constants[0]
+    position, speed, _ = shaft
+    reset_observer(shaft, s)
     s.step = 0
     s.encoder_offset += s.encoder_drift * c.cycle_time
-    answer[0] = _encoder(position, s, c) / c.increments_per_rad
-    answer[1] = speed
-    answer[2] = c.torque_constant * s.current
-    s.sampled_position = answer[0]
+    s.sampled_position = _encoder(position, s, c) / c.increments_per_rad
+    s.answer[0] = s.sampled_position
+    s.answer[1] = speed
+    s.answer[2] = c.torque_constant * s.current
     if s.started == 0:
-        s.last_sampled = answer[0]
+        s.last_sampled = s.sampled_position
     if received:
         accept_telegram(command, control, s)
     else:
@@ -94,13 +114,20 @@ def _end_stage(s, c, m):
 
 
 @kernel
-def mc4_run_period(position, speed, coupling, currents, state, constants, motor_record):
-    """Close the loops through one exchange period; return the brake output.
+def mc4_run_period(shaft, drive):
+    """Close the loops through one exchange period, filling ``currents``; return the brake output, 1 = release.
 
-    ``currents`` takes I_eff of the motor's winding at the end of each current-loop period.
+    Parameters
+    ----------
+    shaft
+        True shaft at the start of the period: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
+    drive
+        The ``DriveArrays``.
+
     """
-    s, c, m = state[0], constants[0], motor_record[0]
-    reset_observer(position, speed, coupling, s)
+    s, c, currents = drive.state[0], drive.constants[0], drive.currents
+    m = c.motor
+    reset_observer(shaft, s)
     powered = is_powered(s) and s.blocked == 0
     for n in range(currents.shape[0]):
         if s.step % c.steps_per_velocity == 0:
@@ -110,7 +137,7 @@ def mc4_run_period(position, speed, coupling, currents, state, constants, motor_
                 actual = (s.increments - before) / (c.increments_per_rad * c.velocity_period)
                 if n == 0 and c.steps_per_exchange != c.steps_per_velocity:
                     # the difference would span the observer's reset
-                    actual = speed
+                    actual = shaft[1]
                 feedforward = 0.0
                 if follows(s):
                     feedforward = current_feedforward(s, c)
@@ -139,8 +166,8 @@ def mc4_run_period(position, speed, coupling, currents, state, constants, motor_
 
 
 @kernel
-def _phase_currents(state, motor_record):
-    return phase_currents(state[0].current, state[0].position, motor_record[0])
+def _phase_currents(drive):
+    return phase_currents(drive.state[0].current, drive.state[0].position, drive.constants[0].motor)
 
 
 class MC4:
@@ -155,6 +182,8 @@ class MC4:
 
     Attributes
     ----------
+    arrays
+        What the compiled loops work on; ``state`` and ``constants`` are its records.
     answer
         What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on
         the increment grid, speed [rad/s], torque K_m I_eff [N m].
@@ -166,13 +195,13 @@ class MC4:
     """
 
     def __init__(self, parameters: Parameters, axis: int = 0) -> None:
-        self.constants = drive_constants(parameters)
-        self._motor = motor(parameters)
-        self.state = np.zeros(1, STATE)
+        constants = drive_constants(parameters)
+        steps = int(constants['steps_per_exchange'][0])
+        self.arrays = DriveArrays(np.zeros(1, STATE), constants, np.zeros(steps))
+        self.state, self.constants, self.currents = self.arrays
+        self.answer: Floats = self.state['answer'][0]
         self.state['dc_link'] = parameters.drive.dc_link_voltage_v
         calibrate(axis, parameters, self.state)
-        self.answer: Floats = np.zeros(3)
-        self.currents: Floats = np.zeros(int(self.constants['steps_per_exchange'][0]))
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
 
     def begin_cycle(
@@ -197,22 +226,18 @@ class MC4:
         self.payload = self._next_payload
         if payload is not None:
             self._next_payload = payload
-        return int(
-            mc4_begin_cycle(
-                True, command, control, position, speed, coupling, self.answer, self.state, self.constants
-            )
-        )
+        return int(mc4_begin_cycle(True, command, control, (position, speed, coupling), self.arrays))
 
     def extrapolate_cycle(self, position: float, speed: float, coupling: float) -> int:
         """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
-        return int(
-            mc4_begin_cycle(False, 0.0, 0, position, speed, coupling, self.answer, self.state, self.constants)
-        )
+        return int(mc4_begin_cycle(False, 0.0, 0, (position, speed, coupling), self.arrays))
 
     def configure(self, parameters: Parameters) -> None:
         """Take over other gains, feed-forwards, filters and limits from the next cycle on."""
-        self.constants[:] = drive_constants(parameters)
+        constants = drive_constants(parameters)
+        constants['motor'] = self.constants['motor']  # is the same
+        self.constants[:] = constants
 
     def clear_fault(self) -> bool:
         """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
@@ -229,9 +254,7 @@ class MC4:
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
-        return bool(
-            mc4_run_period(position, speed, coupling, self.currents, self.state, self.constants, self._motor)
-        )
+        return bool(mc4_run_period((position, speed, coupling), self.arrays))
 
     @property
     def drive_state(self) -> DriveState:
@@ -256,5 +279,5 @@ class MC4:
 
     def phase_currents(self) -> tuple[float, float, float]:
         """I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""
-        i1, i2, i3 = _phase_currents(self.state, self._motor)
+        i1, i2, i3 = _phase_currents(self.arrays)
         return float(i1), float(i2), float(i3)

@@ -5,11 +5,9 @@ from delta3_pacdrive.numerics.kernel import kernel
 
 
 @kernel
-def reset_observer(position, speed, coupling, s):
-    """Set the shaft to what the plant says."""
-    s.position = position
-    s.speed = speed
-    s.coupling = coupling
+def reset_observer(shaft, s):
+    """Set the shaft to what the plant says: position [rad], speed [rad/s], coupling torque d [N m]."""
+    s.position, s.speed, s.coupling = shaft
 
 
 @kernel

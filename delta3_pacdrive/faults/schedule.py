@@ -109,6 +109,11 @@ class Schedule:
                 return fault
         return None
 
+    def next_event(self, cycle: int) -> int:
+        """Return the first cycle from a cycle on in which a fault begins, ends or disturbs a telegram."""
+        disturbed = [max(one.first, cycle) for one in self._telegrams if one.end > cycle]
+        return min([self.next_cycle, *disturbed])
+
     def forget_telegrams_before(self, cycle: int) -> None:
         """Forget faults of telegrams that are over."""
         self._telegrams = [scheduled for scheduled in self._telegrams if scheduled.end > cycle]

@@ -5,6 +5,13 @@ from delta3_pacdrive.numerics.kernel import kernel
 
 
 @kernel
+def command_brakes(brakes, s):
+    """Hand on the brake outputs of the drives, 1 = release."""
+    for i in range(3):
+        s.brake_command[i] = brakes[i]
+
+
+@kernel
 def advance_brake(i, speed, s, c):
     """Let brake ``i`` follow its command after the release or apply delay; one integration step."""
     released = s.brake_released[i]
@@ -22,6 +29,14 @@ def advance_brake(i, speed, s, c):
 
 
 @kernel
+def advance_brakes(speed, s, c):
+    """Let the three brakes follow their commands, shafts turning at ``speed`` [rad/s]."""
+    advance_brake(0, speed[0], s, c)
+    advance_brake(1, speed[1], s, c)
+    advance_brake(2, speed[2], s, c)
+
+
+@kernel
 def caught_speed(i, before, after, s):
     """Speed of shaft ``i`` after a step from ``before``: 0 where its brake catches it on the way through zero."""
     comes_to_rest = before != 0.0 and after * before <= 0.0
@@ -29,6 +44,16 @@ def caught_speed(i, before, after, s):
         s.brake_locked[i] = 1
         return 0.0
     return after
+
+
+@kernel
+def caught_speeds(before, h, acceleration, s):
+    """Speeds of the shafts after a step of ``h`` [s]; a brake catches them as in ``caught_speed``."""
+    return (
+        caught_speed(0, before[0], before[0] + h * acceleration[0], s),
+        caught_speed(1, before[1], before[1] + h * acceleration[1], s),
+        caught_speed(2, before[2], before[2] + h * acceleration[2], s),
+    )
 
 
 @kernel

@@ -13,7 +13,7 @@ The friction is that of LuGre (Canudas de Wit et al. 1995) on the motor side: br
 A shaft that stands is held like by a spring up to the break-away torque F_b; at speed the friction falls to F_s and
 rises with F_v again (Stribeck). zdot is integrated exactly for the speed of a step.
 
-The step is the one of ``mechanism``, but predicts the middle from position and speed alone (position Verlet), so that
+The step is that of ``rigid``, but predicts the middle from position and speed alone (position Verlet), so that
 springs keep their energy; it is divided where a spring is too stiff for it.
 """
 
@@ -26,16 +26,16 @@ from numpy.typing import NDArray
 from delta3_pacdrive.dynamics import motion_terms, multiply, rotor_inertia, solve
 from delta3_pacdrive.motor import friction_torque
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.numerics.vector3 import middle, plus, triple
+from delta3_pacdrive.numerics.vector3 import difference, middle, plus, triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.brake import acceleration_under_brakes, advance_brake, caught_speed
-from delta3_pacdrive.plant.contact import contact_torque, end_stop_torque, take_payload
+from delta3_pacdrive.plant.brake import acceleration_under_brakes, caught_speeds
+from delta3_pacdrive.plant.contact import contact_torque, end_stop_torque
 
 STEP_ANGLE = 0.1  # [rad] that the stiffest spring may swing in a step: its period is right within 1e-3
 STEP_DECAY = 0.2  # of the speed that its damping may take in a step
 SETTLING = 30  # iterations; each makes the error some thousand times smaller
 
-RICH_STATE = np.dtype(
+BUILT_STATE = np.dtype(
     [
         ('shaft', 'f8', (3,)),  # [rad], motor shaft over k_r
         ('rate', 'f8', (3,)),  # [rad/s]
@@ -45,7 +45,7 @@ RICH_STATE = np.dtype(
     align=True,
 )
 
-RICH = np.dtype(
+BUILT = np.dtype(
     [
         ('substeps', 'i8'),
         ('elastic', 'i8'),
@@ -65,10 +65,10 @@ RICH = np.dtype(
 )
 
 
-def rich_constants(parameters: Parameters) -> NDArray[Any]:
-    """Return one record of ``RICH``; neutral where an effect is off."""
+def built_constants(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``BUILT``; neutral where an effect is off."""
     effects, motor, gear_ratio = parameters.rich.effects, parameters.motor, parameters.dynamics.gear_ratio
-    record = np.zeros(1, RICH)
+    record = np.zeros(1, BUILT)
     rotor = rotor_inertia(parameters)
     step = parameters.drive.current_period_s
     stiffness = decay = 0.0
@@ -125,12 +125,16 @@ def bristle_friction(bristle, speed, m, r):
 
 
 @kernel
-def shaft_torque(i, current, shaft, rate, bristle, s, c, m, r):
-    """Torque [N m, motor side] of motor ``i`` less friction and load, and how much less that is than the model's."""
+def shaft_torque(current, load, shaft, rate, bristle, plant, built):
+    """Torque [N m, motor side] of a motor less friction and load, and how much less that is than the model's.
+
+    ``load`` is a torque [N m] on its shaft.
+    """
+    c, m, r = plant.constants, plant.motor, built.constants
     speed = c.gear_ratio * rate
     modelled = friction_torque(speed, m)
     friction = modelled if r.bristle_stiffness == 0.0 else bristle_friction(bristle, speed, m, r)
-    torque = motor_torque(current, c.gear_ratio * shaft, m, r) - friction - s.load_torque[i]
+    torque = motor_torque(current, c.gear_ratio * shaft, m, r) - friction - load
     return torque, m.torque_constant * current - modelled - torque
 
 
@@ -146,12 +150,18 @@ def gear_torque(twist, rate, r):
 
 
 @kernel
-def _accelerations(theta, thetadot, shaft, rate, bristle, current, s, c, g, n, m, r):
-    """Accelerations of arms and shafts [rad/s^2, arm side], and coupling torques d [N m, motor side] (4.31)."""
-    mass, bias = motion_terms(theta, thetadot, g, n)
-    t1, less1 = shaft_torque(0, current[0], shaft[0], rate[0], bristle[0], s, c, m, r)
-    t2, less2 = shaft_torque(1, current[1], shaft[1], rate[1], bristle[1], s, c, m, r)
-    t3, less3 = shaft_torque(2, current[2], shaft[2], rate[2], bristle[2], s, c, m, r)
+def _accelerations(arms, shafts, current, plant, built):
+    """Accelerations of arms and shafts [rad/s^2, arm side], and coupling torques d [N m, motor side] (4.31).
+
+    ``arms`` is (theta, thetadot), ``shafts`` is (shaft, rate, bristle), each of them a 3-tuple.
+    """
+    s, c, r = plant.state, plant.constants, built.constants
+    theta, thetadot = arms
+    shaft, rate, z = shafts
+    mass, bias = motion_terms(theta, thetadot, plant.geometry, plant.inertia)
+    t1, less1 = shaft_torque(current[0], s.load_torque[0], shaft[0], rate[0], z[0], plant, built)
+    t2, less2 = shaft_torque(current[1], s.load_torque[1], shaft[1], rate[1], z[1], plant, built)
+    t3, less3 = shaft_torque(current[2], s.load_torque[2], shaft[2], rate[2], z[2], plant, built)
     k = c.gear_ratio
     held = (
         bias[0] + end_stop_torque(theta[0], thetadot[0], c),
@@ -200,90 +210,63 @@ def _bristles(bristle, rate, h, c, m, r):
 
 
 @kernel
-def advance_rich(
-    currents,
-    brakes,
-    payload_kg,
-    shafts,
-    state,
-    constants,
-    geometry_record,
-    inertia_record,
-    motor_record,
-    rich_state,
-    rich_record,
-):
-    """Integrate through ``currents`` as ``mechanism.advance_plant`` does, with the effects of this module."""
-    s, c, q, r = state[0], constants[0], rich_state[0], rich_record[0]
-    for i in range(3):
-        s.brake_command[i] = brakes[i]
-    g, n, m = geometry_record[0], inertia_record[0], motor_record[0]
-    take_payload(payload_kg, s, n)
-    h = c.step / r.substeps
+def step_built(before, now, plant, built):
+    """Advance arms and shafts by one step, through which the currents go from ``before`` to ``now``."""
+    s, c, q, r = plant.state, plant.constants, built.state, built.constants
+    m, h = plant.motor, c.step / r.substeps
     theta, thetadot, last = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
-    shaft, rate, turning, bristle = (
-        triple(q.shaft),
-        triple(q.rate),
-        triple(q.acceleration),
-        triple(q.bristle),
-    )
-    before = triple(s.current)
-    for k in range(currents.shape[0]):
-        for i in range(3):
-            advance_brake(i, rate[i], s, c)
-        now = (currents[k, 0], currents[k, 1], currents[k, 2])
-        rise = (now[0] - before[0], now[1] - before[1], now[2] - before[2])
-        for part in range(r.substeps):
-            mean = plus(before, (part + 0.5) / r.substeps, rise)
-            middle_rate = plus(rate, 0.5 * h, turning)
-            last, turning, _ = _accelerations(
-                plus(theta, 0.5 * h, thetadot),
-                plus(thetadot, 0.5 * h, last),
-                plus(shaft, 0.5 * h, rate),
-                middle_rate,
-                _bristles(bristle, middle_rate, 0.5 * h, c, m, r),
-                mean,
-                s,
-                c,
-                g,
-                n,
-                m,
-                r,
-            )
-            after = (
-                caught_speed(0, rate[0], rate[0] + h * turning[0], s),
-                caught_speed(1, rate[1], rate[1] + h * turning[1], s),
-                caught_speed(2, rate[2], rate[2] + h * turning[2], s),
-            )
-            mean_rate = middle(rate, after)
-            shaft = plus(shaft, h, mean_rate)
-            bristle = _bristles(bristle, mean_rate, h, c, m, r)
-            rate = after
-            if r.elastic != 0:
-                arms = plus(thetadot, h, last)
-                theta = plus(theta, h, middle(thetadot, arms))
-                thetadot = arms
-            else:
-                theta, thetadot = plus(shaft, 1.0, c.angle_error), rate
-        before = now
-    _, _, coupling = _accelerations(theta, thetadot, shaft, rate, bristle, before, s, c, g, n, m, r)
+    shaft, rate, turning, bristle = triple(q.shaft), triple(q.rate), triple(q.acceleration), triple(q.bristle)
+    rise = difference(now, before)
+    for part in range(r.substeps):
+        mean = plus(before, (part + 0.5) / r.substeps, rise)
+        middle_rate = plus(rate, 0.5 * h, turning)
+        last, turning, _ = _accelerations(
+            (plus(theta, 0.5 * h, thetadot), plus(thetadot, 0.5 * h, last)),
+            (plus(shaft, 0.5 * h, rate), middle_rate, _bristles(bristle, middle_rate, 0.5 * h, c, m, r)),
+            mean,
+            plant,
+            built,
+        )
+        after = caught_speeds(rate, h, turning, s)
+        mean_rate = middle(rate, after)
+        shaft = plus(shaft, h, mean_rate)
+        bristle = _bristles(bristle, mean_rate, h, c, m, r)
+        rate = after
+        if r.elastic != 0:
+            arms = plus(thetadot, h, last)
+            theta = plus(theta, h, middle(thetadot, arms))
+            thetadot = arms
+        else:
+            theta, thetadot = plus(shaft, 1.0, c.angle_error), rate
     for i in range(3):
         s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
         q.shaft[i], q.rate[i], q.acceleration[i], q.bristle[i] = shaft[i], rate[i], turning[i], bristle[i]
-        s.current[i], s.coupling[i] = before[i], coupling[i]
-        shafts[i], shafts[3 + i], shafts[6 + i] = shaft[i] * c.gear_ratio, rate[i] * c.gear_ratio, coupling[i]
 
 
 @kernel
-def settle(state, constants, geometry_record, inertia_record, rich_state, rich_record):
+def built_coupling(plant, built):
+    """Coupling torques d [N m, motor side] at the end of a step (4.31)."""
+    s, q = plant.state, built.state
+    _, _, coupling = _accelerations(
+        (triple(s.theta), triple(s.thetadot)),
+        (triple(q.shaft), triple(q.rate), triple(q.bristle)),
+        triple(s.current),
+        plant,
+        built,
+    )
+    return coupling
+
+
+@kernel
+def settle(plant, built):
     """Let shafts and arms stand still: the arms hang on gears that their weight has wound up."""
-    s, c, q, r = state[0], constants[0], rich_state[0], rich_record[0]
+    s, c, q, r = plant.state, plant.constants, built.state, built.constants
     for i in range(3):
         q.shaft[i] = s.theta[i] - c.angle_error[i]
     if r.elastic == 0:
         return
     for _ in range(SETTLING):
-        _, weight = motion_terms(triple(s.theta), (0.0, 0.0, 0.0), geometry_record[0], inertia_record[0])
+        _, weight = motion_terms(triple(s.theta), (0.0, 0.0, 0.0), plant.geometry, plant.inertia)
         for i in range(3):
             twist = weight[i] / r.stiffness + math.copysign(0.5 * r.backlash, weight[i])
             s.theta[i] = q.shaft[i] + c.angle_error[i] - twist

@@ -21,7 +21,7 @@ def end_stop_torque(theta, thetadot, c):
 
 
 @kernel
-def take_payload(payload_kg, s, n):
+def hang_payload(payload_kg, s, n):
     """Hang what is gripped at the plate, unless it has fallen off; a gripped part takes the plate's speed at once."""
     if payload_kg != s.gripped:
         s.gripped = payload_kg

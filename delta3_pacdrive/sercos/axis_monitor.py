@@ -15,7 +15,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos import losses
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.losses import LOSSES_IN_A_ROW, Losses
+from delta3_pacdrive.sercos.losses import LOSSES_IN_A_ROW, Losses, count_telegrams
 from delta3_pacdrive.sercos.words import Status, in_torque
 
 FOLLOWS = int(Status.FOLLOWS_COMMAND)
@@ -88,6 +88,24 @@ class AxisMonitor:
         self.status[axis] = status
         count_telegram(self._recent[axis])
 
+    def accept_cycles(self, cycles: int, answers: Floats, status: Sequence[int]) -> None:
+        """Accept the answers of cycles in which nothing was lost, of which the last ones are given.
+
+        Parameters
+        ----------
+        cycles
+            How many they are.
+        answers
+            Rows of position [rad], speed [rad/s] and torque [N m], a column for each axis, shape (3, 3).
+        status
+            Status words, shape (3,).
+
+        """
+        self.positions[:], self.torques[:] = answers[0], answers[2]
+        self.speeds, self.status = answers[1].tolist(), list(status)
+        for recent in self._recent:
+            count_telegrams(recent, cycles)
+
     def extrapolate(self, axis: int) -> None:
         """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
         if axis in self.absent:
@@ -105,6 +123,10 @@ class AxisMonitor:
     def faulty(self) -> list[int]:
         """Numbers of the axes that report a fault."""
         return [index for index, status in enumerate(self.status) if status & ERROR]
+
+    def is_checked(self, status: list[int]) -> bool:
+        """Whether these status words are those that were checked last: they tell nothing new."""
+        return status == self._checked
 
     def check(self, cycle: int, program_starts: int) -> AxisFault | None:
         """Check the answers of a cycle, once they are all there.

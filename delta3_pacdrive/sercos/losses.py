@@ -32,6 +32,14 @@ def count_telegram(s):
         s.losses_in_window = max(0, s.losses_in_window - 1)
 
 
+def count_telegrams(losses: Losses, telegrams: int) -> None:
+    """Count telegrams that came one after the other, as ``count_telegram`` does one by one."""
+    if telegrams:
+        losses.losses_in_a_row = 0
+        cleared, losses.good_cycles = divmod(losses.good_cycles + telegrams, CLEARING_CYCLES)
+        losses.losses_in_window = max(0, losses.losses_in_window - cleared)
+
+
 @kernel
 def count_loss(s):
     """Count a telegram that did not come."""

@@ -1,6 +1,6 @@
 """All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
 
-from delta3_pacdrive.simulation.loop import placed, run
+from delta3_pacdrive.simulation.run import placed, run
 from delta3_pacdrive.simulation.warm_up import (
     KERNELS,
     compile_kernels,

@@ -1,103 +1,108 @@
 """The robot behind the bus: three drives and the plant, one bus cycle after the other, without ROS."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from delta3_pacdrive.drive.arrays import DriveArrays
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.arrays import PlantArrays
 from delta3_pacdrive.plant.plant import Plant, advance
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import payload_on_grid
 
-AXES = ('axis1', 'axis2', 'axis3')
+
+class RobotArrays(NamedTuple):
+    """Three drives and the plant as the arrays that the compiled code works on."""
+
+    drives: tuple[DriveArrays, DriveArrays, DriveArrays]
+    plant: PlantArrays
+    exchanges: int  # in a bus cycle
+    received: NDArray[np.int64]  # (3,) whether a drive gets the MDT
+    status: NDArray[np.int64]  # (3,) S-0-0135
+    answers: (
+        Floats  # (3, 3) rows of the AT: position [rad], speed [rad/s], torque [N m]; a column for each axis
+    )
+    payload: Floats  # (2,) what is gripped now, and what the last MDT said [kg]
+    currents: Floats  # (steps, 3) of an exchange period [A]
+    brakes: NDArray[np.int64]  # (3,) brake outputs, 1 = release
 
 
 @kernel
-def robot_cycle(
-    heard, motors, control, payload_kg, status, answers, payload, exchanges, drives, drive_constants, plant
-):
-    """One bus cycle of drives and plant, exchange by exchange; ``heard`` (3,) says which drives get their MDT.
+def robot_cycle(motors, control, payload_kg, robot, built):
+    """Run one bus cycle of drives and plant, exchange by exchange; ``status`` and ``answers`` are filled.
 
-    ``payload`` holds what is gripped now, and what the last MDT said [kg].
+    Parameters
+    ----------
+    motors, control, payload_kg
+        What the MDT says: motor shaft commands [rad], shape (3,), S-0-0134, and what is gripped [kg].
+    robot
+        The ``RobotArrays``.
+    built
+        The ``BuiltArrays``, or None for a rigid robot: see ``plant.advance``.
+
     """
-    (
-        motor_record,
-        plant_state,
-        plant_constants,
-        geometry_record,
-        inertia_record,
-        rich,
-        shafts,
-        matrix,
-        brakes,
-    ) = plant
-    payload[0] = payload[1]
-    payload[1] = payload_kg
+    drives, shafts = robot.drives, robot.plant.shafts
+    robot.payload[0] = robot.payload[1]
+    robot.payload[1] = payload_kg
     for i in range(3):
-        state, answer, _ = drives[i]
-        status[i] = mc4_begin_cycle(
-            heard[i] != 0,
-            motors[i],
-            control,
-            shafts[i],
-            shafts[3 + i],
-            shafts[6 + i],
-            answer,
-            state,
-            drive_constants,
-        )
+        drive, shaft = drives[i], (shafts[i], shafts[3 + i], shafts[6 + i])
+        robot.status[i] = mc4_begin_cycle(robot.received[i] != 0, motors[i], control, shaft, drive)
         for row in range(3):
-            answers[row, i] = answer[row]
-    for _ in range(exchanges):
+            robot.answers[row, i] = drive.state[0].answer[row]
+    for _ in range(robot.exchanges):
         for i in range(3):
-            state, _, currents = drives[i]
-            brakes[i] = mc4_run_period(
-                shafts[i], shafts[3 + i], shafts[6 + i], currents, state, drive_constants, motor_record
-            )
-            for n in range(currents.shape[0]):
-                matrix[n, i] = currents[n]
-        advance(
-            matrix,
-            brakes,
-            payload[0],
-            shafts,
-            plant_state,
-            plant_constants,
-            geometry_record,
-            inertia_record,
-            motor_record,
-            rich,
-        )
+            drive, shaft = drives[i], (shafts[i], shafts[3 + i], shafts[6 + i])
+            robot.brakes[i] = mc4_run_period(shaft, drive)
+            for n in range(drive.currents.shape[0]):
+                robot.currents[n, i] = drive.currents[n]
+        advance(robot.currents, robot.brakes, robot.payload[0], robot.plant, built)
 
 
 class Robot:
-    """Plant and drives, one exchange after the other."""
+    """Plant and drives, one exchange after the other.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+
+    Attributes
+    ----------
+    plant, drives
+        The machine and its three drives.
+    arrays
+        What the compiled loops work on.
+
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus
         self.plant = Plant(parameters)
-        self.drives = [MC4(parameters, index) for index in range(len(AXES))]
+        self.drives = [MC4(parameters, index) for index in range(len(DRIVES))]
         gripped = payload_on_grid(parameters.dynamics.payload_mass_kg)
-        self.payload: Floats = np.array([gripped, gripped])
-        self.exchanges = round(bus.cycle_time_s / bus.exchange_period_s)
-        steps = len(self.drives[0].currents)
-        self.drive_arrays = tuple((drive.state, drive.answer, drive.currents) for drive in self.drives)
-        self.drive_constants = self.drives[0].constants
-        self.plant_arrays = (*self.plant.arrays(), np.zeros((steps, 3)), np.zeros(3, dtype=np.int64))
-        self._status = np.zeros(3, dtype=np.int64)
-        self._heard = np.ones(3, dtype=np.int64)
+        first, second, third = (drive.arrays for drive in self.drives)
+        self.arrays = RobotArrays(
+            (first, second, third),
+            self.plant.arrays,
+            round(bus.cycle_time_s / bus.exchange_period_s),
+            np.ones(3, dtype=np.int64),
+            np.zeros(3, dtype=np.int64),
+            np.zeros((3, 3)),
+            np.array([gripped, gripped]),
+            np.zeros((len(first.currents), 3)),
+            np.zeros(3, dtype=np.int64),
+        )
 
     def encoder_positions(self) -> list[float]:
         """Motor shaft positions [rad] as the encoders read them."""
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
-
-    def arrays(self) -> tuple[Any, ...]:
-        """Arrays for a loop that is compiled as a whole, as ``robot_cycle`` takes them."""
-        return (self.payload, self.exchanges, self.drive_arrays, self.drive_constants, self.plant_arrays)
 
     def cycle(
         self,
@@ -105,21 +110,33 @@ class Robot:
         control: int,
         answers: Floats,
         payload_kg: float | None = None,
-        heard: Sequence[bool] = (True, True, True),
+        received: Sequence[bool] = (True, True, True),
     ) -> list[int]:
-        """Run one bus cycle; fill ``answers`` (3 rows: position, speed, torque) and return the status words."""
-        self._heard[:] = heard
-        robot_cycle(
-            self._heard,
-            np.ascontiguousarray(commands, dtype=np.float64),
-            control,
-            float(self.payload[1]) if payload_kg is None else payload_kg,
-            self._status,
-            answers,
-            self.payload,
-            self.exchanges,
-            self.drive_arrays,
-            self.drive_constants,
-            self.plant_arrays,
-        )
-        return list(self._status.tolist())
+        """Run one bus cycle.
+
+        Parameters
+        ----------
+        commands
+            Motor shafts [rad] of the MDT, shape (3,).
+        control
+            Control word S-0-0134 of the MDT.
+        answers
+            Takes the AT, shape (3, 3): rows of position [rad], speed [rad/s] and torque [N m], columns of axes.
+        payload_kg
+            Payload of the MDT [kg]; None: as before.
+        received
+            Which drives get the MDT, shape (3,).
+
+        Returns
+        -------
+        list[int]
+            Status words S-0-0135 of the three drives.
+
+        """
+        arrays = self.arrays
+        arrays.received[:] = received
+        payload = float(arrays.payload[1]) if payload_kg is None else payload_kg
+        commands = np.ascontiguousarray(commands, dtype=np.float64)
+        robot_cycle(commands, control, payload, arrays, self.plant.built)
+        answers[:] = arrays.answers
+        return list(arrays.status.tolist())

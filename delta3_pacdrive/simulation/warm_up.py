@@ -25,8 +25,8 @@ from delta3_pacdrive.numerics.kernel import (
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.sercos.words import CONTROL_ON
-from delta3_pacdrive.simulation.loop import run
 from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.simulation.run import run
 
 
 def load_kernels(parameters: Parameters) -> None:
@@ -38,7 +38,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 106
+KERNELS = 112
 Show = Callable[[int, int], None]
 
 

@@ -148,6 +148,17 @@ def test_telegrams_are_disturbed_for_as_many_cycles_as_are_asked_for():
     assert not any(schedule.telegram(fault_table.AT_LOSSES, 'axis3', k) for k in range(100))
 
 
+def test_the_next_event_is_a_change_or_a_telegram_that_is_disturbed():
+    schedule = Schedule()
+    assert schedule.next_event(0) == NEVER
+    document = {'fault': 'encoder_failure', 'axis': 'axis1', 'after_s': 0.04, 'for_s': 0.03}
+    schedule.add(Scheduled.of(parse(document, 'fault'), 0, 1e-3))
+    schedule.add(Scheduled.of(parse({'fault': 'drop_at', 'axis': 'axis3', 'cycles': 2}, 'fault'), 50, 1e-3))
+    assert schedule.next_event(0) == 40
+    schedule.due(40)
+    assert [schedule.next_event(cycle) for cycle in (41, 50, 51, 52)] == [50, 50, 51, 70]
+
+
 def test_clear_forgets_what_is_still_to_come():
     schedule = Schedule()
     for after, kind in ((0.0, 'clear'), (0.5, 'encoder_failure'), (0.5, 'drop_at')):

@@ -23,7 +23,7 @@ from built_plant import (
 )
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.motor import motor
-from delta3_pacdrive.plant.built_robot import bristle_after, bristle_friction, motor_torque, rich_constants
+from delta3_pacdrive.plant.built_robot import bristle_after, bristle_friction, built_constants, motor_torque
 from delta3_pacdrive.plant.plant import Plant
 
 PERIOD = 2e-3  # relative, of a spring: (w h)^2 / 24 of the step, and the reading of zero crossings
@@ -46,7 +46,7 @@ def test_rotor_and_arm_swing_at_the_frequency_of_the_two_mass_axis(stiffness, ro
     rotor, arm = symmetric_inertias(elastic)
     expected = math.sqrt(stiffness * (1.0 / rotor + 1.0 / arm)) / math.tau
     plant = released_plant(elastic)
-    plant._rich[0]['rate'] = 1e-4  # the rotors are struck
+    plant.built.state['rate'] = 1e-4  # the rotors are struck
     twists, samples = [], np.zeros((1, 3))
     for _ in range(4000):
         plant.advance(samples, RELEASED)
@@ -115,7 +115,7 @@ def test_a_locked_shaft_stands_while_its_arm_swings_behind_the_gear(robot):
 @pytest.mark.parametrize('stiffness', [2e6, 1e7])
 def test_gears_too_stiff_for_the_step_get_shorter_ones(stiffness, robot):
     stiff = with_only(robot, 'gear', **LOSSLESS, rich__gear_stiffness_n_m_rad=stiffness)
-    assert rich_constants(stiff)['substeps'][0] > 1
+    assert built_constants(stiff)['substeps'][0] > 1
     balance, exchanged, _ = balance_of_work(stiff, 50)
     assert abs(balance) < ELASTIC * exchanged
 
@@ -178,7 +178,7 @@ def test_a_load_that_friction_holds_stays_where_it_is(robot):
 
 def test_the_steady_friction_has_its_minimum_where_stribecks_curve_has_it(robot):
     plant_robot = weightless(robot)
-    r, m = rich_constants(plant_robot)[0], motor(plant_robot)[0]
+    r, m = built_constants(plant_robot)[0], motor(plant_robot)[0]
     speeds = np.linspace(0.01, 40.0, 4000)
 
     def steady(speed):
@@ -213,7 +213,7 @@ def test_a_shaft_that_comes_to_rest_under_friction_does_not_chatter(robot):
 
 def test_cogging_and_ripple_come_at_their_periods_and_add_nothing_to_the_mean(robot):
     plant_robot = with_only(robot, 'ripple')
-    r, m = rich_constants(plant_robot)[0], motor(plant_robot)[0]
+    r, m = built_constants(plant_robot)[0], motor(plant_robot)[0]
     angles = math.tau * np.arange(720) / 720
 
     def spectrum(current):

@@ -6,10 +6,11 @@ import pytest
 from delta3_pacdrive.controller.transformation import DISABLE_CYCLES, Transformation
 from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.losses import CLEARING_CYCLES
+from delta3_pacdrive.sercos.losses import CLEARING_CYCLES, Losses, count_telegram, count_telegrams
 from delta3_pacdrive.sercos.watchdog import (
     ANSWER_SILENT_S,
     BUS_SILENT_S,
@@ -329,3 +330,24 @@ def test_nobody_waits_for_an_axis_that_is_given_up(buffer):
     assert buffer.get(100) == ['x', None, 'x']
     assert buffer.ahead(100) == 1
     assert buffer.lost == 0
+
+
+@pytest.mark.parametrize('telegrams', [0, 1, 99, 100, 101, 250, 1003])
+@pytest.mark.parametrize('good', [0, 1, 99])
+def test_many_answers_count_as_they_would_one_by_one(telegrams, good):
+    at_once, one_by_one = Losses(1, 5, good), Losses(1, 5, good)
+    count_telegrams(at_once, telegrams)
+    for _ in range(telegrams):
+        interpreted(count_telegram)(one_by_one)
+    assert at_once == one_by_one
+
+
+def test_answers_of_many_cycles_leave_what_the_last_of_them_would(master):
+    answers = np.arange(9.0).reshape(3, 3)
+    master.accept_cycles(7, answers, [FOLLOWS, FOLLOWS, 0])
+    assert master.positions.tolist() == [0.0, 1.0, 2.0]
+    assert master.speeds == [3.0, 4.0, 5.0]
+    assert master.torques.tolist() == [6.0, 7.0, 8.0]
+    assert not master.is_checked(master.status)
+    master.check(7, NEVER)
+    assert master.is_checked(master.status)

@@ -14,7 +14,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation import run
-from delta3_pacdrive.simulation.robot import AXES, Robot
+from delta3_pacdrive.simulation.robot import Robot
 
 GEAR = 32.0
 INCREMENT_RAD = math.tau / 2**19
@@ -186,7 +186,7 @@ def test_the_robot_stands_still_while_it_is_not_enabled(robot):
     start = standing.plant.shafts()[:6]
     commands = np.array(standing.encoder_positions())
     for _ in range(100):
-        assert len(standing.cycle(commands, 0, answers)) == len(AXES)
+        assert len(standing.cycle(commands, 0, answers)) == 3
     assert standing.plant.shafts()[:6] == start
     assert not answers[2].any()
 

@@ -177,39 +177,25 @@ class _Oscilloscope:
         self._per_exchange = len(robot.drives[0].currents)
         self._currents = np.empty((self._per_exchange, 3))
         self._brakes = np.zeros(3, dtype=np.int64)
-        self._increments_per_rad = float(robot.drive_constants['increments_per_rad'][0])
+        self._increments_per_rad = float(robot.drives[0].constants['increments_per_rad'][0])
 
     def run_cycle(self, motors: Floats, control: int, answers: Floats, steps: int) -> list[int]:
         """Run one bus cycle of ``steps`` periods; fill ``answers`` and return the status words."""
-        motor, state, constants, geometry, inertia, rich, shafts = self._robot.plant.arrays()
+        robot = self._robot.arrays
+        shafts = robot.plant.shafts
         status = []
         for i, drive in enumerate(self._robot.drives):
             shaft = shafts[i], shafts[3 + i], shafts[6 + i]
-            word = mc4_begin_cycle(
-                True, motors[i], control, *shaft, drive.answer, drive.state, drive.constants
-            )
-            status.append(int(word))
+            status.append(int(mc4_begin_cycle(True, motors[i], control, shaft, drive.arrays)))
             answers[:, i] = drive.answer
         for _ in range(steps // self._per_exchange):
             for i in range(3):
-                self._run_exchange(i, shafts, motor)
-            payload = self._robot.payload[0]
-            advance(
-                self._currents,
-                self._brakes,
-                payload,
-                shafts,
-                state,
-                constants,
-                geometry,
-                inertia,
-                motor,
-                rich,
-            )
+                self._run_exchange(i, shafts)
+            advance(self._currents, self._brakes, robot.payload[0], robot.plant, self._robot.plant.built)
             self._row += self._per_exchange
         return status
 
-    def _run_exchange(self, i: int, shafts: Floats, motor: Floats) -> None:
+    def _run_exchange(self, i: int, shafts: Floats) -> None:
         drive, s = self._robot.drives[i], self._robot.drives[i].state[0]
         position, speed, coupling = shafts[i], shafts[3 + i], shafts[6 + i]
         for n in range(self._per_exchange):
@@ -221,9 +207,8 @@ class _Oscilloscope:
             self.signals['current'][row, i] = s['motor_current']
             self.signals['phase_voltage'][row, i] = s['voltage']
             # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
-            self._brakes[i] = mc4_run_period(
-                position, speed, coupling, drive.currents[n : n + 1], drive.state, drive.constants, motor
-            )
+            one = drive.arrays._replace(currents=drive.currents[n : n + 1])
+            self._brakes[i] = mc4_run_period((position, speed, coupling), one)
             position, speed, coupling = s['position'], s['speed'], s['coupling']
         self._currents[:, i] = drive.currents
 

@@ -11,7 +11,6 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.analysis.estimation.measurement import NOISE, moving_rows, sample_time_s
 from delta3_pacdrive.analysis.estimation.problem import Block
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS, base_constants, values_of, with_values
-from delta3_pacdrive.drive.arrays import drive_constants
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
@@ -72,18 +71,19 @@ class Replay:
         parameters = with_values(self._parameters, {symbol: whole[symbol] for symbol in OF_MOTOR})
         robot, answers = Robot(parameters), np.empty((3, 3))
         # masses come in by their sums: one of them may be negative for a while, where only sums can be seen
-        record = robot.plant.arrays()[4]
+        record = robot.plant.arrays.inertia
         arm, plate, moment = base_constants(whole, parameters)
         record['arm'], record['plate'] = arm, plate
         record['weight'] = (
             moment * parameters.dynamics.gravity_m_s2 / parameters.kinematics.upper_arm_length_m
         )
         # telegrams carry whole steps of the payload
-        robot.payload[:] = parameters.dynamics.payload_mass_kg
+        robot.arrays.payload[:] = parameters.dynamics.payload_mass_kg
         # the drives keep what they were set to, also the torque constant of the name plate
-        robot.drive_constants[:] = drive_constants(self._parameters)
-        if self._ideal:
-            robot.drive_constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
+        for drive in robot.drives:
+            drive.configure(self._parameters)
+            if self._ideal:
+                drive.constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
         for _ in range(STANDING_CYCLES):
             robot.cycle(self._commands[0], CONTROL_ENABLE, answers)
         out = np.empty((len(self._commands), 3, 3))

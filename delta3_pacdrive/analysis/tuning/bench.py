@@ -25,7 +25,6 @@ from delta3_pacdrive.drive.arrays import STATE, DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4, mc4_run_period
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motor import motor
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
 if TYPE_CHECKING:
@@ -127,7 +126,6 @@ class Bench:
     def __init__(self, parameters: Parameters, load: Load, place: Place, speed_rad_s: float) -> None:
         own = test_bench_parameters(parameters, load, place)
         self._drive = MC4(own)
-        self._motor = motor(own)
         self._place = place
         self._held = not math.isfinite(load.inertia_kg_m2)
         self.speed_rad_s = 0.0 if self._held else speed_rad_s
@@ -158,8 +156,8 @@ class Bench:
     def run(self, added: Floats) -> Run:
         """Add a set point, one value per current-loop period, and return what the drive did."""
         states = np.empty(len(added), dtype=STATE)
-        drive, state, row = self._drive, self._drive.state, self._drive.state[0]
-        current = drive.currents[:1]
+        drive, row = self._drive, self._drive.state[0]
+        one = drive.arrays._replace(currents=drive.currents[:1])
         done = len(added)
         for k, value in enumerate(added.tolist()):
             if self._step % self._steps == 0:
@@ -170,15 +168,7 @@ class Bench:
                     done = k
                     break
             undo = add_set_point(self._place, value, row, self._cycle_time)
-            mc4_run_period(
-                self._position,
-                self._shaft_speed,
-                self._coupling,
-                current,
-                state,
-                drive.constants,
-                self._motor,
-            )
+            mc4_run_period((self._position, self._shaft_speed, self._coupling), one)
             for name, before in undo:
                 row[name] -= before
             states[k] = row

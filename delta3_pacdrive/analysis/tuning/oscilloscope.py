@@ -20,11 +20,11 @@ from delta3_pacdrive.drive.arrays import STATE, DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import mc4_run_period
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motor import motor
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.increments import on_grid
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
-from delta3_pacdrive.simulation.robot import AXES, Robot
+from delta3_pacdrive.simulation.robot import Robot
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -123,7 +123,6 @@ class _TurningRobot:
 
     def __init__(self, parameters: Parameters, excitation: Excitation) -> None:
         self._robot, self._excitation, self._parameters = Robot(parameters), excitation, parameters
-        self._motor = motor(parameters)
         self._commands = np.array(self._robot.encoder_positions())
         self._per_cycle = round(parameters.bus.cycle_time_s / parameters.drive.current_period_s)
         self._per_exchange = len(self._robot.drives[0].currents)
@@ -168,7 +167,7 @@ class _TurningRobot:
                 float(self._commands[i]), CONTROL_ENABLE, shafts[i], shafts[3 + i], shafts[6 + i]
             )
             if drive.fault:
-                raise RunError(f'{AXES[i]} of the robot: {fault_text(drive.fault)}')
+                raise RunError(f'{DRIVES[i]} of the robot: {fault_text(drive.fault)}')
         self._commands += self._speed * self._parameters.bus.cycle_time_s
 
     def _exchange(
@@ -189,15 +188,8 @@ class _TurningRobot:
             value = 0.0 if added is None else float(added[n])
             undo = add_set_point(self._excitation.place, value, row, self._parameters.bus.cycle_time_s)
             # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
-            brake = mc4_run_period(
-                position,
-                speed,
-                coupling,
-                drive.currents[n : n + 1],
-                drive.state,
-                drive.constants,
-                self._motor,
-            )
+            one = drive.arrays._replace(currents=drive.currents[n : n + 1])
+            brake = mc4_run_period((position, speed, coupling), one)
             for name, change in undo:
                 row[name] -= change
             states[n] = row
@@ -205,7 +197,7 @@ class _TurningRobot:
         return bool(brake)
 
     def _signals(self, before: NDArray[Any], states: NDArray[Any], added: Floats) -> dict[str, Floats]:
-        per_rad = float(self._robot.drive_constants['increments_per_rad'][0])
+        per_rad = float(self._robot.drives[0].constants['increments_per_rad'][0])
         all_added = np.zeros((len(added), 3))
         all_added[:, self._excitation.axis] = added
         return {

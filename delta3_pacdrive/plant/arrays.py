@@ -1,0 +1,108 @@
+"""State and constants of the plant as records that the compiled loops share.
+
+In the kernels of this room ``s`` is the record ``STATE``, ``c`` is ``CONSTANTS``, ``n`` is ``dynamics.INERTIA``, ``m``
+is ``motor.MOTOR``, ``q`` is ``built_robot.BUILT_STATE`` and ``r`` is ``built_robot.BUILT``; ``plant`` is
+``PlantArrays`` and ``built`` is ``BuiltArrays``.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+STATE = np.dtype(
+    [
+        ('theta', 'f8', (3,)),  # [rad], arm
+        ('thetadot', 'f8', (3,)),  # [rad/s], arm
+        ('thetaddot', 'f8', (3,)),  # [rad/s^2], arm, of the last step
+        ('current', 'f8', (3,)),  # [A rms], at the end of the last step
+        ('coupling', 'f8', (3,)),  # d [N m], motor (4.31)
+        ('brake_command', 'i8', (3,)),  # 1 = release
+        ('brake_released', 'i8', (3,)),
+        ('brake_delay', 'i8', (3,)),  # steps since the command changed
+        ('brake_locked', 'i8', (3,)),  # the shaft sticks
+        ('gripped', 'f8'),  # [kg], as the plant was told last
+        ('carried', 'f8'),  # [kg], what hangs at the plate in truth
+        # injected
+        ('brake_share', 'f8', (3,)),  # of its torque that a brake still has: 1 as new, 0 worn out
+        ('brake_stuck', 'i8', (3,)),  # an applied brake does not open any more
+        ('load_torque', 'f8', (3,)),  # [N m], motor; positive is against a shaft that turns forwards
+        ('payload_lost', 'i8'),  # what was gripped has fallen off, until another payload is gripped
+    ],
+    align=True,
+)
+
+CONSTANTS = np.dtype(
+    [
+        ('gear_ratio', 'f8'),
+        ('step', 'f8'),
+        ('linear_inertia', 'f8'),  # A_bar of the coupling torque
+        ('brake_torque', 'f8'),  # arm side
+        ('brake_release_steps', 'i8'),
+        ('brake_apply_steps', 'i8'),
+        ('stop_min', 'f8'),
+        ('stop_max', 'f8'),
+        ('stop_stiffness', 'f8'),
+        ('stop_damping', 'f8'),
+        ('angle_error', 'f8', (3,)),  # arm angle beyond that of a rigid shaft, as referenced
+    ],
+    align=True,
+)
+
+
+class PlantArrays(NamedTuple):
+    """A plant as the arrays that the compiled code works on."""
+
+    state: NDArray[Any]  # STATE
+    constants: NDArray[Any]  # CONSTANTS
+    geometry: NDArray[Any]  # kinematics.GEOMETRY, as built
+    inertia: NDArray[Any]  # dynamics.INERTIA
+    motor: NDArray[Any]  # motor.MOTOR
+    shafts: Floats  # (9,) motor side: positions [rad], speeds [rad/s], coupling torques d [N m]
+
+
+class PlantRecords(NamedTuple):
+    """The records of ``PlantArrays`` by themselves, as the kernels of a step take them."""
+
+    state: Any
+    constants: Any
+    geometry: Any
+    inertia: Any
+    motor: Any
+
+
+class BuiltRecords(NamedTuple):
+    """The records of ``BuiltArrays`` by themselves."""
+
+    state: Any
+    constants: Any
+
+
+class BuiltArrays(NamedTuple):
+    """What a plant has besides if its gears, friction or torque are those of a built robot."""
+
+    state: NDArray[Any]  # built_robot.BUILT_STATE
+    constants: NDArray[Any]  # built_robot.BUILT
+
+
+def plant_constants(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``CONSTANTS``."""
+    p, motor_, drive = parameters.dynamics, parameters.motor, parameters.drive
+    record = np.zeros(1, CONSTANTS)
+    record['gear_ratio'] = p.gear_ratio
+    record['step'] = drive.current_period_s
+    record['linear_inertia'] = drive.observer_arm_inertia_kg_m2
+    record['brake_torque'] = motor_.brake_torque_n_m * p.gear_ratio
+    record['brake_release_steps'] = max(1, round(motor_.brake_release_s / drive.current_period_s))
+    record['brake_apply_steps'] = max(1, round(motor_.brake_apply_s / drive.current_period_s))
+    record['stop_min'] = math.radians(p.end_stop_min_deg)
+    record['stop_max'] = math.radians(p.end_stop_max_deg)
+    record['stop_stiffness'] = p.end_stop_stiffness_n_m_rad
+    record['stop_damping'] = p.end_stop_damping_n_m_s_rad
+    if parameters.rich.effects.geometry:
+        record['angle_error'] = np.radians(parameters.rich.arm_angle_error_deg)
+    return record

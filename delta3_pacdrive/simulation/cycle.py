@@ -1,0 +1,252 @@
+"""The bus cycle without ROS: faults, command, exchange, answers, check, reaction.
+
+Everything that happens in a cycle stands in ``CyclicOperation``. Stretches of motion alone, in which no fault begins or
+ends and no status word changes, are run as one compiled loop of the same kernels.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_stop
+from delta3_pacdrive.controller.transformation import Transformation, answer_cycle, command_cycle
+from delta3_pacdrive.drive.diagnostics import fault_text
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant
+from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
+from delta3_pacdrive.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.plant import true_tcp
+from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.words import in_torque
+from delta3_pacdrive.simulation.robot import Robot, robot_cycle
+
+REST_S = 1.0  # without torque, in which a machine comes to rest
+
+NAMES = (*SIGNALS, *TRUE_SIGNALS)
+(
+    MOTOR_COMMAND,
+    MOTOR_POSITION,
+    MOTOR_SPEED,
+    CURRENT,
+    FOLLOWING_ERROR,
+    TCP_COMMAND,
+    TCP_ACTUAL,
+    TCP_ERROR,
+    SHAFT_POSITION,
+    SHAFT_SPEED,
+    COUPLING_TORQUE,
+    ARM_ANGLE,
+    TCP_TRUE,
+) = range(len(NAMES))
+
+
+@kernel
+def note_command(cycle, motors, plant, signals):
+    """Note what a bus cycle begins with: its command, and the machine as it is then."""
+    tcp, shafts = true_tcp(plant), plant.shafts
+    for i in range(3):
+        signals[MOTOR_COMMAND, cycle, i] = motors[i]
+        signals[SHAFT_POSITION, cycle, i] = shafts[i]
+        signals[SHAFT_SPEED, cycle, i] = shafts[3 + i]
+        signals[COUPLING_TORQUE, cycle, i] = shafts[6 + i]
+        signals[ARM_ANGLE, cycle, i] = plant.state[0].theta[i]
+        signals[TCP_TRUE, cycle, i] = tcp[i]
+
+
+@kernel
+def note_answers(cycle, answers, evaluated, signals):
+    """Note what the drives answer in a bus cycle, and what the task makes of it."""
+    for i in range(3):
+        signals[MOTOR_POSITION, cycle, i] = answers[0, i]
+        signals[MOTOR_SPEED, cycle, i] = answers[1, i]
+        signals[CURRENT, cycle, i] = answers[2, i]
+        signals[TCP_ACTUAL, cycle, i] = evaluated[3 + i]
+        signals[TCP_COMMAND, cycle, i] = evaluated[6 + i]
+        signals[FOLLOWING_ERROR, cycle, i] = evaluated[9 + i]
+        signals[TCP_ERROR, cycle, i] = evaluated[12 + i]
+
+
+@kernel
+def run_stretch(cycles, control, task, robot, built, signals):
+    """Run bus cycles of motion alone, up to one in which a status word changes.
+
+    Parameters
+    ----------
+    cycles
+        First bus cycle, and the one after the last, shape (2,).
+    control
+        Control word S-0-0134 of all of them.
+    task, robot, built
+        The ``TaskArrays``, the ``RobotArrays`` and what ``plant.advance`` takes as ``built``.
+    signals
+        Takes the signals, shape (signals, cycles, 3), torques [N m] in place of currents.
+
+    Returns
+    -------
+    int
+        The cycle whose answers are still to be evaluated, because a status word has changed; else the one after the
+        last.
+
+    """
+    first, end = cycles
+    before = (robot.status[0], robot.status[1], robot.status[2])
+    for k in range(first, end):
+        command_cycle(k, task)
+        note_command(k, task.motors, robot.plant, signals)
+        robot_cycle(task.motors, control, task.state[0].payload, robot, built)
+        if before != (robot.status[0], robot.status[1], robot.status[2]):
+            return k
+        answer_cycle(k, robot.answers[0], robot.answers[2], task)
+        note_answers(k, robot.answers, task.answer, signals)
+    return end
+
+
+class CyclicOperation:
+    """A robot and its controller in cyclic operation, from bus cycle 0 on, with the faults of a program.
+
+    Parameters
+    ----------
+    robot, task
+        The machine with its drives, and the task with its program loaded and started.
+    faults
+        Faults that are injected, counted from ``motion.start_cycle``. Without any, a drive that trips is an error.
+    parameters
+        Of the robot.
+
+    Attributes
+    ----------
+    stopped
+        Why the program was given up, empty while it was not.
+
+    Raises
+    ------
+    RunError
+        A fault disturbs a process: here there is only one.
+
+    """
+
+    def __init__(
+        self, robot: Robot, task: Transformation, faults: Sequence[Fault], parameters: Parameters
+    ) -> None:
+        self._robot, self._task, self._parameters = robot, task, parameters
+        self._start = parameters.motion.start_cycle
+        self._must_succeed = not faults
+        self._schedule = Schedule()
+        for fault in faults:
+            if fault.kind in PROCESS_FAULTS:
+                raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
+            self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
+        self._axes = AxisMonitor(parameters)
+        self._controller = ControllerCycle(task, self._axes, parameters)
+        self._signals = np.empty((len(NAMES), task.last_cycle + 1, 3))
+        self.stopped = ''
+
+    @property
+    def lost(self) -> int:
+        """AT that did not reach the master."""
+        return sum(self._axes.losses)
+
+    def run(self) -> dict[str, Floats]:
+        """Run to the end of the program, or to rest; return the signals, torques [N m] in place of currents.
+
+        Raises
+        ------
+        RunError
+            The drives are not enabled when a program without faults should start, or one trips.
+
+        """
+        rest_cycles = round(REST_S / self._parameters.bus.cycle_time_s)
+        cycle, rests = 0, NEVER
+        while (end := rests if self.stopped else self._task.last_cycle + 1) > cycle:
+            cycle = self._advance(cycle, end)
+            if self.stopped and rests == NEVER and self._without_torque():
+                rests = cycle + rest_cycles
+        return {name: signal[:cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
+
+    def _without_torque(self) -> bool:
+        return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)
+
+    def _advance(self, cycle: int, end: int) -> int:
+        """Run one bus cycle, or a stretch of motion alone; return the next cycle."""
+        starts = self._start if cycle <= self._start else NEVER
+        after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
+        robot, task, axes = self._robot, self._task, self._axes
+        status = robot.arrays.status
+        if after <= cycle or not axes.is_checked(status.tolist()):
+            self._make_room(cycle + 1)
+            self._begin(cycle)
+            self._evaluate(cycle)
+            return cycle + 1
+        after = min(after, max(2 * cycle, self._signals.shape[1]))
+        self._make_room(after)
+        robot.arrays.received[:] = 1
+        control, built = task.control(cycle), robot.plant.built
+        reached = int(run_stretch((cycle, after), control, task.arrays, robot.arrays, built, self._signals))
+        axes.accept_cycles(reached - cycle, robot.arrays.answers, status.tolist())
+        if reached == after:
+            task.commanded_to(after)
+            return after
+        task.commanded_to(reached + 1)
+        self._evaluate(reached)
+        return reached + 1
+
+    def _make_room(self, cycles: int) -> None:
+        room = self._signals.shape[1]
+        if cycles > room:
+            larger = np.empty((len(NAMES), max(cycles, 2 * room), 3))
+            larger[:, :room] = self._signals
+            self._signals = larger
+
+    def _begin(self, cycle: int) -> None:
+        """Let faults happen, command, and exchange telegrams with the machine."""
+        robot = self._robot
+        if cycle >= self._schedule.next_cycle:
+            self._change_faults(cycle)
+        motors, control, payload = self._controller.command(cycle)
+        note_command(cycle, motors, robot.arrays.plant, self._signals)
+        received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
+        robot.cycle(motors, control, robot.arrays.answers, payload, received)
+
+    def _evaluate(self, cycle: int) -> None:
+        """Evaluate the answers that reach the master, and react to what they tell."""
+        answers, status = self._robot.arrays.answers, self._robot.arrays.status.tolist()
+        received = [
+            None
+            if self._schedule.telegram(AT_LOSSES, axis, cycle)
+            else (answers[:, index].tolist(), status[index])
+            for index, axis in enumerate(DRIVES)
+        ]
+        if self._must_succeed and cycle >= self._start:
+            self._require_torque(status, cycle)
+        starts = NEVER if self.stopped else self._start
+        stop = self._controller.evaluate(cycle, received, starts, bool(self.stopped))
+        note_answers(cycle, answers, self._task.answer, self._signals)
+        if stop is not None and not self._must_succeed:
+            causes = [f': {fault_text(self._robot.drives[axis].fault)}' for axis in self._axes.faulty()]
+            self._stop(stop, ''.join(causes[:1]))
+
+    def _change_faults(self, cycle: int) -> None:
+        nominal = self._parameters.drive.dc_link_voltage_v
+        changes, active = self._schedule.due(cycle), self._schedule.active
+        for axis, drive in zip(DRIVES, self._robot.drives, strict=True):
+            apply_to_drive(drive.state[0], axis, changes, active, nominal)
+        apply_to_plant(self._robot.plant.state[0], changes, active)
+        for fault, _ in changes:
+            if fault.kind == 'emergency_stop':
+                self._stop(emergency_stop(cycle))
+
+    def _stop(self, stop: Stop, cause: str = '') -> None:
+        self.stopped = self.stopped or stop.reason + cause
+        self._task.stop_at(stop.first, stop.hard)
+
+    def _require_torque(self, status: Sequence[int], cycle: int) -> None:
+        for axis, word, drive in zip(DRIVES, status, self._robot.drives, strict=True):
+            if not in_torque(word):
+                why = fault_text(drive.fault) if drive.fault else drive.drive_state.name.lower()
+                raise RunError(f'{axis} is not enabled in bus cycle {cycle}: {why}')

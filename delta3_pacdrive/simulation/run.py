@@ -1,0 +1,72 @@
+"""All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
+
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.simulation.cycle import CyclicOperation
+from delta3_pacdrive.simulation.robot import Robot
+
+
+def placed(parameters: Parameters, program: Program) -> Parameters:
+    """Return the parameters of a robot that stands where the program starts."""
+    if program.start_m is None:
+        return parameters
+    return parameters.replace(motion__home_m=program.start_m)
+
+
+def run(program: Program, parameters: Parameters) -> Trace:
+    """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
+
+    Raises
+    ------
+    ProgramError
+        The program is refused.
+    RunError
+        The drives are not enabled when the program should start, or one trips.
+
+    """
+    parameters = placed(parameters, program)
+    robot = Robot(parameters)
+    task = Transformation(parameters)
+    tcp = task.locate(robot.encoder_positions())
+    planned = program_planner.plan(program, tcp, parameters)
+    task.load(planned.plan)
+    motion = parameters.motion
+    if motion.enable_cycle < 0 or motion.start_cycle < 0:
+        raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
+    task.enable(motion.enable_cycle)
+    task.start(motion.start_cycle)
+    operation = CyclicOperation(robot, task, program.faults, parameters)
+    signals = operation.run()
+    signals['current'] /= parameters.motor.torque_constant_n_m_a
+    return Trace(
+        np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s,
+        signals,
+        _meta(planned, parameters, task) | {'stopped': operation.stopped, 'lost_telegrams': operation.lost},
+    )
+
+
+def _meta(planned: program_planner.Planned, parameters: Parameters, task: Transformation) -> dict[str, Any]:
+    figures = task.figures()
+    return {
+        'program': planned.name,
+        'notices': list(planned.notices),
+        'program_s': planned.plan.duration_s,
+        'repeat': planned.repeat,
+        'checksum': parameters.checksum,
+        'gear_ratio': parameters.dynamics.gear_ratio,
+        'rich': parameters.rich.enabled,
+        'cycle_time_s': parameters.bus.cycle_time_s,
+        'exchange_period_s': parameters.bus.exchange_period_s,
+        'start_cycle': parameters.motion.start_cycle,
+        'end_cycle': task.end_cycle,
+        'planned_end_m': planned.plan.end_m().tolist(),
+        'figures': vars(figures),
+    }
