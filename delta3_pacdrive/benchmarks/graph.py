@@ -3,11 +3,11 @@
 Each case is measured with real-time scheduling and as an ordinary user has it, who is not permitted to use that.
 """
 
-import argparse
 import json
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,19 +38,21 @@ COLUMNS = {
 }
 
 
-def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Measure every case in a process of its own, by case and column. Raises RunError."""
-    schedulings = options.scheduling or SCHEDULINGS[not real_time_is_permitted() :]
+def measure(
+    seconds: float, cases: Sequence[str] | None, schedulings: Sequence[str] | None, quiet: bool
+) -> dict[str, Any]:
+    """Measure every case, or some, in a process of its own, by case and column; raises RunError."""
+    schedulings = schedulings or SCHEDULINGS[not real_time_is_permitted() :]
     if REAL_TIME in schedulings and not real_time_is_permitted():
         raise RunError(NOT_PERMITTED)
     results: dict[str, dict[str, Any]] = {}
-    for case in options.case or CASES:
+    for case in cases or CASES:
         # without a clock a robot is never scheduled in real time: there is one column
         for scheduling in schedulings if case != 'fast' else (ORDINARY,):
-            if not options.json:
-                title = f'{case}, {COLUMNS[scheduling]}: {options.seconds:g} s of motion'
+            if not quiet:
+                title = f'{case}, {COLUMNS[scheduling]}: {seconds:g} s of motion'
                 print(f'measuring {title} ...', file=sys.stderr, flush=True)
-            measured = in_child(partial(_measure, case, scheduling, options.seconds))
+            measured = in_child(partial(_measure, case, scheduling, seconds))
             results.setdefault(case, {})[scheduling] = measured
     return results
 

@@ -1,6 +1,5 @@
 """``delta3 bench motion``: what planning costs, how exact paths and speeds are, and how close to time-optimal."""
 
-import argparse
 import math
 import time
 from collections.abc import Callable
@@ -13,8 +12,8 @@ ROUNDS = 40
 PLANS_PER_S = 20.0
 
 
-def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Measure planning, cost per cycle, errors and cycle times; and, unless it is not wanted, a robot."""
+def measure(seconds: float | None) -> dict[str, Any]:
+    """Measure planning, cost per cycle, errors and cycle times; and a robot for some seconds, None: without one."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
 
@@ -26,8 +25,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         'errors': _errors(robot),
         'packaging': _packaging(robot),
     }
-    if not options.no_graph:
-        result['plans_arriving'] = _plans_arriving(options.seconds)
+    if seconds is not None:
+        result['plans_arriving'] = {
+            'without': _under_planning_load(seconds, 0.0),
+            'with': _under_planning_load(seconds, PLANS_PER_S),
+        }
     return result
 
 
@@ -208,15 +210,8 @@ def _toppra(curve: Any, limits: Any, robot: Any) -> dict[str, float]:
     return {} if trajectory is None else {'toppra, free jerk, no motors': float(trajectory.duration)}
 
 
-def _plans_arriving(seconds: float) -> dict[str, Any]:
-    """Statistics of the cycle of a robot that stands, without and with plans of 100 points arriving all the time."""
-    return {
-        'without': _under_planning_load(seconds, 0.0),
-        'with': _under_planning_load(seconds, PLANS_PER_S),
-    }
-
-
 def _under_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
+    """Return statistics of the cycle of a robot that stands while plans of 100 points arrive all the time."""
     return in_child(partial(_measure_planning_load, seconds, plans_per_s))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -27,7 +26,7 @@ FALL_S = 0.05  # of the comparison with MuJoCo, under the weight and a push that
 PUSH_N_M = (6.0, -2.0, 0.0)
 
 
-def measure_simulation(options: argparse.Namespace) -> dict[str, Any]:
+def measure_simulation(seconds: float) -> dict[str, Any]:
     """Measure the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
     import tempfile
 
@@ -38,7 +37,7 @@ def measure_simulation(options: argparse.Namespace) -> dict[str, Any]:
     robot = core.load()
     simulation.rehearse(robot)
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
-        program = programs.load(program_file(options.seconds, folder), robot.motion)
+        program = programs.load(program_file(seconds, folder), robot.motion)
     speeds = {}
     for name, changed in {
         'exchange 1 ms': robot,
@@ -58,7 +57,7 @@ def measure_simulation(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def measure_kinematics(_: argparse.Namespace) -> dict[str, Any]:
+def measure_kinematics() -> dict[str, Any]:
     """Measure the speed of array kinematics on one core."""
     import numpy as np
 

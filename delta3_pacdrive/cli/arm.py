@@ -1,47 +1,13 @@
 """``delta3 arm``: the two-link arm of chapter 3 at one point, and its figures."""
 
-from __future__ import annotations
-
 import argparse
-import sys
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
-from delta3_pacdrive.cli.output import guarded, parser_for, print_json
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from delta3_pacdrive.cli.command import Command, JsonOptions, option
+from delta3_pacdrive.cli.output import print_json
 
 NUMBER_MAX = 1e6
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    parser = parser_for(
-        'arm',
-        'Both solutions of the planar two-link arm (chapter 3) for one point, with Jacobian, determinant and inverse.',
-    )
-    parser.add_argument(
-        '--lengths',
-        nargs=2,
-        type=_number,
-        metavar=('A', 'B'),
-        default=[0.4, 0.3],
-        help='lower and upper arm [m]',
-    )
-    parser.add_argument(
-        '--point', nargs=2, type=_number, metavar=('X', 'Y'), default=[0.5, 0.2], help='of the tool [m]'
-    )
-    parser.add_argument(
-        '--velocity',
-        nargs=2,
-        type=_number,
-        metavar=('VX', 'VY'),
-        help='of the tool [m/s]: gives joint speeds',
-    )
-    parser.add_argument('--figures', metavar='FOLDER', help='draw the figures as PNG files into this folder')
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    options = parser.parse_args(arguments)
-    return guarded(lambda: _arm(options), options.json)
 
 
 def _number(text: str) -> float:
@@ -55,7 +21,24 @@ def _number(text: str) -> float:
     return value
 
 
-def _arm(options: argparse.Namespace) -> int:
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    lengths: tuple[float, float] = option(
+        'lower and upper arm [m]', ('A', 'B'), default=(0.4, 0.3), nargs=2, type=_number
+    )
+    point: tuple[float, float] = option(
+        'of the tool [m]', ('X', 'Y'), default=(0.5, 0.2), nargs=2, type=_number
+    )
+    velocity: tuple[float, float] | None = option(
+        'of the tool [m/s]: gives joint speeds', ('VX', 'VY'), nargs=2, type=_number
+    )
+    figures: str | None = option('draw the figures as PNG files into this folder', 'FOLDER')
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.two_link_arm.kinematics import Branch, TwoLinkArm
 
     arm = TwoLinkArm(*options.lengths)
@@ -87,7 +70,7 @@ def _arm(options: argparse.Namespace) -> int:
     return 0
 
 
-def _solution(options: argparse.Namespace, arm: Any, branch: Any) -> dict[str, Any]:
+def _solution(options: Options, arm: Any, branch: Any) -> dict[str, Any]:
     from delta3_pacdrive.analysis.two_link_arm import kinematics as core
 
     theta = core.inverse(options.point, arm, branch)
@@ -140,5 +123,9 @@ def _matrix_rows(name: str, matrix: list[list[float]], unit: str) -> list[tuple[
     return [(name, f'[{lines[0]} ]'), ('', f'[{lines[1]} ] {unit}')]
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'arm',
+    'Both solutions of the planar two-link arm (chapter 3) for one point, with Jacobian, determinant and inverse.',
+    Options,
+    run,
+)

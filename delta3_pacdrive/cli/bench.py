@@ -1,59 +1,57 @@
 """``delta3 bench``: figures of the robot, each beside what it is measured against. Never a test."""
 
-import argparse
-import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 from delta3_pacdrive.benchmarks import graph
-from delta3_pacdrive.cli.output import guarded, parser_for, print_json
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.output import print_json
+
+SECONDS = 60.0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    parser = parser_for(
-        'bench',
-        'Measure the graph (timing, processor time, memory), planning, or the speed of simulation and kinematics.',
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    what: str = argument('what is measured', choices=['graph', 'motion', 'simulate', 'kinematics'])
+    seconds: float | None = option(
+        f'bus time of motion per case [s]; {SECONDS:g} unless told',
+        'S',
+        type=float,
+        only=('graph', 'motion', 'simulate'),
     )
-    parser.add_argument('what', choices=['graph', 'motion', 'simulate', 'kinematics'])
-    parser.add_argument(
-        '--seconds', type=float, metavar='S', help='bus time of motion per case [s]; 60 unless told'
+    case: list[str] | None = option(
+        'only this case of graph (may be repeated)', choices=graph.CASES, action='append', only=('graph',)
     )
-    parser.add_argument(
-        '--case', choices=graph.CASES, action='append', help='only this case of graph (may be repeated)'
-    )
-    parser.add_argument(
-        '--scheduling',
+    scheduling: list[str] | None = option(
+        'only this column of graph (may be repeated)',
         choices=graph.SCHEDULINGS,
         action='append',
-        help='only this column of graph (may be repeated)',
+        only=('graph',),
     )
-    parser.add_argument('--no-graph', action='store_true', help='motion: only what needs no running robot')
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    options = parser.parse_args(arguments)
-    if options.what == 'kinematics' and options.seconds is not None:
-        parser.error('--seconds is for graph, motion and simulate, not for kinematics')
-    options.seconds = 60.0 if options.seconds is None else options.seconds
-    if not 1.0 <= options.seconds <= 3600.0:
-        parser.error(f'--seconds is {options.seconds}, but must be between 1 and 3600')
-    for name in ('case', 'scheduling'):
-        if getattr(options, name) and options.what != 'graph':
-            parser.error(f'--{name} is for graph, not for {options.what}')
-    if options.no_graph and options.what != 'motion':
-        parser.error(f'--no-graph is for motion, not for {options.what}')
-    return guarded(lambda: _run(options), options.json)
+    no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if refusal := self.refusal(self.what):
+            return refusal
+        if self.seconds is not None and not 1.0 <= self.seconds <= 3600.0:
+            return f'--seconds is {self.seconds}, but must be between 1 and 3600'
+        return ''
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.benchmarks import motion, simulation
 
-    measure, show = {
-        'graph': (graph.measure, graph.show),
-        'motion': (motion.measure, motion.show),
-        'simulate': (simulation.measure_simulation, simulation.show_simulation),
-        'kinematics': (simulation.measure_kinematics, simulation.show_kinematics),
-    }[options.what]
-    result = measure(options)
+    seconds = SECONDS if options.seconds is None else options.seconds
+    show, result = {
+        'graph': lambda: (graph.show, graph.measure(seconds, options.case, options.scheduling, options.json)),
+        'motion': lambda: (motion.show, motion.measure(None if options.no_graph else seconds)),
+        'simulate': lambda: (simulation.show_simulation, simulation.measure_simulation(seconds)),
+        'kinematics': lambda: (simulation.show_kinematics, simulation.measure_kinematics()),
+    }[options.what]()
     if options.json:
         print_json(result, options, core.load())
     else:
@@ -61,5 +59,9 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'bench',
+    'Measure the graph (timing, processor time, memory), planning, or the speed of simulation and kinematics.',
+    Options,
+    run,
+)

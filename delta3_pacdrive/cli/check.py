@@ -1,39 +1,32 @@
 """``delta3 check``: read and plan files as the robot would, and tell everything that is wrong with them."""
 
-import argparse
 import json
 import math
 import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, ProgramError
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    file: list[str] = argument(
+        f'program, parameter file or list of faults; packaged programs: {", ".join(program_names())}',
+        nargs='+',
+    )
+    parameters: str | None = option(
+        'plan for the robot of this parameter file, or rich: the built robot', 'FILE'
+    )
+
+
+def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for(
-        'check',
-        'Read files and plan programs as the robot would; tell moves, notices and up to ten errors of each.',
-    )
-    names = ', '.join(program_names())
-    parser.add_argument(
-        'file', nargs='+', help=f'program, parameter file or list of faults; packaged programs: {names}'
-    )
-    parser.add_argument(
-        '--parameters',
-        metavar='FILE',
-        help='plan for the robot of this parameter file, or rich: the built robot',
-    )
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    options = parser.parse_args(arguments)
-    return guarded(lambda: _check(options), options.json)
-
-
-def _check(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
 
     robot = core.load(options.parameters)
@@ -142,5 +135,9 @@ def _print(result: dict[str, Any]) -> None:
         print(f'        checksum {result["checksum"]}')
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'check',
+    'Read files and plan programs as the robot would; tell moves, notices and up to ten errors of each.',
+    Options,
+    run,
+)

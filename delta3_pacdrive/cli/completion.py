@@ -1,16 +1,15 @@
 """``delta3 completion``: print the script with which a shell completes the command line.
 
-It is made from the parsers themselves and holds all words: no interpreter starts when somebody presses the tab key.
+It is made from the declarations of the commands and holds all words: no interpreter starts when somebody presses the
+tab key.
 """
 
-import argparse
 import importlib
-import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 
+from delta3_pacdrive.cli.command import Command, argument
+from delta3_pacdrive.cli.command import Options as CommonOptions
 from delta3_pacdrive.cli.main import COMMANDS
-from delta3_pacdrive.cli.output import guarded, parser_for, parser_of
-from delta3_pacdrive.configuration.packaged import program_names
 
 BASH = """\
 _delta3() {{
@@ -28,34 +27,26 @@ complete -o default -F _delta3 delta3
 """
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass
+class Options(CommonOptions):
+    """Options of the command."""
+
+    shell: str = argument('the shell', choices=['bash'])
+
+
+def run(_: Options) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for(
-        'completion', 'Print what a shell needs to complete commands: eval "$(delta3 completion bash)"'
+    commands = {name: importlib.import_module(f'delta3_pacdrive.cli.{name}').main for name in COMMANDS}
+    cases = '\n'.join(
+        f'            {name}) words="{" ".join(main.words())}" ;;' for name, main in commands.items()
     )
-    parser.add_argument('shell', choices=['bash'], help='the shell')
-    options = parser.parse_args(arguments)
-    return guarded(lambda: _print(options))
-
-
-def _print(_: argparse.Namespace) -> int:
-    cases = '\n'.join(f'            {name}) words="{" ".join(_words(name))}" ;;' for name in COMMANDS)
     print(BASH.format(commands=' '.join([*COMMANDS, '--help', '--version']), cases=cases), end='')
     return 0
 
 
-def _words(command: str) -> list[str]:
-    """Return what may stand behind a command: options, choices, names of programs."""
-    parser = parser_of(importlib.import_module(f'delta3_pacdrive.cli.{command}').main)
-    words: list[str] = []
-    for action in parser._actions:
-        words += action.option_strings
-        words += [str(choice) for choice in action.choices or ()]
-    programs = {'program', 'programs', 'file', 'inputs', 'values', '--program'}
-    if programs.intersection([action.dest for action in parser._actions]):
-        words += program_names()
-    return words
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'completion',
+    'Print what a shell needs to complete commands: eval "$(delta3 completion bash)"',
+    Options,
+    run,
+)

@@ -2,28 +2,10 @@
 
 import argparse
 import json
-import math
-import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.cli.output import guarded, parser_for
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    parser = parser_for('drive', 'Read or write a value of a drive by its IDN, or list the IDNs.')
-    parser.add_argument('axis', type=_axis, help='1, 2, 3 (or axis1, axis2, axis3), or "list"')
-    parser.add_argument('idn', nargs='?', help='such as S-0-0104')
-    parser.add_argument('value', nargs='?', help='value to write; "command" executes a procedure command')
-    parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    given = sys.argv[1:] if arguments is None else arguments
-    # -1e3 is no option: to argparse nothing is that begins with a space
-    options = parser.parse_args([f' {text}' if _is_negative(text) else text for text in given])
-    if options.axis != 'list' and options.idn is None:
-        parser.error('an IDN is needed')
-    return guarded(lambda: _list(options.json) if options.axis == 'list' else _ask(options), options.json)
+from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument
 
 
 def _axis(text: str) -> str:
@@ -33,11 +15,22 @@ def _axis(text: str) -> str:
     return axis
 
 
-def _is_negative(text: str) -> bool:
-    try:
-        return text.startswith('-') and not math.isnan(float(text))
-    except ValueError:
-        return False
+@dataclass
+class Options(NodeOptions, JsonOptions):
+    """Options of the command."""
+
+    axis: str = argument('1, 2, 3 (or axis1, axis2, axis3), or "list"', type=_axis)
+    idn: str | None = argument('such as S-0-0104', default=None)
+    value: str | None = argument('value to write; "command" executes a procedure command', default=None)
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        return 'an IDN is needed' if self.axis != 'list' and self.idn is None else ''
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    return _list(options.json) if options.axis == 'list' else _ask(options)
 
 
 def _list(as_json: bool) -> int:
@@ -68,7 +61,7 @@ def _list(as_json: bool) -> int:
     return 0
 
 
-def _ask(options: argparse.Namespace) -> int:
+def _ask(options: Options) -> int:
     from delta3_pacdrive.ros.robot_client import operating
 
     axis, idn, value = options.axis, options.idn, options.value
@@ -80,5 +73,4 @@ def _ask(options: argparse.Namespace) -> int:
     return 0
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command('drive', 'Read or write a value of a drive by its IDN, or list the IDNs.', Options, run)

@@ -2,113 +2,72 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
-import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
-from delta3_pacdrive.cli.output import guarded, parser_for
 from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from delta3_pacdrive.analysis.study import OnProgress
 
-GROUPS = ('motor', 'masses', 'geometry', 'thesis')
 
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    options = _parse(arguments)
-    return guarded(lambda: _estimate(options), options.json)
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for(
-        'estimate',
-        'Least squares on traces, or on a program that is simulated as measurement: values with 95 % intervals, and '
-        'which quantities the signals do not show. The group thesis repeats the estimation of chapter 9 and shows why '
-        'it returned its initial values.',
+    inputs: list[str] = argument(
+        'traces (.npz, .csv, folder of a bag), or one program', default=(), nargs='*', metavar='INPUT'
     )
-    parser.add_argument(
-        'inputs', nargs='*', metavar='INPUT', help='traces (.npz, .csv, folder of a bag), or one program'
+    group: str = option(
+        'what is estimated', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
     )
-    parser.add_argument('--group', choices=GROUPS, default='motor', help='what is estimated')
-    parser.add_argument('--parameters', metavar='FILE', help='parameter file instead of the packaged one')
-    parser.add_argument(
-        '--free', metavar='SYMBOLS', default='', help='quantities to free, such as I_brake,w_s'
-    )
-    parser.add_argument('--known', metavar='SYMBOLS', default='', help='quantities to hold, such as m_fb')
-    parser.add_argument(
-        '--start-off',
+    parameters: str | None = option('parameter file instead of the packaged one', 'FILE')
+    free: str = option('quantities to free, such as I_brake,w_s', 'SYMBOLS', default='')
+    known: str = option('quantities to hold, such as m_fb', 'SYMBOLS', default='')
+    start_off: float | None = option(
+        'start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
+        'SHARE',
         type=number_within(-0.9, 9.0),
-        metavar='SHARE',
-        help='start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
     )
-    parser.add_argument(
-        '--sampling',
-        choices=['drive', 'bus'],
+    sampling: str = option(
+        'of a simulated measurement: every period of the current loop, or every bus cycle',
         default='drive',
-        help='of a simulated measurement: every period of the current loop, or every bus cycle',
+        choices=['drive', 'bus'],
     )
-    parser.add_argument(
-        '--method',
-        choices=['auto', 'balance', 'replay'],
+    method: str = option(
+        'mechanical part: balance of torques, or replay of the closed loop; auto: as the sampling asks for',
         default='auto',
-        help='mechanical part: balance of torques, or replay of the closed loop; auto: as the sampling asks for',
+        choices=['auto', 'balance', 'replay'],
     )
-    parser.add_argument(
-        '--noise',
-        type=NOISE,
-        default=0.0,
-        metavar='X',
-        help='sensor noise of a simulated measurement, 1: typical',
+    noise: float = option('sensor noise of a simulated measurement, 1: typical', 'X', default=0.0, type=NOISE)
+    seed: int = option('of the noise, and of --design', default=0, type=SEED)
+    measurement: str | None = option(
+        'write the simulated measurement to this .npz or .csv file', 'FILE', type=trace_file
     )
-    parser.add_argument('--seed', type=SEED, default=0, help='of the noise, and of --design')
-    parser.add_argument(
-        '--measurement',
-        type=trace_file,
-        metavar='FILE',
-        help='write the simulated measurement to this .npz or .csv file',
+    output: str = option('for report, tables, figures', 'FOLDER', default='estimation')
+    resume: str | None = option('go on with the estimation that began in this folder', 'FOLDER')
+    design: str | None = option(
+        'write an exciting program for the group to this file instead', 'FILE', type=program_file
     )
-    parser.add_argument(
-        '--output', metavar='FOLDER', default='estimation', help='for report, tables, figures'
-    )
-    parser.add_argument(
-        '--resume', metavar='FOLDER', help='go on with the estimation that began in this folder'
-    )
-    parser.add_argument(
-        '--design',
-        type=program_file,
-        metavar='FILE',
-        help='write an exciting program for the group to this file instead',
-    )
-    parser.add_argument('--json', action='store_true', help='print the report as JSON')
-    options = parser.parse_args(arguments)
-    if options.resume and (options.inputs or options.design or options.measurement):
-        parser.error('--resume goes on with the inputs of the folder: it takes no others')
-    return options
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.resume and (self.inputs or self.design or self.measurement):
+            return '--resume goes on with the inputs of the folder: it takes no others'
+        return ''
 
 
-def _refuse_ignored(options: argparse.Namespace) -> None:
+def _refuse_ignored(options: Options) -> None:
     """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
     from delta3_pacdrive.analysis.inputs import is_recording
     from delta3_pacdrive.errors import EstimationError
 
-    given = {
-        '--sampling': options.sampling != 'drive',
-        '--noise': options.noise != 0.0,
-        '--measurement': options.measurement is not None,
-        '--method': options.method != 'auto',
-        '--free': bool(options.free),
-        '--known': bool(options.known),
-        '--start-off': options.start_off is not None,
-        'INPUT': bool(options.inputs),
-        '--seed': options.seed != 0,
-    }
+    models = ('--sampling', '--method')
+    quantities = ('--free', '--known')
     cases = [
         (
             any(is_recording(text) for text in options.inputs),
@@ -118,46 +77,39 @@ def _refuse_ignored(options: argparse.Namespace) -> None:
         (
             options.group == 'thesis' and not options.design,
             'the group thesis has signals and quantities of its own',
-            ('--sampling', '--method', '--measurement', '--free', '--known'),
+            (*models, '--measurement', *quantities),
         ),
         (
             options.group == 'geometry' and not options.design,
             'the group geometry is measured once per bus cycle and has one model',
-            ('--sampling', '--method'),
+            models,
         ),
         (
             bool(options.design),
             '--design only writes a program',
-            (
-                'INPUT',
-                '--sampling',
-                '--noise',
-                '--measurement',
-                '--method',
-                '--free',
-                '--known',
-                '--start-off',
-            ),
+            ('INPUT', *models, '--noise', '--measurement', *quantities, '--start-off'),
         ),
         (
             bool(options.resume),
             '--resume goes on with the settings of the folder',
-            ('--sampling', '--noise', '--seed', '--method', '--free', '--known', '--start-off'),
+            (*models, '--noise', '--seed', *quantities, '--start-off'),
         ),
     ]
+    given = options.given()
     for holds, why, names in cases:
-        if holds and (ignored := [name for name in names if given[name]]):
+        if holds and (ignored := [name for name in given if name in names]):
             raise EstimationError(f'{why}: {", ".join(ignored)} would change nothing')
 
 
-def _estimate(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.estimation import report
 
     _refuse_ignored(options)
-    if options.design:
+    if path := options.design:
         return conduct(
             options,
-            lambda show: _design(options, show),
+            lambda show: _design(options, path, show),
             lambda found: [f'{found["file"]}: condition {found["condition"]:.4g}'],
             lambda: 'interrupted: no program was written',
         )
@@ -177,7 +129,7 @@ def _estimate(options: argparse.Namespace) -> int:
     return conduct(options, work, report.text, unfinished)
 
 
-def _study(options: argparse.Namespace, show: OnProgress) -> Any:
+def _study(options: Options, show: OnProgress) -> Any:
     from delta3_pacdrive.analysis.estimation import run
     from delta3_pacdrive.analysis.estimation.study import Settings
 
@@ -203,7 +155,7 @@ def _symbols(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(',') if part.strip())
 
 
-def _design(options: argparse.Namespace, show: OnProgress) -> dict[str, Any]:
+def _design(options: Options, path: str, show: OnProgress) -> dict[str, Any]:
     import yaml
 
     from delta3_pacdrive import parameters as core
@@ -225,17 +177,23 @@ def _design(options: argparse.Namespace, show: OnProgress) -> dict[str, Any]:
     text = ''.join(f'# {line}\n' for line in lines)
     text += yaml.safe_dump(found.document, sort_keys=False, default_flow_style=None)
     try:
-        Path(options.design).write_text(text, encoding='utf-8')
+        Path(path).write_text(text, encoding='utf-8')
     except OSError as error:
-        raise EstimationError(f'cannot write {options.design}: {error.strerror or error}') from error
+        raise EstimationError(f'cannot write {path}: {error.strerror or error}') from error
     return {
         'ok': True,
-        'file': options.design,
+        'file': path,
         'condition': found.condition,
         'first_condition': found.first_condition,
         'evaluations': found.evaluations,
     }
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'estimate',
+    'Least squares on traces, or on a program that is simulated as measurement: values with 95 % intervals, and which '
+    'quantities the signals do not show. The group thesis repeats the estimation of chapter 9 and shows why it '
+    'returned its initial values.',
+    Options,
+    run,
+)

@@ -1,14 +1,16 @@
 """``delta3 faults``: what happens when something breaks: the whole catalogue, or one fault on a robot that is up."""
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import csv_file
-from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for, print_json
+from delta3_pacdrive.cli.output import INTERRUPTED, print_json
+from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
 ACTIONS = {
@@ -20,33 +22,26 @@ WIDTHS = (31, 16, 7, 8, 14, 9, 9)
 HEADINGS = ('fault', 'state', 'bus', 'wall', 'reaction', 'TCP', 'recovered')
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for('faults', 'Inject faults and see what the robot makes of them.')
-    lines = [f'  {name:<8} {text}' for name, text in ACTIONS.items()]
-    parser.epilog = 'actions:\n' + '\n'.join(lines)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument('action', choices=ACTIONS, nargs='?', default='run', metavar='ACTION')
-    parser.add_argument('fault', nargs='?', default='', help='the fault to inject')
-    parser.add_argument('--short', action='store_true', help='run: a dozen faults in various states')
-    parser.add_argument('--only', metavar='TEXT', help='run: only lines that hold this text')
-    parser.add_argument('--csv', metavar='FILE', type=csv_file, help='run: write the table to this file')
-    parser.add_argument('--logs', metavar='DIR', type=Path, help='run: keep the logs of the processes here')
-    parser.add_argument('--namespace', default='/', help='inject: ROS namespace of the robot')
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    options = parser.parse_args(arguments)
-    if (options.action == 'inject') != bool(options.fault):
-        parser.error('inject takes one fault' if options.action == 'inject' else 'only inject takes a fault')
-    return options
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    action: str = argument('one of the actions below', default='run', choices=ACTIONS, metavar='ACTION')
+    fault: str = argument('the fault to inject', default='')
+    short: bool = flag('run: a dozen faults in various states', only=('run',))
+    only: str | None = option('run: only lines that hold this text', 'TEXT', only=('run',))
+    csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
+    logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=Path, only=('run',))
+    namespace: str = option('inject: ROS namespace of the robot', default='/', only=('inject',))
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if (self.action == 'inject') != bool(self.fault):
+            return 'inject takes one fault' if self.action == 'inject' else 'only inject takes a fault'
+        return self.refusal(self.action)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    options = _parse(arguments)
-    action = {'run': _run, 'list': _list, 'inject': _inject}[options.action]
-    return guarded(lambda: action(options), options.json)
-
-
-def _list(options: argparse.Namespace) -> int:
+def _list(options: Options) -> int:
     from delta3_pacdrive.faults.fault import KINDS
 
     if options.json:
@@ -59,7 +54,7 @@ def _list(options: argparse.Namespace) -> int:
     return 0
 
 
-def _inject(options: argparse.Namespace) -> int:
+def _inject(options: Options) -> int:
     from delta3_pacdrive.ros.robot_client import operating
 
     with operating(options.namespace) as operator:
@@ -94,8 +89,9 @@ def line_of(row: dict[str, Any]) -> str:
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.provenance import Provenance, write_table
     from delta3_pacdrive.verification.cases import Outcome, cases
     from delta3_pacdrive.verification.catalogue import run_catalogue
 
@@ -105,15 +101,17 @@ def _run(options: argparse.Namespace) -> int:
         print(columns(HEADINGS), flush=True)
     outcomes: list[Outcome] = []
 
-    def show(outcome: Outcome) -> None:
-        if not options.json:
-            print(line_of(outcome.to_row()), flush=True)
-        elif sys.stderr.isatty():
-            print(f'\r{len(outcomes)} of {len(todo)}', end='', file=sys.stderr, flush=True)
-
     ended = ''
     try:
-        run_catalogue(todo, options.logs, outcomes, show)
+        # processes fork meanwhile
+        with Progress(quiet=not options.json, threaded=False) as progress:
+
+            def show(outcome: Outcome) -> None:
+                if not options.json:
+                    print(line_of(outcome.to_row()), flush=True)
+                progress.show(f'{len(outcomes)} of {len(todo)} cases', len(outcomes), len(todo))
+
+            run_catalogue(todo, options.logs, outcomes, show)
     except KeyboardInterrupt:
         ended = 'interrupted'
     except RunError as error:
@@ -121,7 +119,8 @@ def _run(options: argparse.Namespace) -> int:
     rows = [outcome.to_row() for outcome in outcomes]
     bad = [row for row in rows if not row['ok']]
     if options.csv and rows:
-        _write(options.csv, rows, options.command_line)
+        origin = Provenance.of(options.command_line, core.load())
+        write_table(options.csv, list(rows[0]), (list(row.values()) for row in rows), origin)
     if options.json:
         result = {'ok': not bad and not ended, 'ended': ended, 'cases': rows}
         print_json(result, options, core.load())
@@ -135,13 +134,9 @@ def _run(options: argparse.Namespace) -> int:
     return int(bool(bad))
 
 
-def _write(path: Path, rows: list[dict[str, Any]], command: str) -> None:
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.provenance import Provenance, write_table
-
-    origin = Provenance.of(command, core.load())
-    write_table(path, list(rows[0]), (list(row.values()) for row in rows), origin)
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    return {'run': _run_catalogue, 'list': _list, 'inject': _inject}[options.action](options)
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command('faults', 'Inject faults and see what the robot makes of them.', Options, run, ACTIONS)

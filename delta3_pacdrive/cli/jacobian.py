@@ -1,72 +1,15 @@
 """``delta3 jacobian``: joint motion through the Jacobian against the recorded one (11.2), and why the two differ."""
 
-from __future__ import annotations
-
 import argparse
 import math
-import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.studies import conduct
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 SYMBOLS = ('l_A', 'l_B', 'R_A', 'R_B')
-EXPERIMENTS = ['1', '2', '3']
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    options = _parse(arguments)
-    return guarded(lambda: _jacobian(options), options.json)
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for(
-        'jacobian',
-        'Joint velocities and accelerations from those of the TCP through the Jacobian, with exact lengths and with '
-        'lengths in error, against the recorded ones: deviations in percent, figures 11.25 to 11.45, sensitivities to '
-        'each length, growth with the condition of the Jacobian.',
-    )
-    parser.add_argument(
-        'inputs',
-        nargs='*',
-        metavar='INPUT',
-        default=EXPERIMENTS,
-        help='1, 2 or 3 (experiments of the thesis), programs, traces (.npz, .csv), folders of bags',
-    )
-    parser.add_argument(
-        '--parameters', metavar='FILE', help='parameter file instead of the packaged one: the exact lengths'
-    )
-    parser.add_argument(
-        '--error',
-        type=_error,
-        action='append',
-        metavar='NAME=M',
-        help=f'error [m] of a length, {", ".join(SYMBOLS)}, at most 0.1 m; may be repeated; R_A=0.035 if none is given',
-    )
-    parser.add_argument(
-        '--pose',
-        choices=['recorded', 'forward', 'inverse'],
-        default='recorded',
-        help='of the Jacobian: angles and position recorded (11.2), position from the angles, angles from the position',
-    )
-    parser.add_argument(
-        '--signals',
-        choices=['command', 'actual', 'true'],
-        default='command',
-        help='set points; what the drives measure; angles and an external or simulated measurement of the TCP',
-    )
-    parser.add_argument('--output', metavar='DIR', default='jacobian', help='for report, tables, figures')
-    parser.add_argument('--json', action='store_true', help='print the report as JSON')
-    options = parser.parse_args(arguments)
-    symbols = [symbol for symbol, _ in options.error or ()]
-    if twice := sorted({symbol for symbol in symbols if symbols.count(symbol) > 1}):
-        parser.error(f'--error {twice[0]} stands twice: a length has one error')
-    return options
+EXPERIMENTS = ('1', '2', '3')
 
 
 def _error(text: str) -> tuple[str, float]:
@@ -82,7 +25,44 @@ def _error(text: str) -> tuple[str, float]:
     return symbol, error
 
 
-def _jacobian(options: argparse.Namespace) -> int:
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    inputs: list[str] = argument(
+        '1, 2 or 3 (experiments of the thesis), programs, traces (.npz, .csv), folders of bags',
+        default=EXPERIMENTS,
+        nargs='*',
+        metavar='INPUT',
+    )
+    parameters: str | None = option('parameter file instead of the packaged one: the exact lengths', 'FILE')
+    error: list[tuple[str, float]] | None = option(
+        f'error [m] of a length, {", ".join(SYMBOLS)}, at most 0.1 m; may be repeated; R_A=0.035 if none is given',
+        'NAME=M',
+        type=_error,
+        action='append',
+    )
+    pose: str = option(
+        'of the Jacobian: angles and position recorded (11.2), position from the angles, angles from the position',
+        default='recorded',
+        choices=['recorded', 'forward', 'inverse'],
+    )
+    signals: str = option(
+        'set points; what the drives measure; angles and an external or simulated measurement of the TCP',
+        default='command',
+        choices=['command', 'actual', 'true'],
+    )
+    output: str = option('for report, tables, figures', 'DIR', default='jacobian')
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        symbols = [symbol for symbol, _ in self.error or ()]
+        twice = sorted({symbol for symbol in symbols if symbols.count(symbol) > 1})
+        return f'--error {twice[0]} stands twice: a length has one error' if twice else ''
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.jacobian import report, run, study
     from delta3_pacdrive.analysis.jacobian.mapping import Pose
     from delta3_pacdrive.analysis.jacobian.motion import Signals
@@ -102,5 +82,11 @@ def _jacobian(options: argparse.Namespace) -> int:
     )
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'jacobian',
+    'Joint velocities and accelerations from those of the TCP through the Jacobian, with exact lengths and with '
+    'lengths in error, against the recorded ones: deviations in percent, figures 11.25 to 11.45, sensitivities to '
+    'each length, growth with the condition of the Jacobian.',
+    Options,
+    run,
+)

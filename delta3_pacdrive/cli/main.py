@@ -9,7 +9,6 @@ from delta3_pacdrive.errors import RunError
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Sequence
 
 COMMANDS = {
@@ -35,24 +34,23 @@ COMMANDS = {
 OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'record', 'bench'})
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line without the options of the sub-commands."""
-    import argparse
+HELP = """\
+usage: delta3 [-h] [--version] [command]
 
-    parser = argparse.ArgumentParser(
-        prog='delta3',
-        description='A Delta-3 robot on a PacDrive controller, emulated on ROS 2.',
-        add_help=False,
-    )
-    parser.add_argument('-h', '--help', action='store_true', help='show this text')
-    parser.add_argument('--version', action='store_true', help='show the version')
-    parser.add_argument('command', nargs='?', metavar='command', help='one of the commands below')
-    lines = [f'  {name:<10} {text}' for name, text in COMMANDS.items()]
-    parser.epilog = (
-        'commands:\n' + '\n'.join(lines) + '\n\ndelta3 COMMAND --help tells the options of a command.'
-    )
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    return parser
+A Delta-3 robot on a PacDrive controller, emulated on ROS 2.
+
+positional arguments:
+  command     one of the commands below
+
+options:
+  -h, --help  show this text
+  --version   show the version
+
+commands:
+{commands}
+
+delta3 COMMAND --help tells the options of a command.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -121,7 +119,8 @@ def _dispatch(arguments: list[str]) -> int:
     import importlib
 
     if not arguments or arguments[0] in ('-h', '--help'):
-        sys.stdout.write(build_parser().format_help())
+        lines = '\n'.join(f'  {name:<10} {text}' for name, text in COMMANDS.items())
+        sys.stdout.write(HELP.format(commands=lines))
         return 0 if arguments else 2
     if arguments[0] == '--version':
         from importlib import metadata

@@ -1,15 +1,16 @@
 """``delta3 move``: send moves and programs to a robot that is up, and start, hold, resume, override or abort them."""
 
-import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import finite_number, guarded, parser_for
+from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument, flag, option
+from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
 
 ACTIONS = {
@@ -32,66 +33,42 @@ ACTIONS = {
 }
 MOVES = ('l', 'c', 'sb', 'program')
 STOPS = ('hold', 'abort', 'emergency_stop', 'disable')  # free for all, whoever has control
-# options that only some actions obey; the others refuse them by name
-ONLY_FOR = {
-    'speed': MOVES,
-    'acceleration': MOVES,
-    'jerk': MOVES,
-    'blend': ('l', 'c', 'sb'),
-    'strict': ('l', 'c', 'sb'),
-    'relative': ('l', 'c', 'sb'),
-    'queue': MOVES,
-    'detach': (*MOVES, 'start', 'resume'),
-    'take_over': tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait')),
-}
+POINTS = ('l', 'c', 'sb')
+RUNS = (*MOVES, 'start', 'resume')
+NEEDS_CONTROL = tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait'))
 COUNTS = {'override': 1, 'program': 1}  # of values, besides those of the moves; all others take none
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for('move', 'Send moves to a robot that is up (delta3 up), and control how they run.')
-    lines = [f'  {name:<15} {text}' for name, text in ACTIONS.items()]
-    parser.epilog = 'actions:\n' + '\n'.join(lines)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument('action', choices=ACTIONS, metavar='ACTION', help='one of the actions below')
-    parser.add_argument('values', nargs='*', metavar='VALUE', help='numbers, or a file')
-    parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
-    parser.add_argument('--queue', action='store_true', help='only append to the queue, do not start')
-    parser.add_argument(
-        '--detach', '--no-wait', action='store_true', help='leave the robot moving, and do not watch it'
+@dataclass
+class Options(NodeOptions, JsonOptions):
+    """Options of the command."""
+
+    action: str = argument('one of the actions below', choices=ACTIONS, metavar='ACTION')
+    values: list[str] = argument('numbers, or a file', default=(), nargs='*', metavar='VALUE')
+    queue: bool = flag('only append to the queue, do not start', only=MOVES)
+    detach: bool = flag(
+        'leave the robot moving, and do not watch it', names=('--detach', '--no-wait'), only=RUNS
     )
-    parser.add_argument(
-        '--take-over', action='store_true', help='take control of the robot even if somebody else has it'
+    take_over: bool = flag('take control of the robot even if somebody else has it', only=NEEDS_CONTROL)
+    speed: float | None = option(
+        'largest TCP speed [m/s], of a program too', 'V', type=finite_number, only=MOVES
     )
-    parser.add_argument(
-        '--speed', type=finite_number, metavar='V', help='largest TCP speed [m/s], of a program too'
+    acceleration: float | None = option(
+        'largest TCP acceleration [m/s2], likewise', 'A', type=finite_number, only=MOVES
     )
-    parser.add_argument(
-        '--acceleration', type=finite_number, metavar='A', help='largest TCP acceleration [m/s2], likewise'
+    jerk: float | None = option('largest TCP jerk [m/s3], likewise', 'J', type=finite_number, only=MOVES)
+    blend: float | None = option(
+        'blend radius towards the move that follows [m]', 'R', type=finite_number, only=POINTS
     )
-    parser.add_argument('--jerk', type=finite_number, metavar='J', help='largest TCP jerk [m/s3], likewise')
-    parser.add_argument(
-        '--blend', type=finite_number, metavar='R', help='blend radius towards the move that follows [m]'
-    )
-    parser.add_argument('--strict', action='store_true', help='refuse the move instead of slowing it down')
-    parser.add_argument(
-        '--relative', action='store_true', help='points are steps from where the robot stands'
-    )
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    return parser.parse_intermixed_args(arguments)
+    strict: bool = flag('refuse the move instead of slowing it down', only=POINTS)
+    relative: bool = flag('points are steps from where the robot stands', only=POINTS)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    options = _parse(sys.argv[1:] if arguments is None else arguments)
-    return guarded(lambda: _run(options), options.json)
-
-
-def _check(options: argparse.Namespace) -> None:
+def _check(options: Options) -> None:
     """Refuse by name what the action does not obey; raises ProgramError."""
-    for name, actions in ONLY_FOR.items():
-        if getattr(options, name) not in (None, False) and options.action not in actions:
-            raise ProgramError(f'move {options.action} does not take --{name.replace("_", "-")}')
+    for name, _ in options.unobeyed(options.action):
+        raise ProgramError(f'move {options.action} does not take {name}')
     for name in ('speed', 'acceleration', 'jerk'):
         value = getattr(options, name)
         if value is not None and not value > 0.0:
@@ -111,7 +88,7 @@ def _numbers(values: list[str], what: str) -> list[float]:
     return numbers
 
 
-def _points(options: argparse.Namespace, count: int | None) -> list[Any]:
+def _points(options: Options, count: int | None) -> list[Any]:
     values = _numbers(options.values, f'move {options.action}')
     if not values or len(values) % 3 or (count is not None and len(values) != 3 * count):
         wanted = 'three numbers a point' if count is None else f'{3 * count} numbers'
@@ -120,7 +97,7 @@ def _points(options: argparse.Namespace, count: int | None) -> list[Any]:
     return [{'by_m': point} for point in points] if options.relative else points
 
 
-def _document(options: argparse.Namespace) -> str:
+def _document(options: Options) -> str:
     """Return the program that the options mean, as text for UnitRobot."""
     if options.action == 'program':
         return _program_text(options.values)
@@ -154,14 +131,15 @@ def _program_text(values: list[str]) -> str:
         ) from None
 
 
-def _caps(options: argparse.Namespace) -> tuple[float, float, float]:
+def _caps(options: Options) -> tuple[float, float, float]:
     """Return largest speed, acceleration and jerk of a program, 0 without a cap; moves have them in their text."""
     if options.action != 'program':
         return 0.0, 0.0, 0.0
     return options.speed or 0.0, options.acceleration or 0.0, options.jerk or 0.0
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     _check(options)
     document = _document(options) if options.action in MOVES else ''
     percent = _numbers(options.values, 'move override')[0] if options.action == 'override' else 0.0
@@ -179,7 +157,7 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _act(options: argparse.Namespace, operator: Any, document: str, percent: float) -> list[str]:
+def _act(options: Options, operator: Any, document: str, percent: float) -> list[str]:
     sentences: list[str] = []
 
     def tell(sentence: str) -> None:
@@ -287,7 +265,7 @@ def _state_text(facts: dict[str, Any]) -> str:
     return ', '.join(parts)
 
 
-def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Callable[[str], None]) -> None:
+def _set_off(service: str, options: Options, operator: Any, tell: Callable[[str], None]) -> None:
     """Start or resume a motion, and wait until it is over; whoever ends this command holds the robot."""
     operator.wait_until(lambda: operator.state and operator.progress, 'motion/state')
     before = operator.state_changes
@@ -317,5 +295,11 @@ def _set_off(service: str, options: argparse.Namespace, operator: Any, tell: Cal
     tell('the robot stands' if operator.state == 'idle' else f'the robot is {operator.state}')
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'move',
+    'Send moves to a robot that is up (delta3 up), and control how they run.',
+    Options,
+    run,
+    ACTIONS,
+    mixed=True,
+)

@@ -6,14 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def number_within(low: float, high: float, unit: str = '') -> Callable[[str], float]:
     """Return the type of an option that is a number from ``low`` to ``high``."""
 
     def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
+        value = _number(text)
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(
                 f'{text!r} must be a number between {low:g} and {high:g} {unit}'.rstrip()
@@ -21,6 +25,14 @@ def number_within(low: float, high: float, unit: str = '') -> Callable[[str], fl
         return value
 
     return number
+
+
+def finite_number(text: str) -> float:
+    """Take a number of the command line."""
+    value = _number(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
+    return value
 
 
 def integer_within(low: int, high: int) -> Callable[[str], int]:

@@ -1,17 +1,13 @@
-"""What the commands share: options, errors as one sentence, results as a table or as JSON."""
+"""What the commands share: errors as one sentence, results as a table or as JSON."""
 
-import argparse
 import json
-import math
 import os
-import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
 from delta3_pacdrive import interrupts
-from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, RunInterruptedError
 
 INTERRUPTED = 130  # exit status after Ctrl-C
@@ -96,84 +92,9 @@ def _sentence(error: Exception) -> str | None:
     return None
 
 
-class _Caught(BaseException):
-    """No error: the parser that somebody wants to look at."""
-
-    def __init__(self, parser: argparse.ArgumentParser) -> None:
-        self.parser = parser
-
-
-class _Parser(argparse.ArgumentParser):
-    """Notes the command as it was typed, for what it writes."""
-
-    is_wanted = False
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        if _Parser.is_wanted:
-            raise _Caught(self)
-        return super().parse_known_args(args, namespace)
-
-    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        args = list(sys.argv[1:] if args is None else args)
-        options = super().parse_args(args, namespace)
-        typed = f'{self.prog} {shlex.join(args)}'.strip()
-        options.command_line = typed.encode(errors='backslashreplace').decode()  # names need not be text
-        return options
-
-    def _print_message(self, message: str, file: Any = None) -> None:
-        # argparse swallows what goes wrong here
-        (file or sys.stderr).write(message)
-
-
-def parser_for(command: str, description: str) -> argparse.ArgumentParser:
-    """Return a parser with the look that all commands share."""
-    return _Parser(
-        prog=f'delta3 {command}',
-        description=description,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-
-
-def parser_of(main: Callable[[Sequence[str]], int]) -> argparse.ArgumentParser:
-    """Return the parser of a command, which is known to its main function only."""
-    _Parser.is_wanted = True
-    try:
-        main([])
-    except _Caught as caught:
-        return caught.parser
-    finally:
-        _Parser.is_wanted = False
-    raise AssertionError('a command that reads no options')
-
-
-def add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name a program and a robot."""
-    names = ', '.join(program_names())
-    parser.add_argument(
-        'program', nargs='?', default='experiment1', help=f'program file, or a packaged program: {names}'
-    )
-    add_parameter_options(parser)
-
-
-def add_parameter_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that describe a robot."""
-    parser.add_argument(
-        '--parameters',
-        metavar='FILE',
-        help='parameter file instead of the packaged one, or rich: the built robot',
-    )
-    parser.add_argument(
-        '--exchange-period',
-        metavar='S',
-        type=float,
-        help='exchange period between drives and plant [s]; 125e-6 is the exact reference',
-    )
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-
-
 def print_json(
     result: dict[str, Any],
-    options: argparse.Namespace,
+    options: Any,
     robot: Any = None,
     inputs: Sequence[str] = (),
     seed: int | None = None,
@@ -184,30 +105,6 @@ def print_json(
     source = getattr(options, 'parameters', None)
     origin = Provenance.of(options.command_line, robot, source, inputs, seed)
     print(json.dumps(result | {'provenance': origin.lines()}))
-
-
-def finite_number(text: str) -> float:
-    """Read a number of the command line."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
-    return value
-
-
-def announce_compilation() -> None:
-    """Compile the kernels if these sources have not been compiled on this machine yet, and tell how far it is."""
-    from delta3_pacdrive.numerics.kernel import all_compiled
-
-    if all_compiled():
-        return
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.cli.progress import compilation
-
-    with compilation() as show:
-        simulation.compile_kernels(show)
 
 
 def print_figures(result: dict[str, Any]) -> None:

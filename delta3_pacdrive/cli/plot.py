@@ -4,48 +4,18 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import number_within
-from delta3_pacdrive.cli.output import guarded, parser_for
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
 
 TIME = number_within(-1e9, 1e9, 's')
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    parser = parser_for(
-        'plot', 'Draw TCP path, arm angles, velocities, accelerations, currents and TCP error.'
-    )
-    parser.add_argument('recording', help='rosbag2 folder or trace (.npz, .csv)')
-    parser.add_argument(
-        '--output', metavar='DIR', default='figures', help='folder for the pictures and their data'
-    )
-    parser.add_argument(
-        '--from',
-        type=TIME,
-        metavar='S',
-        dest='from_s',
-        help='begin here: bus time [s] from the start of the (first) program, or of the bus if there is none',
-    )
-    parser.add_argument('--to', type=TIME, metavar='S', dest='to_s', help='end here, as --from')
-    parser.add_argument(
-        '--signals',
-        type=_signals,
-        metavar='NAMES',
-        help='draw and write these only, such as current,tcp_error: ' + ', '.join(SIGNALS | TRUE_SIGNALS),
-    )
-    parser.add_argument('--json', action='store_true', help='print the names of the files as JSON')
-    options = parser.parse_args(arguments)
-    if None not in (options.from_s, options.to_s) and options.from_s >= options.to_s:
-        parser.error(f'--from is {options.from_s:g}, but must be less than --to, {options.to_s:g}')
-    return guarded(lambda: _plot(options), options.json)
 
 
 def _signals(text: str) -> list[str]:
@@ -60,7 +30,34 @@ def _signals(text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _plot(options: argparse.Namespace) -> int:
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    recording: str = argument('rosbag2 folder or trace (.npz, .csv)')
+    output: str = option('folder for the pictures and their data', 'DIR', default='figures')
+    from_s: float | None = option(
+        'begin here: bus time [s] from the start of the (first) program, or of the bus if there is none',
+        'S',
+        names=('--from',),
+        type=TIME,
+    )
+    to_s: float | None = option('end here, as --from', 'S', names=('--to',), type=TIME)
+    signals: list[str] | None = option(
+        'draw and write these only, such as current,tcp_error: ' + ', '.join(SIGNALS | TRUE_SIGNALS),
+        'NAMES',
+        type=_signals,
+    )
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.from_s is None or self.to_s is None or self.from_s < self.to_s:
+            return ''
+        return f'--from is {self.from_s:g}, but must be less than --to, {self.to_s:g}'
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     from delta3_pacdrive.analysis import run_figures
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
@@ -105,5 +102,6 @@ def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> '
     return type(trace)(trace.time_s[rows], chosen, trace.meta)
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'plot', 'Draw TCP path, arm angles, velocities, accelerations, currents and TCP error.', Options, run
+)

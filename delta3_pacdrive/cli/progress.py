@@ -1,72 +1,97 @@
-"""A line that tells what a long command is doing."""
+"""A line on standard error that tells what a long command is doing."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+import sys
 from typing import Self
 
-from delta3_pacdrive import interrupts
+COMPILING_BUILT = 'compiling the kernels of the built robot, once for this version'
 
 
 class Progress:
-    """A line on standard error that tells what goes on; silent where nobody looks.
+    """A line that tells what goes on; silent where nobody looks.
 
-    Meanwhile Ctrl-C is an exception, so that a study can say what it leaves behind.
+    Parameters
+    ----------
+    quiet
+        Show nothing at all.
+    threaded
+        Whether a thread may draw: not in a process that forks, nor beside the compiler, which would hold it up.
+
     """
 
-    def __init__(self, quiet: bool) -> None:
+    def __init__(self, quiet: bool = False, threaded: bool = True) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bar
 
         console = Console(stderr=True)
+        self.is_shown = not quiet and console.is_terminal
+        self._threaded = threaded
         self._bar = Bar(
             TextColumn('{task.description}'),
             BarColumn(bar_width=24),
             TimeElapsedColumn(),
+            TextColumn('{task.fields[facts]}'),
             console=console,
-            disable=quiet or not console.is_terminal,
+            disable=not self.is_shown,
+            auto_refresh=threaded,
         )
-        self._task = self._bar.add_task('starting', total=None)
+        self._task = self._bar.add_task('starting', total=None, facts='')
 
-    def show(self, stage: str, done: int, total: int) -> None:
+    def show(self, stage: str, done: float = 0, total: float = 0, facts: str = '') -> None:
         """Draw the line anew; without a total it only moves."""
-        self._bar.update(self._task, description=stage, completed=done, total=total or None)
+        self._bar.update(
+            self._task,
+            description=stage,
+            completed=done,
+            total=total or None,
+            facts=facts,
+            refresh=not self._threaded,
+        )
 
     def __enter__(self) -> Self:
-        self._raising = ExitStack()
-        self._raising.enter_context(interrupts.raising())
         self._bar.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
-        self._raising.close()
 
 
-@contextmanager
-def compilation() -> Iterator[Callable[[int, int], None]]:
-    """Yield a function that shows how many kernels are compiled: as a bar on a terminal, else by lines."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
+def announce_compilation(parameters: str | None = None) -> None:
+    """Compile the kernels if these sources have not been compiled on this machine yet, and tell how far it is.
 
-    from delta3_pacdrive.numerics.kernel import COMPILING, Lines
+    With a built robot as ``parameters`` that includes the kernels of its effects, which a nominal one does not need.
+    """
+    from delta3_pacdrive.numerics.kernel import COMPILING, Lines, all_compiled, compiled, watched
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield Lines().show
+    if not all_compiled():
+        from delta3_pacdrive import simulation
+
+        with Progress(threaded=False) as progress:
+            lines = Lines()
+
+            def show(done: int, total: int) -> None:
+                if progress.is_shown:
+                    progress.show(COMPILING, done, total, f'{done}/{total}')
+                else:
+                    lines.show(done, total)
+
+            simulation.compile_kernels(show)
+    if parameters is None:
         return
-    columns = (
-        TextColumn('{task.description}'),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    # no thread that draws: the compiler would hold it up, and it the compiler
-    with Bar(*columns, console=console, auto_refresh=False) as bar:
-        task = bar.add_task(COMPILING)
-        yield lambda done, total: bar.update(task, completed=done, total=total, refresh=True)
-        done, total = (int(number or 0) for number in (bar.tasks[0].completed, bar.tasks[0].total))
-        bar.update(task, completed=max(done, total), refresh=True)
+    from delta3_pacdrive import parameters as core
+
+    robot = core.load(parameters)
+    if not robot.rich.enabled:
+        return
+    from delta3_pacdrive import simulation
+
+    if compiled() > simulation.KERNELS:
+        return
+    with Progress(threaded=False) as progress:
+        if not progress.is_shown:
+            print(COMPILING_BUILT, file=sys.stderr, flush=True)
+        progress.show(COMPILING_BUILT)
+        with watched(lambda: progress.show(COMPILING_BUILT)):
+            simulation.load_kernels(robot)

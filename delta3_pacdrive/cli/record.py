@@ -1,26 +1,21 @@
 """``delta3 record``: record a running robot until interrupted."""
 
-import argparse
-import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.output import guarded, parser_for
+from delta3_pacdrive.cli.command import Command, NodeOptions, argument, option
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass
+class Options(NodeOptions):
+    """Options of the command."""
+
+    bag: str = argument('folder to make')
+    parameters: str | None = option('parameter file of the robot, for the metadata', 'FILE')
+
+
+def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for(
-        'record', 'Record every topic of a running robot into a new rosbag2 folder, until Ctrl-C.'
-    )
-    parser.add_argument('bag', help='folder to make')
-    parser.add_argument('--namespace', default='/', help='ROS namespace of the robot')
-    parser.add_argument('--parameters', metavar='FILE', help='parameter file of the robot, for the metadata')
-    options = parser.parse_args(arguments)
-    return guarded(lambda: _record(options))
-
-
-def _record(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.ros.nodes.recorder import record
@@ -31,5 +26,6 @@ def _record(options: argparse.Namespace) -> int:
     return record(folder, core.load(options.parameters), '/' + options.namespace.strip('/'))
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'record', 'Record every topic of a running robot into a new rosbag2 folder, until Ctrl-C.', Options, run
+)

@@ -1,35 +1,24 @@
 """``delta3 simulate``: the same control and plant code in one loop, without ROS."""
 
-import argparse
 import sys
 import time
-from collections.abc import Sequence
+from dataclasses import dataclass
 
+from delta3_pacdrive.cli.command import Command, ProgramOptions, option
 from delta3_pacdrive.cli.option_types import trace_file
-from delta3_pacdrive.cli.output import (
-    add_robot_options,
-    announce_compilation,
-    guarded,
-    parser_for,
-    print_figures,
-    print_json,
-)
+from delta3_pacdrive.cli.output import print_figures, print_json
+from delta3_pacdrive.cli.progress import announce_compilation
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass
+class Options(ProgramOptions):
+    """Options of the command."""
+
+    trace: str | None = option('write every signal to this .npz or .csv file', 'FILE', type=trace_file)
+
+
+def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    parser = parser_for(
-        'simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.'
-    )
-    add_robot_options(parser)
-    parser.add_argument(
-        '--trace', type=trace_file, metavar='FILE', help='write every signal to this .npz or .csv file'
-    )
-    options = parser.parse_args(arguments)
-    return guarded(lambda: _simulate(options), options.json)
-
-
-def _simulate(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis.provenance import Provenance, digest
@@ -38,7 +27,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.recording import bag_trace
 
-    announce_compilation()
+    announce_compilation(options.parameters)
     robot = core.load(options.parameters)
     if options.exchange_period is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period)
@@ -81,5 +70,6 @@ def _simulate(options: argparse.Namespace) -> int:
     return 0 if missed is None else 1
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command(
+    'simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.', Options, run
+)

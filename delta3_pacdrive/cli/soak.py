@@ -1,59 +1,58 @@
 """``delta3 soak``: random programs with random faults, without a clock and in real time, and what must always hold."""
 
-import argparse
 import json
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation, guarded, parser_for, print_json
+from delta3_pacdrive.cli.command import Command, JsonOptions, option
+from delta3_pacdrive.cli.output import INTERRUPTED, print_json
+from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
 PACES = {'fast': 0.0, 'real-time': 1.0}  # of the bus, over real time
 END_S = 15.0  # in which a pace that is to end does
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for(
-        'soak', 'Run random programs with random faults; half of the time without a clock, half in real time.'
-    )
-    parser.add_argument('--minutes', type=float, default=10.0, metavar='N', help='how long, all in all')
-    parser.add_argument('--seed', type=int, default=1, help='of programs and faults')
-    parser.add_argument('--pace', choices=PACES, help='only without a clock, or only in real time')
-    parser.add_argument(
-        '--replay', type=int, metavar='N', help='only program N of the sequence of a seed and a pace'
-    )
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    options = parser.parse_args(arguments)
-    if not 0.0 < options.minutes <= 1e5:
-        parser.error(f'--minutes is {options.minutes:g}, but must be between 0 and 100000')
-    if options.replay is not None and (options.replay < 1 or not options.pace):
-        parser.error('--replay takes the number of a program, from 1 on, and needs --pace')
-    return options
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    minutes: float = option('how long, all in all', 'N', default=10.0, type=float)
+    seed: int = option('of programs and faults', default=1, type=int)
+    pace: str | None = option('only without a clock, or only in real time', choices=PACES)
+    replay: int | None = option('only program N of the sequence of a seed and a pace', 'N', type=int)
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if not 0.0 < self.minutes <= 1e5:
+            return f'--minutes is {self.minutes:g}, but must be between 0 and 100000'
+        if self.replay is not None and (self.replay < 1 or not self.pace):
+            return '--replay takes the number of a program, from 1 on, and needs --pace'
+        return ''
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    options = _parse(arguments)
-    return guarded(lambda: _run(options), options.json)
-
-
-def _run(options: argparse.Namespace) -> int:
     from delta3_pacdrive import parameters as core
 
     rows: dict[str, dict[str, Any]] = {}
     interrupted = False
-    for pace in [options.pace] if options.pace else PACES:
+    for pace in [options.pace] if options.pace else list(PACES):
         rows[pace] = _soak(options, pace) if options.pace else _in_a_process(options, pace)
         interrupted = rows[pace].pop('interrupted')
         if interrupted:
             break
     ok = all(row['ok'] for row in rows.values()) and not interrupted
     if options.json:
-        result = {'ok': ok, 'interrupted': interrupted, 'seed': options.seed, 'minutes': options.minutes}
+        result: dict[str, Any] = {
+            'ok': ok,
+            'interrupted': interrupted,
+            'seed': options.seed,
+            'minutes': options.minutes,
+        }
         if not ok and not interrupted:
             result['error'] = _complaint(options, rows)
         print_json(result | rows, options, core.load(), seed=options.seed)
@@ -68,7 +67,7 @@ def _run(options: argparse.Namespace) -> int:
     return int(not ok)
 
 
-def _complaint(options: argparse.Namespace, rows: dict[str, dict[str, Any]]) -> str:
+def _complaint(options: Options, rows: dict[str, dict[str, Any]]) -> str:
     for pace, row in rows.items():
         if row['refused'] and not row['programs']:
             which = f'program {options.replay}' if options.replay else f'all {row["refused"]} programs'
@@ -81,7 +80,7 @@ def _complaint(options: argparse.Namespace, rows: dict[str, dict[str, Any]]) -> 
     return '; '.join(f'{pace}: {count} faults were not survived' for pace, count in lacking if count)
 
 
-def _in_a_process(options: argparse.Namespace, pace: str) -> dict[str, Any]:
+def _in_a_process(options: Options, pace: str) -> dict[str, Any]:
     """Run one pace in a process of its own: a bring-up forks, which a process that had ROS in it must not."""
     arguments = ['--pace', pace, '--minutes', str(options.minutes / len(PACES)), '--seed', str(options.seed)]
     command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.soak', *arguments, '--json']
@@ -109,27 +108,18 @@ def _end(child: 'subprocess.Popen[str]') -> str:
     return output
 
 
-def _soak(options: argparse.Namespace, pace: str) -> dict[str, Any]:
-    from rich.console import Console
-    from rich.progress import Progress, TextColumn, TimeElapsedColumn
-
+def _soak(options: Options, pace: str) -> dict[str, Any]:
     from delta3_pacdrive.verification.soak import Figures, run_soak
 
     announce_compilation()
-    console = Console(stderr=True)
     figures = Figures()
     interrupted = False
-    # a display that refreshes by itself has a thread, which a process that forks must not have
-    with Progress(
-        TextColumn('{task.description}'), TimeElapsedColumn(), console=console, auto_refresh=False
-    ) as bar:
-        line = bar.add_task('starting', total=None)
+    # processes fork meanwhile
+    with Progress(threaded=False) as progress:
 
         def show(now: Figures) -> None:
             text = f'{pace}: {now.programs} programs, {now.injected} faults, {now.cycles} cycles'
-            bar.update(
-                line, description=f'{text}, {len(now.violations)} violations', refresh=console.is_terminal
-            )
+            progress.show(f'{text}, {len(now.violations)} violations')
 
         try:
             run_soak(60.0 * options.minutes, options.seed, pace, PACES[pace], figures, show, options.replay)
@@ -170,6 +160,13 @@ def _print(name: str, row: dict[str, Any]) -> None:
         )
         print(''.join(f'        {line}\n' for line in violation['program'].splitlines()), end='')
 
+
+main = Command(
+    'soak',
+    'Run random programs with random faults; half of the time without a clock, half in real time.',
+    Options,
+    run,
+)
 
 if __name__ == '__main__':
     sys.exit(main())

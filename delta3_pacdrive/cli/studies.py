@@ -6,8 +6,9 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.output import INTERRUPTED, announce_compilation
-from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive import interrupts
+from delta3_pacdrive.cli.output import INTERRUPTED
+from delta3_pacdrive.cli.progress import Progress, announce_compilation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -38,10 +39,11 @@ def conduct(
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
 
-    announce_compilation()
+    announce_compilation(options.parameters)
     simulation.load_kernels(core.load(options.parameters))
     try:
-        with Progress(quiet=options.json) as progress:
+        # an interruption is an exception meanwhile, so that the study can say what it leaves behind
+        with interrupts.raising(), Progress(quiet=options.json) as progress:
             summary = work(progress.show)
     except KeyboardInterrupt:
         print(unfinished(), file=sys.stderr)

@@ -1,39 +1,24 @@
 """``delta3 up``: bring a robot up and keep it up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
 
-import argparse
 import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.cli.output import (
-    add_parameter_options,
-    announce_compilation,
-    guarded,
-    parser_for,
-    print_json,
-)
-from delta3_pacdrive.cli.run import Display, add_graph_options, check_graph_options, options_of, refuse_second
+from delta3_pacdrive.cli.command import Command, RobotOptions
+from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.progress import Progress, announce_compilation
+from delta3_pacdrive.cli.run import GraphOptions, bringup_options, refuse_second, show_run
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = parser_for('up', 'Start every node of a robot and keep it up for moves, until Ctrl-C.')
-    add_parameter_options(parser)
-    add_graph_options(parser)
-    options = parser.parse_args(arguments)
-    check_graph_options(parser, options)
-    return options
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status."""
-    options = _parse(arguments)
-    return guarded(lambda: _run(options), options.json)
+@dataclass
+class Options(GraphOptions, RobotOptions):
+    """Options of the command."""
 
 
 class _Announcement:
     """Says once that the robot is ready, then leaves the line to the display."""
 
-    def __init__(self, display: Display, bringup: Any, quiet: bool) -> None:
+    def __init__(self, display: Progress, bringup: Any, quiet: bool) -> None:
         self._display, self._bringup, self._quiet = display, bringup, quiet
         self._told = False
         self._notes = 0
@@ -53,20 +38,18 @@ class _Announcement:
         if not self._told and progress['in_torque']:
             self._told = True
             self._say(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
-        self._display.show(progress)
+        show_run(self._display, progress)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
     refuse_second(options)
     from delta3_pacdrive.bringup.bringup import Bringup
 
-    announce_compilation()
-    bringup = Bringup(options_of(options, None))
-    display = Display(quiet=options.json)
-    try:
+    announce_compilation(options.parameters)
+    bringup = Bringup(bringup_options(options, options, None))
+    with Progress(quiet=options.json) as display:
         result = bringup.run(_Announcement(display, bringup, options.json).show)
-    finally:
-        display.close()
     if options.json:
         print_json(result, options, bringup.robot)
     else:
@@ -77,5 +60,4 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = Command('up', 'Start every node of a robot and keep it up for moves, until Ctrl-C.', Options, run)

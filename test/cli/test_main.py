@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive.cli import check, completion
 from delta3_pacdrive.cli.main import COMMANDS, main
-from delta3_pacdrive.cli.output import parser_of, print_figures
+from delta3_pacdrive.cli.output import print_figures
 from delta3_pacdrive.motion import program_file as programs
 
 FIGURES = {
@@ -173,5 +173,6 @@ def test_every_command_has_a_parser_of_its_name():
     import importlib
 
     for command in COMMANDS:
-        parser = parser_of(importlib.import_module(f'delta3_pacdrive.cli.{command}').main)
+        parser = importlib.import_module(f'delta3_pacdrive.cli.{command}').main.parser()
         assert parser.prog == f'delta3 {command}'
+        assert 'None' not in parser.format_help()

@@ -1,0 +1,247 @@
+"""A command, declared: its options are a dataclass, and parser, help, completion and refusals come from that."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+import sys
+from dataclasses import MISSING, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.configuration.packaged import program_names
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+# options that take the name of a program: completion offers those that are packaged
+PROGRAMS = ('program', 'file', 'inputs', 'values')
+
+
+def argument(help_text: str, *, default: Any = MISSING, only: Sequence[str] = (), **more: Any) -> Any:
+    """Declare a positional argument; without a default it must be given.
+
+    Parameters
+    ----------
+    help_text
+        Beside it.
+    default
+        None is not shown.
+    only
+        Actions of the command that obey it; all of them, if it is empty.
+    more
+        As argparse has it: ``type``, ``metavar``, ``choices``, ``nargs`` ...
+
+    """
+    if default is not MISSING and 'nargs' not in more:
+        more['nargs'] = '?'
+    return _declared(default, only, (), {'help': help_text, **more})
+
+
+def option(
+    help_text: str,
+    metavar: str | tuple[str, ...] | None = None,
+    *,
+    default: Any = None,
+    names: Sequence[str] = (),
+    only: Sequence[str] = (),
+    **more: Any,
+) -> Any:
+    """Declare an option with a value; ``names`` are its own, if it is not called like the field."""
+    return _declared(default, only, names, {'help': help_text, 'metavar': metavar, **more}, True)
+
+
+def flag(help_text: str, *, names: Sequence[str] = (), only: Sequence[str] = ()) -> Any:
+    """Declare an option without a value."""
+    return _declared(False, only, names, {'help': help_text, 'action': 'store_true'}, True)
+
+
+def _declared(
+    default: Any, only: Sequence[str], names: Sequence[str], more: Any, optional: bool = False
+) -> Any:
+    return field(
+        default=None if default is MISSING else default,
+        metadata={'only': only, 'names': names, 'parser': more, 'optional': optional},
+    )
+
+
+@dataclass
+class Options:
+    """Options of a command; ``command_line`` is the command as it was typed."""
+
+    command_line: str = ''
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        return ''
+
+    def given(self) -> list[str]:
+        """Return the options that are not as they are by default, by name."""
+        return [name(one) for one in _options(self) if getattr(self, one.name) != one.default]
+
+    def unobeyed(self, action: str) -> list[tuple[str, Sequence[str]]]:
+        """Return the options that are given, but not obeyed by an action, each with the actions that obey it."""
+        given, only = self.given(), {name(one): one.metadata['only'] for one in _options(self)}
+        return [(one, only[one]) for one in given if only[one] and action not in only[one]]
+
+    def refusal(self, action: str) -> str:
+        """Return the sentence about an option that an action does not obey; empty if there is none."""
+        for one, only in self.unobeyed(action):
+            listed = ' and '.join(filter(None, [', '.join(only[:-1]), only[-1]]))
+            return f'{one} is for {listed}, not for {action}'
+        return ''
+
+
+@dataclass
+class JsonOptions(Options):
+    """Options of a command that has a result."""
+
+    json: bool = flag('print the result as JSON')
+
+
+@dataclass
+class NodeOptions(Options):
+    """Options of a command that talks to a robot."""
+
+    namespace: str = option('ROS namespace of the robot', default='/')
+
+
+@dataclass
+class RobotOptions(JsonOptions):
+    """Options that describe a robot."""
+
+    parameters: str | None = option(
+        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
+    )
+    exchange_period: float | None = option(
+        'exchange period between drives and plant [s]; 125e-6 is the exact reference', 'S', type=float
+    )
+
+
+@dataclass
+class ProgramOptions(RobotOptions):
+    """Options that name a program and a robot."""
+
+    program: str = argument(
+        f'program file, or a packaged program: {", ".join(program_names())}', default='experiment1'
+    )
+
+
+def _options(kind: Any) -> list[Any]:
+    """Return the declared options; what all commands have comes last."""
+    return sorted((one for one in fields(kind) if one.metadata), key=lambda one: one.name == 'json')
+
+
+def name(one: Any) -> str:
+    """Return the name of an option as it is typed, of an argument as the help has it."""
+    if not one.metadata['optional']:
+        return str(one.metadata['parser'].get('metavar') or one.name)
+    return str(one.metadata['names'][0]) if one.metadata['names'] else '--' + one.name.replace('_', '-')
+
+
+Chosen = TypeVar('Chosen', bound=Options)
+
+
+class Command(Generic[Chosen]):
+    """A command of the command line: called with arguments, it runs and returns the exit status.
+
+    Parameters
+    ----------
+    name
+        Behind ``delta3``.
+    description
+        In its help.
+    options
+        What it takes.
+    run
+        What it does; returns the exit status.
+    actions
+        What the first argument may be, each with its line in the help.
+    mixed
+        Whether options may stand between the values of one argument.
+
+    """
+
+    def __init__(
+        self,
+        name: str,
+        description: str,
+        options: type[Chosen],
+        run: Callable[[Chosen], int],
+        actions: dict[str, str] | None = None,
+        mixed: bool = False,
+    ) -> None:
+        self.name, self._options, self._run, self._mixed = name, options, run, mixed
+        self._description, self._actions = description, actions or {}
+
+    def parser(self) -> argparse.ArgumentParser:
+        """Return the parser of its options."""
+        parser = _Parser(prog=f'delta3 {self.name}', description=self._description, formatter_class=_Help)
+        if self._actions:
+            width = max(map(len, self._actions))
+            lines = [f'  {action:<{width}}  {text}' for action, text in self._actions.items()]
+            parser.epilog = 'actions:\n' + '\n'.join(lines)
+        for one in _options(self._options):
+            if not one.metadata['optional']:
+                parser.add_argument(one.name, default=one.default, **one.metadata['parser'])
+                continue
+            names = one.metadata['names'] or (name(one),)
+            parser.add_argument(*names, dest=one.name, default=one.default, **one.metadata['parser'])
+        return parser
+
+    def words(self) -> list[str]:
+        """Return what may stand behind the command: options, choices, names of programs."""
+        found = ['-h', '--help']
+        for one in _options(self._options):
+            if one.metadata['optional']:
+                found += one.metadata['names'] or (name(one),)
+            found += [str(choice) for choice in one.metadata['parser'].get('choices') or ()]
+        takes_program = any(one.name in PROGRAMS for one in _options(self._options))
+        return found + (program_names() if takes_program else [])
+
+    def read(self, arguments: Sequence[str]) -> Chosen:
+        """Return the options; ends the program with a usage error if they are wrong."""
+        parser = self.parser()
+        found = (parser.parse_intermixed_args if self._mixed else parser.parse_args)(arguments)
+        typed = f'{parser.prog} {shlex.join(arguments)}'.strip()
+        typed = typed.encode(errors='backslashreplace').decode()  # names need not be text
+        options = self._options(command_line=typed, **vars(found))
+        if refusal := options.check():
+            parser.error(refusal)
+        return options
+
+    def __call__(self, arguments: Sequence[str] | None = None) -> int:
+        """Run with these arguments, else with those of the process."""
+        options = self.read(list(sys.argv[1:] if arguments is None else arguments))
+        return guarded(lambda: self._run(options), getattr(options, 'json', False))
+
+
+class _Parser(argparse.ArgumentParser):
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        # argparse takes -1 for a number, but -1e3 for an option
+        self._negative_number_matcher = re.compile(r'^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-inf(inity)?$', re.I)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        # argparse swallows what goes wrong here
+        (file or sys.stderr).write(message)
+
+
+class _Help(argparse.HelpFormatter):
+    """Shows the defaults that say something, and leaves lists of actions as they are."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        hidden = action.default is None or action.default is False
+        hidden = hidden or action.default in ('', (), argparse.SUPPRESS)
+        if hidden or not (action.option_strings or action.nargs):
+            return action.help
+        text = action.default
+        if isinstance(text, tuple):
+            text = ' '.join(map(str, text))
+        return f'{action.help} (default: {text})'
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if '\n' in text:
+            return ''.join(indent + line for line in text.splitlines(keepends=True))
+        return super()._fill_text(text, width, indent)
