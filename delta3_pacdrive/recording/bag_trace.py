@@ -12,7 +12,8 @@ import numpy as np
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording import trace_csv
-from delta3_pacdrive.recording.signals import CARRIED, SIGNALS
+from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock

@@ -1,6 +1,4 @@
-"""Names of the signals of a run, each with its unit and what it is, and the topics that carry them."""
-
-from delta3_pacdrive.sercos import telegrams
+"""Names of the signals of a run, each with its unit and what it is. Light: the help of a command tells them."""
 
 # name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
 SIGNALS = {
@@ -15,16 +13,6 @@ SIGNALS = {
     'shaft_position': ('rad', 'true motor shaft position'),
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
-}
-# signals that a telegram carries, one for each of its arrays
-CARRIED = {
-    telegrams.MDT: ('motor_command',),
-    **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
-    telegrams.FOLLOWING_ERROR: ('following_error',),
-    telegrams.TCP_COMMAND: ('tcp_command',),
-    telegrams.TCP_ACTUAL: ('tcp_actual',),
-    telegrams.TCP_ERROR: ('tcp_error',),
-    telegrams.SHAFTS: ('shaft_position', 'shaft_speed', 'coupling_torque'),
 }
 # what no topic tells: only simulations hold it
 TRUE_SIGNALS = {

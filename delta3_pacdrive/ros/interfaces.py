@@ -21,7 +21,7 @@ from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.errors import Code, Reason
-from delta3_pacdrive.recording.signals import CARRIED
+from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.ros import qos
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode

@@ -3,10 +3,8 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, flatten
 
 DRIVES = ('axis1', 'axis2', 'axis3')
 PLANT = 'plant'
@@ -32,10 +30,8 @@ class Identity:
     parameters: str
 
     @staticmethod
-    def of(parameters: 'Parameters') -> 'Identity':
+    def of(parameters: Parameters) -> 'Identity':
         """Return the identity of a participant with these parameters."""
-        from delta3_pacdrive.parameters import flatten  # the names here are light: the help of a command tells them
-
         return Identity(
             repr(parameters.bus.cycle_time_s),
             repr(parameters.bus.exchange_period_s),

@@ -24,7 +24,8 @@ from bags import (
 )
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import bag_trace
-from delta3_pacdrive.recording.signals import CARRIED, SIGNALS
+from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 
