@@ -1,5 +1,8 @@
-"""Tables that the code itself holds, as directives of the pages, so that they cannot grow old."""
+"""Tables and texts that the code itself holds, as directives of the pages, so that they cannot grow old."""
 
+import contextlib
+import io
+import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -92,8 +95,29 @@ class Table(SphinxDirective):
         return container.children
 
 
+class Help(SphinxDirective):
+    """Shows what ``delta3 COMMAND --help`` prints."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Ask the command."""
+        from delta3_pacdrive.cli.main import main
+
+        printed, columns = io.StringIO(), os.environ.get('COLUMNS')
+        os.environ['COLUMNS'] = '100'
+        try:
+            with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+                main([self.arguments[0], '--help'])
+        finally:
+            os.environ.pop('COLUMNS')
+            os.environ.update({} if columns is None else {'COLUMNS': columns})
+        return [nodes.literal_block(printed.getvalue(), printed.getvalue(), language='text')]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add a directive for each table."""
     for rows in (idns, diagnostics, fault_kinds, topics, services, deliveries):
         app.add_directive(rows.__name__, type(rows.__name__, (Table,), {'rows': staticmethod(rows)}))
+    app.add_directive('help', Help)
     return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -32,6 +32,13 @@ def test_the_pages_build_without_a_warning(html):
     assert 'index.html' in html
 
 
+def test_every_command_shows_its_help(html):
+    from delta3_pacdrive.cli.main import COMMANDS
+
+    shown = set(re.findall(r'usage: delta3 (\w+)', html['commands.html']))
+    assert shown == set(COMMANDS)
+
+
 def test_nothing_that_a_page_shows_comes_from_the_network(html):
     loaded = re.compile(r'<(?:script|img|iframe)[^>]*src="(?:https?:)?//|<link[^>]*href="(?:https?:)?//')
     assert {name: found for name, text in html.items() if (found := loaded.findall(text))} == {}
