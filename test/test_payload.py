@@ -11,7 +11,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
-from delta3_pacdrive.sercos import words
+from delta3_pacdrive.sercos import telegrams, words
 
 TOO_HEAVY_KG = PAYLOAD_MAX_KG + 1e-3
 RESERVE = 2.0  # of what is held at rest, over the limit
@@ -86,10 +86,9 @@ def test_plans_carry_up_to_the_limit(where, robot):
 
 
 def test_telegrams_carry_up_to_the_limit():
-    telegram = pytest.importorskip('delta3_pacdrive.ros.cdr', exc_type=ImportError)
     assert words.PAYLOAD_MAX_KG == parameters.PAYLOAD_MAX_KG
     session = b'3fa9'
     for kg in (0.0, PAYLOAD_MAX_KG):
-        assert telegram.parse_current_frame(telegram.current_frame(True, kg, session), session)[1] == kg
+        assert telegrams.parse_current_frame(telegrams.current_frame(True, kg, session), session)[1] == kg
     with pytest.raises(TelegramError):
-        telegram.parse_current_frame(telegram.current_frame(True, TOO_HEAVY_KG, session), session)
+        telegrams.parse_current_frame(telegrams.current_frame(True, TOO_HEAVY_KG, session), session)

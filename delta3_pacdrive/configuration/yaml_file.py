@@ -29,7 +29,7 @@ _WORDS: dict[str, Any] = {
 _NUMERIC = frozenset('0123456789+-.')
 _FAILURES = (yaml.YAMLError, RecursionError, ValueError)
 # the parser in C needs a tenth of the time
-_Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 def _scalar(event: Any) -> Any:
@@ -146,7 +146,7 @@ def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
     loader = None
     try:
         text = content.decode('utf-8') if isinstance(content, bytes) else content
-        loader = _Loader(text)
+        loader = LOADER(text)
         while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
             builder.take(event)
     except _FAILURES as failure:

@@ -342,6 +342,11 @@ class Transformation:
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
 
     @property
+    def timeline(self) -> Timeline:
+        """The loaded program in bus time."""
+        return self._timeline
+
+    @property
     def course(self) -> Course | None:
         """What the master follows, ``None`` before a start."""
         return self._timeline.course

@@ -163,7 +163,7 @@ def _row(
 
 
 # fmt: off
-_ROWS = (
+ROWS = (
     # gains
     _row('S-0-0104', 'Position loop KV-factor', '1/s', Group.GAINS,
          'drive.position_gain_rad_s_rad', writable_in=ALWAYS),
@@ -300,11 +300,11 @@ _ROWS = (
 )
 # fmt: on
 
-TABLE = {row.idn: row for row in _ROWS}
+TABLE = {row.idn: row for row in ROWS}
 # IDN by the name of the parameter that is its value
 OF_PARAMETER = {
     row.sources[0]: row.idn
-    for row in reversed(_ROWS)
+    for row in reversed(ROWS)
     if row.formula is float and row.sources and '.' in row.sources[0]
 }
 RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK = (

@@ -270,12 +270,15 @@ class OperatorNode(PollingNode):
         """Enable or disable the drives."""
         return self.ask('control', messages.ENABLE if on else messages.DISABLE)
 
+    @property
+    def reaches_drives(self) -> bool:
+        """Whether somebody takes requests to the drives and answers."""
+        listening = self._request.get_subscription_count()
+        return bool(listening and self.count_publishers('sercos/service/answer'))
+
     def drive(self, request: str) -> str:
         """Ask a drive through its service channel ("axis1 read S-0-0104"); raises ProgramError if it refuses."""
-        self.wait_until(
-            lambda: self._request.get_subscription_count() and self.count_publishers('sercos/service/answer'),
-            'transformation task',
-        )
+        self.wait_until(lambda: self.reaches_drives, 'transformation task')
         mark = f'#{secrets.token_hex(4)}'  # others ask as well, and everybody hears every answer
         self._service_answers.clear()
         self._request.publish(String(data=f'{mark} {request}'))

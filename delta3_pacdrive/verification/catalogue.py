@@ -46,6 +46,19 @@ class _MissedError(RunError):
     """The fault did not hit the state that it was meant for; try again."""
 
 
+def judge_reference(tcp: Floats, home: Floats, away: Floats, fault: str) -> float:
+    """Return how far the TCP left the line of a reference move [m]; raises RunError if that is not as always."""
+    if fault:
+        raise RunError(f'the reference move ended with a fault: {fault}')
+    off = _distance_from_line(tcp, home, away)
+    end = float(np.linalg.norm(tcp[-1] - home))
+    if off > REFERENCE_LINE_M or end > REFERENCE_END_M:
+        raise RunError(
+            f'the reference move is {off * 1e3:.3f} mm off its line and ends {end * 1e3:.3f} mm off'
+        )
+    return off
+
+
 def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
     """Largest distance [m] of points from a straight line between two points."""
     along = end - start
@@ -107,16 +120,7 @@ class Catalogue(Witness):
         self.drive(self._moves(self._away, self._home))
         self.wait(self.stands, 'end of the reference move')
         self.let_pass(SETTLE_S)
-        if self.progress['fault']:
-            raise RunError(f'the reference move ended with a fault: {self.progress["fault"]}')
-        tcp = self._tcp()
-        off = _distance_from_line(tcp, self._home, self._away)
-        end = float(np.linalg.norm(tcp[-1] - self._home))
-        if off > REFERENCE_LINE_M or end > REFERENCE_END_M:
-            raise RunError(
-                f'the reference move is {off * 1e3:.3f} mm off its line and ends {end * 1e3:.3f} mm off'
-            )
-        return off
+        return judge_reference(self._tcp(), self._home, self._away, self.progress['fault'])
 
     def _moves(self, *points: Floats, **limits: float) -> list[dict[str, Any]]:
         return [{'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **limits}} for point in points]

@@ -104,6 +104,40 @@ class _Counters:
     mdt: tuple[int, ...]
 
 
+class TelegramCheck:
+    """The check holds every telegram of a robot against what must always be.
+
+    Parameters
+    ----------
+    take
+        Returns the telegrams that have come since the last time, by topic.
+    invariants
+        What must always be.
+
+    Attributes
+    ----------
+    session
+        Session of the newest MDT.
+    recorded
+        Keeps all telegrams by topic unless it is None.
+
+    """
+
+    def __init__(self, take: Callable[[], dict[str, Telegrams]], invariants: Invariants) -> None:
+        self._take, self._invariants = take, invariants
+        self.session = b''
+        self.recorded: dict[str, list[Telegrams]] | None = None
+
+    def look(self) -> None:
+        """Check what has come."""
+        for topic, telegrams in self._take().items():
+            self._invariants.check(topic, telegrams)
+            if topic == MDT:
+                self.session = telegrams.sessions[-1]
+            if self.recorded is not None:
+                self.recorded.setdefault(topic, []).append(telegrams)
+
+
 class Soak(Attendant):
     """Random programs and faults on a robot that is up.
 
@@ -125,12 +159,11 @@ class Soak(Attendant):
         self._seed, self._pace, self.figures = seed, pace, figures
         self._drawn = Drawn(0, [], [])
         self._invariants = Invariants(robot, self._violate)
-        self._session = b''
-        self._recorded: dict[str, list[Telegrams]] | None = None
         self._memory: list[
             tuple[int, dict[int, tuple[float, float]]]
         ] = []  # resident and own [MB], by process
-        self._tap = Tap(self.operator, robot.bus.cycle_time_s, lambda text: self._violate(text, -1))
+        tap = Tap(self.operator, robot.bus.cycle_time_s, lambda text: self._violate(text, -1))
+        self._telegrams = TelegramCheck(tap.take, self._invariants)
 
     def _violate(self, sentence: str, cycle: int) -> None:
         drawn = self._drawn
@@ -140,12 +173,7 @@ class Soak(Attendant):
 
     def look(self) -> None:
         """Hold every telegram against the invariants."""
-        for topic, telegrams in self._tap.take().items():
-            self._invariants.check(topic, telegrams)
-            if topic == MDT:
-                self._session = telegrams.sessions[-1]
-            if self._recorded is not None:
-                self._recorded.setdefault(topic, []).append(telegrams)
+        self._telegrams.look()
 
     def run(self, seconds: float, show: Callable[[Figures], None], replay: int | None = None) -> None:
         """Run for a while, or only the program of a number."""
@@ -185,7 +213,7 @@ class Soak(Attendant):
     def _run_program(self, drawn: Drawn) -> None:
         figures = self.figures
         before = self._count()
-        self._recorded = {} if not drawn.faults else None
+        self._telegrams.recorded = {} if not drawn.faults else None
         try:
             self.drive(drawn.moves, drawn.faults)
         except ProgramError as error:
@@ -215,8 +243,10 @@ class Soak(Attendant):
             self._violate(f'stopped without an injected fault: {reported}', self.progress['fault_cycle'])
             return
         self.let_pass(SETTLE_S)
-        recorded = {topic: Telegrams.joined(parts) for topic, parts in (self._recorded or {}).items()}
-        self._recorded = None
+        recorded = {
+            topic: Telegrams.joined(parts) for topic, parts in (self._telegrams.recorded or {}).items()
+        }
+        self._telegrams.recorded = None
         error, end = self._invariants.check_undisturbed(recorded, drawn.end_m)
         figures = self.figures
         figures.undisturbed += 1
@@ -226,7 +256,7 @@ class Soak(Attendant):
     def _count(self) -> _Counters:
         """Read the counters of lost telegrams."""
         mdt = tuple(self.mdt_losses(axis) for axis in DRIVES)
-        return _Counters(self._session, int(self.fresh()['lost_telegrams']), mdt)
+        return _Counters(self._telegrams.session, int(self.fresh()['lost_telegrams']), mdt)
 
     def _compare(self, drawn: Drawn, before: _Counters, complete: bool) -> None:
         """Compare the telegrams that are missing after program and recovery with those that were taken away."""

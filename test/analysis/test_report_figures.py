@@ -10,7 +10,7 @@ from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive.analysis.estimation.problem import Block, Problem
 from delta3_pacdrive.analysis.estimation.quantities import TABLE
 from delta3_pacdrive.analysis.estimation.solver import fit
-from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, _outcome
+from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, outcome_of
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
 from delta3_pacdrive.analysis.experiments.conclusions import Conclusion, conclusions, verdict
 from delta3_pacdrive.analysis.jacobian import report as jacobian_report
@@ -355,7 +355,7 @@ def test_a_deviation_is_robot_less_model(compared):
 def test_alone_and_left_out_are_what_comes_with_and_what_goes_with_an_effect():
     names = tuple(EFFECTS)[:2]
     # v of no effect, the first, the second, both: they do not superpose
-    outcome = _outcome(('current', 'max'), names, 1.0, np.array([3.0, 10.0, 5.0, 20.0]))
+    outcome = outcome_of(('current', 'max'), names, 1.0, np.array([3.0, 10.0, 5.0, 20.0]))
     assert outcome.other == 2.0
     assert outcome.alone == dict(zip(names, (7.0, 2.0), strict=True))
     assert outcome.left_out == dict(zip(names, (15.0, 10.0), strict=True))

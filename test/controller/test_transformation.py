@@ -390,7 +390,7 @@ def test_an_output_behind_the_place_of_a_hold_waits_for_the_program_to_go_on(rob
     rows += outputs_over(task, rows[-1][0] + 1, stopped + 200)
     assert rows[-1][2] < 0.2
     assert not any(row[3] for row in rows)
-    timeline = task._timeline
+    timeline = task.timeline
     task.change(rejoin(timeline, stopped + 220, 0.5))
     rows = outputs_over(task, stopped + 200, task.coming_last_cycle)
     n = next(n for n, row in enumerate(rows) if row[3])

@@ -14,6 +14,7 @@ from delta3_pacdrive.drive.operation_data import (
     BEFORE_CP4,
     PHASE,
     RESET_CLASS_1_DIAGNOSTIC,
+    ROWS,
     TABLE,
     Group,
     Register,
@@ -69,9 +70,7 @@ def test_numbers_names_and_units_of_the_table():
     assert all(row.unit and row.name for row in rows)
     assert {row.group for row in rows} == set(Group)
     # two rows with one number would be one in the table
-    from delta3_pacdrive.drive import operation_data as module
-
-    assert len(module._ROWS) == len(TABLE)
+    assert len(ROWS) == len(TABLE)
 
 
 def test_the_standard_numbers_have_their_standard_meaning():

@@ -430,7 +430,7 @@ def test_what_was_read_can_be_written(tmp_path):
 
 def test_the_parsers_in_c_and_in_python_read_the_same(monkeypatch):
     one = yaml_file.parse(BAD, 'it', ProgramError)
-    monkeypatch.setattr(yaml_file, '_Loader', yaml.SafeLoader)
+    monkeypatch.setattr(yaml_file, 'LOADER', yaml.SafeLoader)
     other = yaml_file.parse(BAD, 'it', ProgramError)
     assert one == other
     assert one['moves'].places == other['moves'].places

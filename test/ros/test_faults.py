@@ -65,7 +65,7 @@ def dropping(publish: Callable[[bytes], None], numbers: set[int]) -> Callable[[b
 def test_one_lost_mdt_is_bridged_and_counted(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    cell.task._publish_mdt = dropping(cell.task._publish_mdt, {5, 150})
+    cell.task.publish_mdt = dropping(cell.task.publish_mdt, {5, 150})
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
     assert [node.diagnostics()['S-0-0029 MDT losses'] for node in cell.drives] == [2, 2, 2]
@@ -75,7 +75,7 @@ def test_one_lost_mdt_is_bridged_and_counted(graph: Any) -> None:
 def test_two_lost_mdt_in_a_row_stop_all_axes_with_8112(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    cell.task._publish_mdt = dropping(cell.task._publish_mdt, {5, 6})
+    cell.task.publish_mdt = dropping(cell.task.publish_mdt, {5, 6})
     cell.wait_until_disabled()
     assert [node.diagnostics()['diagnostic'][:4] for node in cell.drives] == ['8112'] * 3
     assert [node.diagnostics()['S-0-0011 class 1 diagnostic'] for node in cell.drives] == ['1000'] * 3
@@ -88,11 +88,11 @@ def test_one_lost_at_is_bridged_and_two_in_a_row_are_8506(axis: int, graph: Any)
     cell = Cell(graph)
     cell.move()
     drive = cell.drives[axis]
-    drive._publish_at = dropping(drive._publish_at, {5})
+    drive.publish_at = dropping(drive.publish_at, {5})
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
     assert cell.task.statistics()['at_losses'] == [int(n == axis) for n in range(3)]
-    drive._publish_at = dropping(drive._publish_at, {5, 6})
+    drive.publish_at = dropping(drive.publish_at, {5, 6})
     graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
     assert cell.task.progress()['fault'].startswith(f'axis{axis + 1}: two AT lost in a row in bus cycle')
     assert cell.task.progress()['fault'].endswith('(8506)')
@@ -102,13 +102,13 @@ def test_one_lost_at_is_bridged_and_two_in_a_row_are_8506(axis: int, graph: Any)
 def test_repeated_telegrams_change_nothing(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    publish = cell.task._publish_mdt
+    publish = cell.task.publish_mdt
 
     def twice(data: bytes) -> None:
         publish(data)
         publish(data)
 
-    cell.task._publish_mdt = twice
+    cell.task.publish_mdt = twice
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
     assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)

@@ -292,8 +292,9 @@ def test_a_drive_that_dies_before_cyclic_operation_is_named_when_it_begins(graph
 def test_a_drive_that_comes_back_before_cyclic_operation_costs_nothing(graph: Any) -> None:
     task = prepared(graph)
     graph.remove(next(node for node in graph.nodes if node.get_name() == 'mc4_drive_3'))
+    answers = graph.listen(JointState, 'sercos/at/axis3', CYCLIC_PUBLISHER)
     graph.add(MC4DriveNode, axis=3)
-    graph.spin_until(lambda: graph.nodes[-1]._resting_position is not None, 'the greeting of the new drive')
+    graph.spin_until(lambda: answers, 'the answer of the new drive to its greeting')
     graph.add(UnitRobotNode, program='experiment1')
     graph.spin_until(lambda: task.progress()['finished'], 'the end of the program')
     assert task.progress()['fault'] == ''

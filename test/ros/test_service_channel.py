@@ -86,8 +86,7 @@ def test_two_operators_who_ask_at_the_same_time_get_the_answers_to_their_own_que
     other = cell.graph.add(OperatorNode, cell.graph.spin_for)
     first = cell.graph.add(OperatorNode, ask_in_between)
     for operator in (first, other):  # so that both requests go out before anything is answered
-        cell.graph.spin_until(operator._request.get_subscription_count, 'the task')
-    cell.graph.spin_until(lambda: other.count_publishers('sercos/service/answer'), 'its answers')
+        cell.graph.spin_until(lambda operator=operator: operator.reaches_drives, 'the task')
     assert first.drive('axis3 read S-0-0296') == 'axis3: S-0-0296 Velocity feed forward gain = 1'
     assert asked == ['axis1: S-0-0104 Position loop KV-factor = 60 1/s']
 
@@ -273,13 +272,13 @@ REFUSED_PARAMETERS = [
 
 def test_a_parameter_that_cannot_be_set_is_refused_as_in_the_service_channel_and_stays(cell: Cell) -> None:
     drive = cell.drives[1]
-    before = drive._register.parameters
+    before = drive.drive.constants.copy()
     for name, value, reason in REFUSED_PARAMETERS:
         kept = drive.get_parameter_or(name).value
         result = set_parameter(cell, name, value)
         assert (result.successful, result.reason) == (False, reason)
         assert drive.get_parameter_or(name).value == kept
-    assert drive._register.parameters is before
+    assert drive.drive.constants == before
 
 
 def test_of_several_parameters_all_are_set_or_none(cell: Cell) -> None:

@@ -198,7 +198,7 @@ def test_a_stop_cancels_a_way_back_to_the_plan_that_has_not_begun(task):
     task.hold()
     commands(task, 100, 400)
     assert task.held
-    way_back = rejoin(task._timeline, 420, 1.0)
+    way_back = rejoin(task.timeline, 420, 1.0)
     task.change(way_back)
     task.stop_at(405)
     places, controls = commands(task, 400, 900)

@@ -12,11 +12,11 @@ pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.verification.cases import Case, Outcome, State, cases
-from delta3_pacdrive.verification.catalogue import Catalogue
+from delta3_pacdrive.verification.catalogue import judge_reference
 from delta3_pacdrive.verification.fault_signatures import AxisRecord, burdened, loaded, misread, sagged
 from delta3_pacdrive.verification.invariants import Invariants
 from delta3_pacdrive.verification.operator import Attendant
-from delta3_pacdrive.verification.soak import Figures, Soak, Violation
+from delta3_pacdrive.verification.soak import Figures, TelegramCheck, Violation
 from delta3_pacdrive.verification.telegram_log import AT, MDT, SHAFTS, Telegrams
 
 GEAR = 32.0
@@ -258,30 +258,20 @@ def test_memory_may_grow_by_5_mb_in_100_000_cycles(growth, cycles, violated, inv
     assert bool(said) == violated
 
 
-def soak_of(robot, taken):
-    """Return a soak that is attached to nothing but telegrams."""
-    soak = object.__new__(Soak)
-    soak.figures = Figures(programs=1)
-    soak._violate = lambda sentence, cycle: soak.figures.violations.append(
-        Violation(sentence, 1, 'real', 1, cycle, '')
-    )
-    soak._invariants = Invariants(robot, soak._violate)
-    soak._tap = SimpleNamespace(take=lambda: taken)
-    soak._recorded = None
-    soak._session = b''
-    return soak
-
-
 def test_a_soak_holds_every_telegram_that_comes_against_the_invariants(robot):
+    figures = Figures(programs=1)
+
+    def violate(sentence, cycle):
+        figures.violations.append(Violation(sentence, 1, 'real', 1, cycle, ''))
+
     taken = sound(robot)
-    soak = soak_of(robot, taken)
-    soak.look()
-    assert soak.figures.violations == []
-    assert soak.figures.ok
-    broken = soak_of(robot, taken | {AT[0]: changed(taken[AT[0]], 20, 2, 99.0)})
-    broken.look()
-    assert [violation.cycle for violation in broken.figures.violations] == [120]
-    assert not broken.figures.ok
+    TelegramCheck(lambda: taken, Invariants(robot, violate)).look()
+    assert figures.violations == []
+    assert figures.ok
+    broken = taken | {AT[0]: changed(taken[AT[0]], 20, 2, 99.0)}
+    TelegramCheck(lambda: broken, Invariants(robot, violate)).look()
+    assert [violation.cycle for violation in figures.violations] == [120]
+    assert not figures.ok
 
 
 def test_a_soak_is_ok_if_programs_ran_nothing_was_violated_and_every_fault_was_survived():
@@ -420,40 +410,20 @@ def test_a_robot_stands_when_nothing_moves_any_more(state, fault, in_torque, sta
     assert Operated(state, fault, in_torque).stands() is stands
 
 
-class Still(Catalogue):
-    """A catalogue without a robot."""
-
-    @property
-    def progress(self):
-        return self.told
-
-
-def catalogue_of(tcp, fault=''):
-    """Return a catalogue whose reference move is recorded already."""
-    one = object.__new__(Still)
-    one._recorded = {}
-    one._home, one._away = np.array(HOME), np.array(AWAY)
-    one.told = {'fault': fault}
-    one._program = {}
-    for name in ('drive', 'wait', 'let_pass'):
-        setattr(one, name, lambda *_, **__: None)
-    one._tcp = lambda *_: tcp
-    return one
-
-
 def test_the_reference_move_after_a_recovery_is_judged(robot):
+    home, away = np.array(HOME), np.array(AWAY)
     way = line(robot)
     way = np.vstack([way, way[::-1]])
-    assert catalogue_of(way)._move_for_reference() < 1e-12
+    assert judge_reference(way, home, away, '') < 1e-12
     beside = way.copy()
     beside[100, 2] += 0.15e-3
-    assert catalogue_of(beside)._move_for_reference() == pytest.approx(0.15e-3, rel=1e-6)
+    assert judge_reference(beside, home, away, '') == pytest.approx(0.15e-3, rel=1e-6)
     beside[100, 2] += 0.1e-3
     with pytest.raises(RunError, match=r'is 0\.250 mm off its line'):
-        catalogue_of(beside)._move_for_reference()
+        judge_reference(beside, home, away, '')
     short = way[:-1] + (way[-1] - way[-2])
     short[-1] = (4e-5, 0.0, -0.75)
     with pytest.raises(RunError, match=r'ends 0\.040 mm off'):
-        catalogue_of(short)._move_for_reference()
+        judge_reference(short, home, away, '')
     with pytest.raises(RunError, match='ended with a fault: 8111'):
-        catalogue_of(way, '8111')._move_for_reference()
+        judge_reference(way, home, away, '8111')

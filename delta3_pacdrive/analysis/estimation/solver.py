@@ -136,12 +136,12 @@ def fit(
 
     """
     start = np.asarray(start, dtype=np.float64)
-    found = _fit_once(problem, start, on_iterate, resume)
+    found = fit_once(problem, start, on_iterate, resume)
     far = np.abs(found.x - start) > FAR * np.maximum(np.abs(start), problem.scales)
     if not far.any() or far.all():
         return found
     again = Iterate(found.iterations, np.where(far, start, found.x), found.cost)
-    other = _fit_once(problem, start, on_iterate, again)
+    other = fit_once(problem, start, on_iterate, again)
     return other if _misfit(other) < _misfit(found) else found
 
 
@@ -151,7 +151,7 @@ def _misfit(found: Fit) -> float:
                      for array, w in zip(found.residuals, found.whiteness, strict=True)))  # fmt: skip
 
 
-def _fit_once(
+def fit_once(
     problem: Problem,
     start: Floats,
     on_iterate: OnIterate | None,

@@ -224,7 +224,7 @@ def attribute(
     on_progress(f'effects, {count} simulations', count, count)
     of_model = _numbers(Comparison.of(model, model))
     table = {key: np.array([row[key] for row in rows]) for key in of_model}
-    outcomes = {key: _outcome(key, effects, of_model[key], values) for key, values in table.items()}
+    outcomes = {key: outcome_of(key, effects, of_model[key], values) for key, values in table.items()}
     return Attribution(effects, _other_parameters(model_parameters, robot), count, outcomes)
 
 
@@ -238,7 +238,8 @@ def _numbers(comparison: Comparison) -> dict[tuple[str, str], float]:
     return numbers
 
 
-def _outcome(key: tuple[str, str], effects: Sequence[str], of_model: float, values: Floats) -> Outcome:
+def outcome_of(key: tuple[str, str], effects: Sequence[str], of_model: float, values: Floats) -> Outcome:
+    """Return what the values of all subsets of effects tell about each effect; bit i of an index is effect i."""
     every = len(values) - 1
     return Outcome(
         *key,

@@ -58,6 +58,8 @@ class MC4DriveNode(RobotNode):
     ----------
     drive
         The drive, without ROS.
+    publish_at
+        Sends an AT, given as bytes.
 
     """
 
@@ -114,7 +116,7 @@ class MC4DriveNode(RobotNode):
         self._at = cdr.codec(telegrams.AT[self._index])
         self._current = cdr.codec(telegrams.motor_current(axis, len(self.drive.currents)))
         self._shaft = cdr.codec(telegrams.SHAFTS)
-        self._publish_at = cdr.raw_publish(AT.publisher(self, axis))
+        self.publish_at = cdr.raw_publish(AT.publisher(self, axis))
         self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(self, axis))
         self._phases = Output(self, PHASE_CURRENT, axis)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self._refuse)
@@ -185,7 +187,7 @@ class MC4DriveNode(RobotNode):
             position = self.drive.encoder_position(self._resting_position)
             clock.service.received(self._words[2])
             frame = telegrams.at_frame(RESTING, clock.service.to_send(), bus.session)
-            self._publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
+            self.publish_at(self._at.encode((ACYCLIC_SEC, 0), frame, (position, 0.0, 0.0)))
 
     def _on_shafts(self, data: bytes) -> None:
         session = self._slave.session
@@ -211,7 +213,7 @@ class MC4DriveNode(RobotNode):
     def _send_answer(self, cycle: int, status: int) -> None:
         frame = telegrams.at_frame(status, self._drive_clock.service.to_send(), self._slave.session)
         stamp = self._cycles.stamp(cycle)
-        self._publish_at(self._at.encode(stamp, frame, self.drive.answer.tolist()))
+        self.publish_at(self._at.encode(stamp, frame, self.drive.answer.tolist()))
         if self._phases.wanted:
             message = JointState(name=['I1s', 'I2s', 'I3s'], effort=self.drive.phase_currents())
             message.header.stamp.sec, message.header.stamp.nanosec = stamp

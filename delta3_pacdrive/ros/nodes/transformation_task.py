@@ -45,6 +45,8 @@ class TransformationTaskNode(PollingNode):
     ----------
     controller
         All that the node knows.
+    publish_mdt
+        Sends an MDT, given as bytes.
 
     """
 
@@ -82,7 +84,7 @@ class TransformationTaskNode(PollingNode):
         self._bus, self._cycles, self._requests = controller.bus, controller.cycles, controller.services
         self._frames: dict[tuple[int, float], bytes] = {}
         self._mdt = cdr.codec(telegrams.MDT)
-        self._publish_mdt = cdr.raw_publish(MDT.publisher(self))
+        self.publish_mdt = cdr.raw_publish(MDT.publisher(self))
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(self, clock, factor > 0.0, controller.statistics, controller.take)
@@ -135,7 +137,7 @@ class TransformationTaskNode(PollingNode):
         """Greet the drives, outside of cyclic operation."""
         words = self._requests.to_send()
         frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
-        self._publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
+        self.publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
         self._outputs.greet()
 
     def send(self, cycle: int, command: Command) -> None:
@@ -149,7 +151,7 @@ class TransformationTaskNode(PollingNode):
             frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._bus.session)
             self._frames[control, payload] = frame
         stamp = self.stamp(cycle)
-        self._publish_mdt(self._mdt.encode(stamp, frame, motors.tolist()))
+        self.publish_mdt(self._mdt.encode(stamp, frame, motors.tolist()))
         if self._outputs.master.wanted:
             move, distance, speed = self.controller.task.progress()
             self._outputs.master.send(stamp, [distance, speed, float(move)])

@@ -127,7 +127,7 @@ def test_quantities_that_went_far_start_a_second_time_beside_what_the_others_fou
         x = valley if resume is None else right.x
         return dataclasses.replace(right, x=x, whiteness=tuple(white))
 
-    monkeypatch.setattr(solver, '_fit_once', once)
+    monkeypatch.setattr(solver, 'fit_once', once)
     assert fit(problem, start).x.tolist() == right.x.tolist()
     assert calls[0] is None
     np.testing.assert_array_equal(calls[1], [*start[:2], *right.x[2:]])

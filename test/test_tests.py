@@ -1,0 +1,70 @@
+"""Facts about the tests: they look at the product from outside, and a file of them can be read in one go."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+TEST = Path(__file__).parent
+FILES = [path.relative_to(TEST) for path in sorted(TEST.rglob('*.py'))]
+LINES_MAX = 600
+PUBLIC = {'_asdict', '_fields', '_replace'}  # of a NamedTuple, which has no other names free
+OWN = {'self', 'cls'}
+
+
+def is_private(name):
+    return name.startswith('_') and not name.startswith('__') and name not in PUBLIC
+
+
+def private_names(tree):
+    """Return the lines and names by which a file reaches into something that is not its own."""
+    found = []
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(value=ast.Name(id=owner), attr=name) if owner in OWN:
+                continue
+            case ast.Attribute(attr=name) if is_private(name):
+                found.append((node.lineno, name))
+            case ast.ImportFrom(names=aliases):
+                found += [(node.lineno, alias.name) for alias in aliases if is_private(alias.name)]
+            case ast.Call(func=ast.Name(id=called) | ast.Attribute(attr=called), args=arguments) if (
+                called
+                in {
+                    'getattr',
+                    'setattr',
+                    'delattr',
+                }
+            ):
+                texts = [argument.value for argument in arguments if isinstance(argument, ast.Constant)]
+                found += [
+                    (node.lineno, text)
+                    for text in texts
+                    if isinstance(text, str) and is_private(text.rpartition('.')[2])
+                ]
+    return found
+
+
+@pytest.mark.parametrize('path', FILES, ids=str)
+def test_no_test_reaches_into_what_is_private(path):
+    assert private_names(ast.parse((TEST / path).read_text(encoding='utf-8'))) == []
+
+
+@pytest.mark.parametrize(
+    ('code', 'names'),
+    [
+        ('node._drive.fault', ['_drive']),
+        ('self._task.run()._x', ['_x']),
+        ('from delta3_pacdrive.motion import _rest, plan', ['_rest']),
+        ("monkeypatch.setattr(solver, '_once', x)", ['_once']),
+        ("monkeypatch.setattr('solver._once', x)", ['_once']),
+        ('getattr(node, name)', []),
+        ('self._own = row._replace(a=1).__dict__', []),
+    ],
+)
+def test_what_is_private_is_seen_by_its_name(code, names):
+    assert [name.rpartition('.')[2] for _, name in private_names(ast.parse(code))] == names
+
+
+@pytest.mark.parametrize('path', FILES, ids=str)
+def test_no_file_of_tests_is_longer_than_can_be_read_in_one_go(path):
+    assert len((TEST / path).read_text(encoding='utf-8').splitlines()) <= LINES_MAX
