@@ -23,5 +23,6 @@ PICTURES = {
 
 if __name__ == '__main__':
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    for path in save(PICTURES, folder):
-        print(path)
+    for name, make in PICTURES.items():
+        save(make(), folder / name, {'command': 'python docs/figures/draw.py'})
+        print(folder / name)

@@ -51,6 +51,15 @@ def source():
     return '\n'.join(path.read_text(encoding='utf-8') for path in (SOURCE / 'delta3_pacdrive').rglob('*.py'))
 
 
+@cache
+def glossary():
+    """Return the rows of the glossary: word, meaning, topics and services, IDNs, commands."""
+    text = (STUDENT / 'glossary.md').read_text(encoding='utf-8')
+    rows = [line[1:-1].split('|') for line in text.splitlines() if line.startswith('| ')]
+    assert {len(row) for row in rows} == {5}
+    return [row for row in rows if row[0].strip() not in ('word', '---')]
+
+
 def numbers(kind, text):
     """Return the numbers of equations or figures that a cell names, ranges filled in."""
     text = text.replace('*', '')
@@ -86,8 +95,13 @@ def test_every_function_of_the_map_exists_and_is_described(name):
     assert thing.__doc__
 
 
-@pytest.mark.parametrize('name', [name for name in named(2) if not name.endswith('.png')])
-def test_every_command_of_the_map_exists_with_its_options(name, shell):
+COMMANDS = {name for name in named(2) if not name.endswith('.png')} | {
+    name for row in glossary() for name in re.findall(r'`([^`]+)`', row[4])
+}
+
+
+@pytest.mark.parametrize('name', sorted(COMMANDS))
+def test_every_command_of_the_map_and_the_glossary_exists_with_its_options(name, shell):
     program, command, *rest = name.split()
     assert program == 'delta3'
     assert command in command_line.COMMANDS
@@ -112,3 +126,38 @@ def test_every_test_of_the_map_exists():
     for path in (SOURCE / 'test').rglob('test_*.py'):
         tests |= set(re.findall(r'^def (test_\w+)', path.read_text(encoding='utf-8'), re.MULTILINE))
     assert [name for name in named(3) if name not in tests] == []
+
+
+def test_every_idn_of_the_glossary_is_one_of_the_drives():
+    from delta3_pacdrive.drive.operation_data import TABLE
+    from delta3_pacdrive.sercos.service_channel import format_idn
+
+    known = {format_idn(idn) for idn in TABLE}
+    named_here = {name for row in glossary() for name in re.findall(r'[SP]-0-\d{4}', row[3])}
+    assert named_here - known == set()
+
+
+def test_every_topic_and_service_of_the_glossary_is_one_of_the_robot():
+    interfaces = pytest.importorskip('delta3_pacdrive.ros.interfaces', reason='the topics need ROS')
+    known = {item.name for item in (*interfaces.TOPICS, *interfaces.SERVICES)}
+    named_here = {name for row in glossary() for name in re.findall(r'`([^`]+)`', row[2])}
+    assert named_here - known == set()
+
+
+def test_every_parameter_of_table_9_1_is_in_the_glossary():
+    words = ' '.join(row[0] for row in glossary())
+    drive = [
+        'K_Ppos',
+        'K_Pvel',
+        'K_Ivel',
+        'K_Pcurr',
+        'K_Icurr',
+        'FF_curr',
+        'F_vel',
+        'F_currRef',
+        'F_curr',
+        'CO',
+        'CT',
+    ]
+    motor = ['i_peak', 'i_nom', 'K_m', 'I_m', 'I_brake', 'R', 'L', 'F_v', 'F_s', 'GR_in', 'GR_out']
+    assert [name for name in drive + motor if not re.search(rf'\b{name}\b', words)] == []
