@@ -92,8 +92,8 @@ def line_of(row: dict[str, Any]) -> str:
 def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.provenance import Provenance, write_table
-    from delta3_pacdrive.verification.cases import Outcome, cases
-    from delta3_pacdrive.verification.catalogue import run_catalogue
+    from delta3_pacdrive.verification.fault_catalogue.cases import Outcome, cases
+    from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
     todo = cases(options.short, options.only or '')
     announce_compilation()

@@ -109,7 +109,7 @@ def _end(child: 'subprocess.Popen[str]') -> str:
 
 
 def _soak(options: Options, pace: str) -> dict[str, Any]:
-    from delta3_pacdrive.verification.soak import Figures, run_soak
+    from delta3_pacdrive.verification.soak.runner import Figures, run_soak
 
     announce_compilation()
     figures = Figures()

@@ -1,6 +1,6 @@
 """What must hold in every cycle of a robot, whatever happens to it, and what holds while nothing disturbs it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.drive.arrays import IMPLAUSIBLE_SPEED, SHORT_CIRCUIT
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.verification.fault_signatures import TORQUE
+from delta3_pacdrive.verification.fault_catalogue.signatures import TORQUE
 from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Telegrams
 
 STOP_DEPTH_DEG = 3.0  # by which an end stop may give way
@@ -18,14 +18,13 @@ ARM_DEG = 0.5  # by which an arm may exceed its control limits
 # of an undisturbed program; random programs have 0.41 mm and 0.5 um
 TCP_ERROR_M = 1.5e-3
 END_M = 0.01e-3
-MEMORY_MB = (
-    5.0  # by which the own memory of a robot's processes may grow in 100,000 cycles, mostly the planner's
-)
+# by which the own memory of a robot's processes may grow in 100,000 cycles, mostly the planner's
+MEMORY_MB = 5.0
 MEMORY_CYCLES = 100_000  # below which a growth says nothing
 
 
 class Invariants:
-    """Holds telegrams against the rules.
+    """The rules that telegrams are held against.
 
     Parameters
     ----------
@@ -34,11 +33,17 @@ class Invariants:
     violate
         Called with a sentence about what must never be and is, and its bus cycle.
 
+    Attributes
+    ----------
+    session
+        Session of the newest MDT.
+
     """
 
     def __init__(self, robot: core.Parameters, violate: Callable[[str, int], None]) -> None:
         motor, drive, dynamics = robot.motor, robot.drive, robot.dynamics
         self._robot, self._violate = robot, violate
+        self.session = b''
         self._ratio = dynamics.gear_ratio
         self._torque_nominal = motor.peak_current_a * motor.torque_constant_n_m_a
         self._torque_max = SHORT_CIRCUIT * self._torque_nominal
@@ -50,6 +55,13 @@ class Invariants:
             robot.kinematics.arm_angle_max_deg + ARM_DEG,
         )
         self._last: dict[str, tuple[int, bytes] | None] = dict.fromkeys(CODECS)
+
+    def check_all(self, telegrams: Mapping[str, Telegrams]) -> None:
+        """Look at all telegrams that have come, by topic."""
+        for topic, own in telegrams.items():
+            self.check(topic, own)
+        if MDT in telegrams:
+            self.session = telegrams[MDT].sessions[-1]
 
     def check(self, topic: str, telegrams: Telegrams) -> None:
         """Look at the telegrams of a topic, in the order in which they came: order in time, physical limits."""
@@ -102,8 +114,6 @@ class Invariants:
             text = f'{what} {values[row, column]:.4f} {unit}, the limits are {low:.4f} and {high:.4f}'
             self._violate(text, int(telegrams.cycles[row]))
 
-    # undisturbed programs ---------------------------------------------------------------------------------------------
-
     def check_undisturbed(
         self, recorded: dict[str, Telegrams], end_m: Sequence[float]
     ) -> tuple[float, float]:
@@ -136,8 +146,6 @@ class Invariants:
         if off > END_M:
             self._violate(f'the program ends {off * 1e3:.4f} mm off', int(shafts.cycles[-1]))
         return float(errors[worst]), off
-
-    # counters ---------------------------------------------------------------------------------------------------------
 
     def check_losses(self, what: str, lost: int, injected: int, complete: bool, cycle: int) -> None:
         """Compare lost telegrams with those that faults took away; ``complete``: all of these were due."""

@@ -1,4 +1,4 @@
-"""An operator who stays with a robot and gets it going again whatever has happened, as people do."""
+"""An operator without hands: stays with a robot and gets it going again whatever has happened, as people do."""
 
 import json
 import time
@@ -10,17 +10,16 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import PLANT
 
-PATIENCE_S = (
-    60.0  # wall time in which everything has to be as before, also on a machine that has other things to do
-)
+# wall time in which everything has to be as before, also on a machine that has other things to do
+PATIENCE_S = 60.0
 ATTEMPTS = 3  # a fault may be injected while the last one is overcome
 RESET_S = 1.0  # wall time after which a reset is tried again
 RECOVERY_M_S = 1.0
 EXPLANATION_S = 0.1  # bus time in which the master asks the drives for the number of their faults
 
 
-class Attendant:
-    """Operates a robot from within the process that brought it up; subclasses look at what it publishes.
+class AutomatedOperator:
+    """An operator in the process that brought the robot up; subclasses look at what the robot publishes.
 
     Attributes
     ----------
@@ -161,20 +160,20 @@ class Attendant:
         return str(self.progress['fault'])
 
 
-def run_attended(bringup: Bringup, attend: Callable[[], None]) -> None:
-    """Bring a robot up, attend to it and end it; raises KeyboardInterrupt if a signal asks for the end before."""
-    attended = False
+def run_operated(bringup: Bringup, operate: Callable[[], None]) -> None:
+    """Bring a robot up, operate it and end it; raises KeyboardInterrupt if a signal asks for the end before."""
+    operated = False
 
     def script(_: dict[str, Any]) -> None:
-        nonlocal attended
-        if not attended:
-            attended = True
-            attend()
+        nonlocal operated
+        if not operated:
+            operated = True
+            operate()
             bringup.stop()
 
     try:
         bringup.run(script)
     except RunError:
-        if bringup.interrupted and not attended:
+        if bringup.interrupted and not operated:
             raise KeyboardInterrupt from None
         raise

@@ -1,19 +1,22 @@
-"""Cyclic telegrams of a robot, read as they come by somebody who takes no part in the bus."""
+"""A log of the cyclic telegrams of a robot, by a reader who takes no part in the bus."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import WATCHER
 from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
 AT = interfaces.AT.names
@@ -22,7 +25,6 @@ CODECS = {
     for topic in (MOTOR_SHAFTS, interfaces.MDT, interfaces.AT)
     for telegram in topic.telegrams
 }
-_SESSION_DIGITS = 4
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Telegrams:
     values: Floats
 
     @staticmethod
-    def joined(parts: 'list[Telegrams]') -> 'Telegrams':
+    def joined(parts: 'Sequence[Telegrams]') -> 'Telegrams':
         """Return what came in parts as a whole."""
         if not parts:
             return Telegrams(np.zeros(0, np.int64), [], np.zeros(0), np.zeros((0, 1)))
@@ -59,57 +61,83 @@ class Telegrams:
             np.concatenate([part.values for part in parts]),
         )
 
-    def until(self, count: int) -> 'Telegrams':
-        """Return the first of them."""
-        return Telegrams(
-            self.cycles[:count], self.sessions[:count], self.received_s[:count], self.values[:count]
-        )
+
+def read_telegrams(
+    topic: str, taken: Iterable[tuple[bytes, int]], clock: Clock, refuse: Callable[[str], None]
+) -> Telegrams | None:
+    """Read messages with the times [ns] at which they came; None if none of them is cyclic.
+
+    ``refuse`` is called with a sentence about a message that cannot be read.
+    """
+    cycles, sessions, received, rows = [], [], [], []
+    for data, received_ns in taken:
+        try:
+            sec, nanosec, frame, values = CODECS[topic].decode(data)
+            cycle = clock.count(sec, nanosec)
+        except TelegramError as error:
+            refuse(f'{topic}: {error}')
+            continue
+        if cycle >= 0:
+            cycles.append(cycle)
+            sessions.append(frame[-len(NO_SESSION) :])
+            received.append(received_ns * 1e-9)
+            rows.append(values)
+    if not rows:
+        return None
+    return Telegrams(np.array(cycles, np.int64), sessions, np.array(received), np.array(rows))
 
 
-class Tap:
-    """Reads the cyclic telegrams of a robot.
+class TelegramLog:
+    """A log that reads all cyclic telegrams of a robot, and keeps them from ``begin`` to ``end``.
 
     Parameters
     ----------
     node
         Subscribes.
-    cycle_time_s
-        Of the bus.
+    robot
+        Its parameters.
     refuse
         Called with a sentence about a telegram that cannot be read.
 
     """
 
-    def __init__(self, node: PollingNode, cycle_time_s: float, refuse: Callable[[str], None]) -> None:
-        self._clock, self._refuse = Clock(cycle_time_s), refuse
+    def __init__(self, node: PollingNode, robot: Parameters, refuse: Callable[[str], None]) -> None:
+        self._robot, self._refuse, self._clock = robot, refuse, Clock(robot.bus.cycle_time_s)
         self._takes = {topic: node.create_polled_subscription(JointState, topic, WATCHER) for topic in CODECS}
+        self._kept: dict[str, list[Telegrams]] | None = None
 
-    def take(self) -> dict[str, Telegrams]:
+    def begin(self) -> None:
+        """Keep what comes from now on, and nothing of before."""
+        self._kept = {}
+
+    def end(self) -> dict[str, Telegrams]:
+        """Keep nothing any more; return what was kept, by topic."""
+        kept, self._kept = self.kept(), None
+        return kept
+
+    def kept(self) -> dict[str, Telegrams]:
+        """Return what has been kept so far, by topic."""
+        return {topic: Telegrams.joined(parts) for topic, parts in (self._kept or {}).items()}
+
+    def telegrams(self, topic: str) -> Telegrams:
+        """Return what has been kept so far of a topic."""
+        return Telegrams.joined((self._kept or {}).get(topic, []))
+
+    def tcp(self, topic: str = SHAFTS) -> Floats:
+        """TCP [m] of every cycle that was kept, shape (n, 3): the true one, or that of the commands."""
+        telegrams = self.telegrams(topic)
+        if not len(telegrams.cycles):
+            return np.zeros((0, 3))
+        theta = telegrams.values[:, :3] / self._robot.dynamics.gear_ratio
+        return kinematics.forward(theta, self._robot.kinematics)
+
+    def read(self) -> dict[str, Telegrams]:
         """Return the cyclic telegrams that have come since the last time, by topic."""
         found = {}
         for topic, take in self._takes.items():
-            taken = []
-            while (item := take()) is not None:
-                taken.append((item[0], item[1]['received_timestamp']))
-            if read := self.read(topic, taken):
-                found[topic] = read
+            taken = ((data, info['received_timestamp']) for data, info in iter(take, None))
+            if telegrams := read_telegrams(topic, taken, self._clock, self._refuse):
+                found[topic] = telegrams
+                if self._kept is not None:
+                    self._kept.setdefault(topic, []).append(telegrams)
         return found
-
-    def read(self, topic: str, taken: list[tuple[bytes, int]]) -> Telegrams | None:
-        """Read telegrams with the times [ns] at which they came; None if none of them is cyclic."""
-        cycles, sessions, received, rows = [], [], [], []
-        for data, received_ns in taken:
-            try:
-                sec, nanosec, frame, values = CODECS[topic].decode(data)
-                cycle = self._clock.count(sec, nanosec)
-            except TelegramError as error:
-                self._refuse(f'{topic}: {error}')
-                continue
-            if cycle >= 0:
-                cycles.append(cycle)
-                sessions.append(frame[-_SESSION_DIGITS:])
-                received.append(received_ns * 1e-9)
-                rows.append(values)
-        if not rows:
-            return None
-        return Telegrams(np.array(cycles, np.int64), sessions, np.array(received), np.array(rows))

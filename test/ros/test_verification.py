@@ -7,15 +7,16 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.drive import drive_clock
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.ros.nodes import mc4_drive, plant
+from delta3_pacdrive.plant import plant_clock
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.verification import soak
-from delta3_pacdrive.verification.cases import Case, Outcome, State
-from delta3_pacdrive.verification.catalogue import Catalogue
-from delta3_pacdrive.verification.soak import Figures, Soak
-from delta3_pacdrive.verification.soak_programs import Drawn
+from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
+from delta3_pacdrive.verification.fault_catalogue.runner import Catalogue
+from delta3_pacdrive.verification.soak import runner as soak
+from delta3_pacdrive.verification.soak.programs import Drawn
+from delta3_pacdrive.verification.soak.runner import Figures, Soak
 
 ROBOT = parameters.load()
 
@@ -106,8 +107,8 @@ def test_a_fault_that_hides_in_a_disabled_drive_shows_itself_in_the_exercise(cat
 def test_a_robot_that_no_fault_befalls_is_not_as_expected_whatever_it_says(
     expected: str, fault: dict[str, Any], catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mc4_drive, 'apply_to_drive', lambda *_: None)
-    monkeypatch.setattr(plant, 'apply_to_plant', lambda *_: None)
+    monkeypatch.setattr(drive_clock, 'apply_to_drive', lambda *_: None)
+    monkeypatch.setattr(plant_clock, 'apply_to_plant', lambda *_: None)
     found = outcome_of(catalogue, State.STANDING, expected, **fault)
     assert not found.reported
     assert not found.problem

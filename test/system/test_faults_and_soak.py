@@ -14,7 +14,7 @@ from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.verification import cases
+from delta3_pacdrive.verification.fault_catalogue import cases
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 

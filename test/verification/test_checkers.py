@@ -11,12 +11,18 @@ pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.verification.cases import Case, Outcome, State, cases
-from delta3_pacdrive.verification.catalogue import judge_reference
-from delta3_pacdrive.verification.fault_signatures import AxisRecord, burdened, loaded, misread, sagged
+from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State, cases
+from delta3_pacdrive.verification.fault_catalogue.runner import judge_reference
+from delta3_pacdrive.verification.fault_catalogue.signatures import (
+    AxisRecord,
+    burdened,
+    loaded,
+    misread,
+    sagged,
+)
 from delta3_pacdrive.verification.invariants import Invariants
-from delta3_pacdrive.verification.operator import Attendant
-from delta3_pacdrive.verification.soak import Figures, TelegramCheck, Violation
+from delta3_pacdrive.verification.operator import AutomatedOperator
+from delta3_pacdrive.verification.soak.runner import Figures, Violation
 from delta3_pacdrive.verification.telegram_log import AT, MDT, SHAFTS, Telegrams
 
 GEAR = 32.0
@@ -265,11 +271,11 @@ def test_a_soak_holds_every_telegram_that_comes_against_the_invariants(robot):
         figures.violations.append(Violation(sentence, 1, 'real', 1, cycle, ''))
 
     taken = sound(robot)
-    TelegramCheck(lambda: taken, Invariants(robot, violate)).look()
+    Invariants(robot, violate).check_all(taken)
     assert figures.violations == []
     assert figures.ok
     broken = taken | {AT[0]: changed(taken[AT[0]], 20, 2, 99.0)}
-    TelegramCheck(lambda: broken, Invariants(robot, violate)).look()
+    Invariants(robot, violate).check_all(broken)
     assert [violation.cycle for violation in figures.violations] == [120]
     assert not figures.ok
 
@@ -385,8 +391,8 @@ def test_the_catalogue_says_what_each_fault_leads_to_in_each_state():
     assert {case.state for case in chosen} == {State.HELD}
 
 
-class Operated(Attendant):
-    """Somebody who attends to a robot that is only told of."""
+class Operated(AutomatedOperator):
+    """An operator of a robot that is only told of."""
 
     progress = {'fault': '', 'in_torque': True}  # noqa: RUF012
 

@@ -11,8 +11,10 @@ pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
 from delta3_pacdrive.motion import program_file
-from delta3_pacdrive.verification import invariants, soak_programs
-from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Tap, Telegrams
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.verification import invariants
+from delta3_pacdrive.verification.soak import programs as soak_programs
+from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Telegrams, read_telegrams
 
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio
@@ -186,10 +188,9 @@ def test_memory_must_not_grow(rules: invariants.Invariants, seen: list[tuple[str
 
 def test_a_telegram_that_cannot_be_read_is_refused() -> None:
     refused: list[str] = []
-    tap = Tap(Silent(), 1e-3, refused.append)  # type: ignore[arg-type]
     data = CODECS[MDT].encode((1, 0), b'x' * 43 + b'3fa9', [1.0, 2.0, 3.0])
     taken = [(data, 5_000_000_000), (data[:-8], 6_000_000_000), (data, 7_000_000_000)]
-    read = tap.read(MDT, taken)
+    read = read_telegrams(MDT, taken, Clock(1e-3), refused.append)
     assert read is not None
     assert read.cycles.tolist() == [1000, 1000]
     assert read.sessions == [b'3fa9', b'3fa9']
@@ -198,31 +199,25 @@ def test_a_telegram_that_cannot_be_read_is_refused() -> None:
     assert refused[0].startswith('sercos/mdt: ')
 
 
-class Silent:
-    """A node that hears nothing."""
-
-    def create_polled_subscription(self, *_: Any) -> Callable[[], None]:
-        return lambda: None
-
-
 def test_telegrams_of_cyclic_operation_are_read_from_its_first_cycle_on_and_joined_in_order() -> None:
-    tap = Tap(Silent(), 1e-3, pytest.fail)  # type: ignore[arg-type]
+    def read(messages: list[tuple[bytes, int]]) -> Telegrams | None:
+        return read_telegrams(MDT, messages, Clock(1e-3), pytest.fail)
+
     frame = b'x' * 43 + b'3fa9'
     taken = [
         (CODECS[MDT].encode(stamp, frame, [float(n)] * 3), n)
         for n, stamp in enumerate([(-1, 0), (0, 0), (0, 1_000_000)])
     ]
-    first = tap.read(MDT, taken)
+    first = read(taken)
     assert first is not None
     assert first.cycles.tolist() == [0, 1]
     assert first.values[:, 0].tolist() == [1.0, 2.0]
-    second = tap.read(MDT, [(CODECS[MDT].encode((0, 2_000_000), frame, [3.0] * 3), 3)])
+    second = read([(CODECS[MDT].encode((0, 2_000_000), frame, [3.0] * 3), 3)])
     assert second is not None
     whole = Telegrams.joined([first, second])
     assert whole.cycles.tolist() == [0, 1, 2]
     assert whole.values[:, 0].tolist() == [1.0, 2.0, 3.0]
-    assert whole.until(2).cycles.tolist() == [0, 1]
-    assert tap.read(MDT, taken[:1]) is None
+    assert read(taken[:1]) is None
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ import pytest
 pytest.importorskip('sensor_msgs', reason='faults and soak drive robots of ROS nodes')
 
 from delta3_pacdrive.cli import faults, soak
-from delta3_pacdrive.verification import catalogue
-from delta3_pacdrive.verification import soak as soak_runner
-from delta3_pacdrive.verification.cases import Case, Outcome, State
-from delta3_pacdrive.verification.soak import Violation
+from delta3_pacdrive.verification.fault_catalogue import runner as catalogue
+from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
+from delta3_pacdrive.verification.soak import runner as soak_runner
+from delta3_pacdrive.verification.soak.runner import Violation
 
 
 def lines(capsys):

@@ -14,9 +14,9 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification.invariants import Invariants
-from delta3_pacdrive.verification.operator import Attendant, run_attended
-from delta3_pacdrive.verification.soak_programs import Drawn, draw
-from delta3_pacdrive.verification.telegram_log import MDT, Tap, Telegrams
+from delta3_pacdrive.verification.operator import AutomatedOperator, run_operated
+from delta3_pacdrive.verification.soak.programs import Drawn, draw
+from delta3_pacdrive.verification.telegram_log import TelegramLog
 
 HOME_M = (0.0, 0.0, -0.8)
 OBSERVED_S = 0.3
@@ -104,42 +104,8 @@ class _Counters:
     mdt: tuple[int, ...]
 
 
-class TelegramCheck:
-    """The check holds every telegram of a robot against what must always be.
-
-    Parameters
-    ----------
-    take
-        Returns the telegrams that have come since the last time, by topic.
-    invariants
-        What must always be.
-
-    Attributes
-    ----------
-    session
-        Session of the newest MDT.
-    recorded
-        Keeps all telegrams by topic unless it is None.
-
-    """
-
-    def __init__(self, take: Callable[[], dict[str, Telegrams]], invariants: Invariants) -> None:
-        self._take, self._invariants = take, invariants
-        self.session = b''
-        self.recorded: dict[str, list[Telegrams]] | None = None
-
-    def look(self) -> None:
-        """Check what has come."""
-        for topic, telegrams in self._take().items():
-            self._invariants.check(topic, telegrams)
-            if topic == MDT:
-                self.session = telegrams.sessions[-1]
-            if self.recorded is not None:
-                self.recorded.setdefault(topic, []).append(telegrams)
-
-
-class Soak(Attendant):
-    """Random programs and faults on a robot that is up.
+class Soak(AutomatedOperator):
+    """An operator who runs random programs with faults on a robot that is up.
 
     Parameters
     ----------
@@ -159,11 +125,9 @@ class Soak(Attendant):
         self._seed, self._pace, self.figures = seed, pace, figures
         self._drawn = Drawn(0, [], [])
         self._invariants = Invariants(robot, self._violate)
-        self._memory: list[
-            tuple[int, dict[int, tuple[float, float]]]
-        ] = []  # resident and own [MB], by process
-        tap = Tap(self.operator, robot.bus.cycle_time_s, lambda text: self._violate(text, -1))
-        self._telegrams = TelegramCheck(tap.take, self._invariants)
+        # cycles, and resident and own memory [MB] by process
+        self._memory: list[tuple[int, dict[int, tuple[float, float]]]] = []
+        self._log = TelegramLog(self.operator, robot, lambda text: self._violate(text, -1))
 
     def _violate(self, sentence: str, cycle: int) -> None:
         drawn = self._drawn
@@ -173,7 +137,7 @@ class Soak(Attendant):
 
     def look(self) -> None:
         """Hold every telegram against the invariants."""
-        self._telegrams.look()
+        self._invariants.check_all(self._log.read())
 
     def run(self, seconds: float, show: Callable[[Figures], None], replay: int | None = None) -> None:
         """Run for a while, or only the program of a number."""
@@ -213,7 +177,9 @@ class Soak(Attendant):
     def _run_program(self, drawn: Drawn) -> None:
         figures = self.figures
         before = self._count()
-        self._telegrams.recorded = {} if not drawn.faults else None
+        self._log.end()
+        if not drawn.faults:
+            self._log.begin()
         try:
             self.drive(drawn.moves, drawn.faults)
         except ProgramError as error:
@@ -243,11 +209,7 @@ class Soak(Attendant):
             self._violate(f'stopped without an injected fault: {reported}', self.progress['fault_cycle'])
             return
         self.let_pass(SETTLE_S)
-        recorded = {
-            topic: Telegrams.joined(parts) for topic, parts in (self._telegrams.recorded or {}).items()
-        }
-        self._telegrams.recorded = None
-        error, end = self._invariants.check_undisturbed(recorded, drawn.end_m)
+        error, end = self._invariants.check_undisturbed(self._log.end(), drawn.end_m)
         figures = self.figures
         figures.undisturbed += 1
         figures.error_max_m = max(figures.error_max_m, error)
@@ -256,7 +218,7 @@ class Soak(Attendant):
     def _count(self) -> _Counters:
         """Read the counters of lost telegrams."""
         mdt = tuple(self.mdt_losses(axis) for axis in DRIVES)
-        return _Counters(self._telegrams.session, int(self.fresh()['lost_telegrams']), mdt)
+        return _Counters(self._invariants.session, int(self.fresh()['lost_telegrams']), mdt)
 
     def _compare(self, drawn: Drawn, before: _Counters, complete: bool) -> None:
         """Compare the telegrams that are missing after program and recovery with those that were taken away."""
@@ -295,4 +257,4 @@ def run_soak(
 
     """
     bringup = Bringup(Options(program=None, real_time_factor=factor))
-    run_attended(bringup, lambda: Soak(bringup, core.load(), seed, pace, figures).run(seconds, show, replay))
+    run_operated(bringup, lambda: Soak(bringup, core.load(), seed, pace, figures).run(seconds, show, replay))

@@ -1,33 +1,31 @@
-"""Somebody who attends to a robot and keeps what it says: telegrams, logs and diagnostics, around one fault."""
+"""An operator who injects one fault at a time and keeps what the robot says: telegrams, logs and diagnostics."""
 
 import json
 import time
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from std_msgs.msg import String
 
-from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import Child
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, TASK, UNIT_ROBOT
-from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.ros.fault_injection import SCHEDULE, read_schedule
-from delta3_pacdrive.ros.qos import FAULTS, REPORT
+from delta3_pacdrive.ros.fault_injection import read_schedule
+from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, FAULT_SCHEDULE
+from delta3_pacdrive.ros.qos import REPORT
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
-from delta3_pacdrive.verification.cases import Case
-from delta3_pacdrive.verification.operator import Attendant
-from delta3_pacdrive.verification.telegram_log import SHAFTS, Tap, Telegrams
+from delta3_pacdrive.verification.fault_catalogue.cases import Case
+from delta3_pacdrive.verification.operator import AutomatedOperator
+from delta3_pacdrive.verification.telegram_log import SHAFTS, TelegramLog
 
 CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
     axis: f'mc4_drive_{number}' for number, axis in enumerate(DRIVES, 1)
 }
 
 
-class Witness(Attendant):
-    """Of a robot that is up.
+class FaultObserver(AutomatedOperator):
+    """An operator who watches a robot of separate processes around one fault.
 
     Parameters
     ----------
@@ -39,16 +37,15 @@ class Witness(Attendant):
     def __init__(self, bringup: Bringup, robot: core.Parameters) -> None:
         super().__init__(bringup)
         self._robot = robot
-        self._recorded: dict[str, list[Telegrams]] = {}
         self._newest = -1  # bus cycle
         self._first: int | None = None  # bus cycle of the newest fault
         self._failed_s: float | None = None  # when the fault of the robot was seen first
-        self._process_fault = ''  # what a process said about its fault
+        self._process_fault = ''  # what a process said about the fault that was injected into it
         self._drives: dict[str, dict[str, str]] = {}  # diagnostics of the drives, by axis
-        self._tap = Tap(self.operator, robot.bus.cycle_time_s, lambda _: None)
-        self.operator.create_subscription(String, SCHEDULE, self._on_schedule, FAULTS)
+        self._log = TelegramLog(self.operator, robot, lambda _: None)
+        FAULT_SCHEDULE.subscription(self.operator, self._on_schedule)
+        DIAGNOSTICS.subscription(self.operator, self._on_diagnostics)
         self.operator.create_subscription(Log, '/rosout', self._on_log, REPORT)
-        self.operator.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, REPORT)
 
     def _on_schedule(self, message: String) -> None:
         self._first = read_schedule(message.data)[2].first
@@ -64,23 +61,11 @@ class Witness(Attendant):
 
     def look(self) -> None:
         """Collect what was published meanwhile."""
-        for topic, telegrams in self._tap.take().items():
-            self._recorded.setdefault(topic, []).append(telegrams)
-            if topic == SHAFTS:
-                self._newest = int(telegrams.cycles[-1])
+        telegrams = self._log.read().get(SHAFTS)
+        if telegrams is not None:
+            self._newest = int(telegrams.cycles[-1])
         if self.progress.get('fault') and self._failed_s is None:
             self._failed_s = time.time()
-
-    def _telegrams(self, topic: str) -> Telegrams:
-        return Telegrams.joined(self._recorded.get(topic, []))
-
-    def _tcp(self, topic: str = SHAFTS) -> Floats:
-        """TCP [m] of every cycle so far, shape (n, 3): the true one, or that of the commands."""
-        telegrams = self._telegrams(topic)
-        if not len(telegrams.cycles):
-            return np.zeros((0, 3))
-        theta = telegrams.values[:, :3] / self._robot.dynamics.gear_ratio
-        return kinematics.forward(theta, self._robot.kinematics)
 
     def _inject(self, case: Case, after_s: float = 0.0) -> None:
         """Inject the fault, and wait until its bus cycle is known."""

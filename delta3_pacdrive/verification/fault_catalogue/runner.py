@@ -16,11 +16,11 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
-from delta3_pacdrive.verification.cases import Case, Outcome, State
-from delta3_pacdrive.verification.fault_signatures import COUPLING, OF_AXIS, AxisRecord
-from delta3_pacdrive.verification.operator import EXPLANATION_S, run_attended
+from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
+from delta3_pacdrive.verification.fault_catalogue.observer import FaultObserver
+from delta3_pacdrive.verification.fault_catalogue.signatures import COUPLING, OF_AXIS, AxisRecord
+from delta3_pacdrive.verification.operator import EXPLANATION_S, run_operated
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS
-from delta3_pacdrive.verification.witness import Witness
 
 STEP_M = (0.2, 0.0, 0.0)  # from home to the other end of the line
 SPEED_M_S = 0.4
@@ -67,8 +67,8 @@ def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
     return float(np.linalg.norm(points - start - share[:, None] * along, axis=1).max(initial=0.0))
 
 
-class Catalogue(Witness):
-    """Runs cases on a robot that is up.
+class Catalogue(FaultObserver):
+    """An operator who runs the cases of the catalogue on a robot that is up.
 
     Parameters
     ----------
@@ -83,8 +83,6 @@ class Catalogue(Witness):
         self._away = self._home + STEP_M
         self._ready = False  # whether the robot stands enabled at home, as the last case has left it
         self._program: dict[str, Any] = {}  # what every program of the case says besides its moves
-
-    # one case ---------------------------------------------------------------------------------------------------------
 
     def run(self, case: Case) -> Outcome:
         """Run one case; what goes wrong is in the outcome."""
@@ -116,11 +114,11 @@ class Catalogue(Witness):
 
     def _move_for_reference(self) -> float:
         """Move away and back without faults; return how far the TCP left the line, if that is as always."""
-        self._recorded.clear()
+        self._log.begin()
         self.drive(self._moves(self._away, self._home))
         self.wait(self.stands, 'end of the reference move')
         self.let_pass(SETTLE_S)
-        return judge_reference(self._tcp(), self._home, self._away, self.progress['fault'])
+        return judge_reference(self._log.tcp(), self._home, self._away, self.progress['fault'])
 
     def _moves(self, *points: Floats, **limits: float) -> list[dict[str, Any]]:
         return [{'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **limits}} for point in points]
@@ -130,21 +128,21 @@ class Catalogue(Witness):
         if case.kind == 'payload_lost':
             self._grip()
         losses, repeated = self._counters(case)
-        self._recorded.clear()
+        self._log.begin()
         self._first = self._failed_s = None
         self._process_fault = ''
         notes = len(self._bringup.notes)
         held = self._static_torque() if case.kind == 'payload_lost' else 0.0
         end = self._begin[case.state](self, case)
         outcome.reported = self._observe(case)
-        outcome.deviation_m = _distance_from_line(self._tcp(), self._home, end)
+        outcome.deviation_m = _distance_from_line(self._log.tcp(), self._home, end)
         self._time_detection(case, outcome)
         if not outcome.reported:
             self._exercise(case)
             outcome.reported = str(self.fresh()['fault'])
             outcome.exercised = bool(outcome.reported)
             outcome.deviation_m = max(
-                outcome.deviation_m, _distance_from_line(self._tcp(), self._home, self._away)
+                outcome.deviation_m, _distance_from_line(self._log.tcp(), self._home, self._away)
             )
         if KINDS[case.kind].telegram or case.kind in OF_AXIS:
             # what can be measured has to be: a node may say that a fault begins, and nothing comes of it
@@ -172,12 +170,10 @@ class Catalogue(Witness):
             cycles = self.progress['fault_cycle'] - self._first
             outcome.detected_s = cycles * self._robot.bus.cycle_time_s
             return
-        shafts = self._telegrams(SHAFTS)
+        shafts = self._log.telegrams(SHAFTS)
         before = np.flatnonzero(shafts.cycles <= self._first)
         if len(before) and self._failed_s is not None:
             outcome.silent_s = self._failed_s - float(shafts.received_s[before[-1]])
-
-    # states -----------------------------------------------------------------------------------------------------------
 
     def _while_disabled(self, case: Case) -> Floats:
         self._disable()
@@ -272,8 +268,6 @@ class Catalogue(Witness):
         State.STARTING: _while_starting,
     }
 
-    # exercise ---------------------------------------------------------------------------------------------------------
-
     def _exercise(self, case: Case) -> None:
         """Finish what was held; then disable, enable, move away and back while the fault lasts."""
         operator = self.operator
@@ -292,7 +286,7 @@ class Catalogue(Witness):
             return
         operator.enable(True)
         self.wait(lambda: self.fresh()['in_torque'] or self.progress['fault'], 'torque')
-        there = float(np.linalg.norm(self._tcp(MDT)[-1] - self._away)) < THERE_M
+        there = float(np.linalg.norm(self._log.tcp(MDT)[-1] - self._away)) < THERE_M
         way = (self._home, self._away, self._home) if there else (self._away, self._home)
         try:
             self.drive(self._moves(*way), **self._program)
@@ -310,8 +304,6 @@ class Catalogue(Witness):
             self.operator.call('abort')
         self.wait(self.stands, 'end of the motion')
 
-    # evidence ---------------------------------------------------------------------------------------------------------
-
     def _grip(self) -> None:
         """Grip a heavy payload at home."""
         self._program = {'payload_kg': HEAVY_KG}
@@ -325,13 +317,13 @@ class Catalogue(Witness):
 
     def _static_torque(self) -> float:
         """Sum of the coupling torques [N m] of the three arms, which stand."""
-        self._recorded.clear()
+        self._log.begin()
         self.let_pass(SETTLE_S)
-        return float(self._telegrams(SHAFTS).values[:, COUPLING].sum(axis=1).mean())
+        return float(self._log.telegrams(SHAFTS).values[:, COUPLING].sum(axis=1).mean())
 
     def _payload_evidence(self, held_n_m: float) -> str:
         """Say what the arms feel of the payload that was gripped: nothing any more, if it has fallen off."""
-        theta = self._telegrams(SHAFTS).values[-1, :3] / self._robot.dynamics.gear_ratio
+        theta = self._log.telegrams(SHAFTS).values[-1, :3] / self._robot.dynamics.gear_ratio
         with_it, without = (
             float(dynamics.gravity(theta, self._robot.replace(dynamics__payload_mass_kg=mass)).sum())
             for mass in (HEAVY_KG, 0.0)
@@ -349,8 +341,7 @@ class Catalogue(Witness):
             return f'{lost} lost' if lost else f'{late} repeated' if late else ''
         if self._first is None:
             return ''
-        recorded = {topic: self._telegrams(topic) for topic in self._recorded}
-        return OF_AXIS[case.kind](AxisRecord.of(recorded, DRIVES.index(case.target), self._first))
+        return OF_AXIS[case.kind](AxisRecord.of(self._log.kept(), DRIVES.index(case.target), self._first))
 
 
 def run_catalogue(
@@ -366,10 +357,10 @@ def run_catalogue(
     """
     bringup = Bringup(Options(program=None, real_time_factor=0.0, logs=logs))
 
-    def attend() -> None:
+    def operate() -> None:
         catalogue = Catalogue(bringup, core.load())
         for case in todo:
             outcomes.append(catalogue.run(case))
             show(outcomes[-1])
 
-    run_attended(bringup, attend)
+    run_operated(bringup, operate)
