@@ -16,6 +16,35 @@ exactly: a third of the mass in the elbow, a third in the plate, and the sixth m
     A = I_b 1 + m_nt J^T J + mu (B^T J + J^T B),   B = [b_1 b_2 b_3] (4.9),
 
 which adds mu sum (Cddot_k + g z) to the force on the plate and mu b_i.(Xddot + g z) to the torque of arm i.
+
+Arguments of the functions and kernels here:
+
+``theta``, ``thetadot``, ``thetaddot``
+    Arm angles [rad], speeds [rad/s] and accelerations [rad/s^2], shape (3,); of functions (..., 3).
+``tau``
+    Arm torques [N m], shape (..., 3).
+``parameters``
+    Of the robot: a ``Parameters``.
+``rods``
+    Whether forearms are uniform rods instead of split masses.
+``g``, ``n``, ``geometry_record``, ``inertia_record``
+    Records ``kinematics.GEOMETRY`` and ``INERTIA``, and arrays that hold one of them, shape (1,).
+``mass``
+    Mass matrix (A11, A22, A33, A12, A13, A23) [kg m^2], shape (6,).
+``p``, ``xdot``
+    Position [m] and velocity [m/s] of the plate, shape (3,).
+``s``, ``b``, ``j``
+    Forearm vectors [m], arm tangents [m/rad] and columns of J [m/rad], shape (3, 3), or those of one arm, shape (3,).
+``a``
+    Jdot thetadot [m/s^2], shape (3,).
+``f``, ``v``
+    Torques [N m] and any vector, shape (3,).
+``i``
+    Number of an arm, 0 to 2.
+``angles``, ``rates``, ``accelerations``, ``torques``
+    Rows of [rad], [rad/s], [rad/s^2] and [N m], shape (n, 3).
+``out``
+    Takes the results, one for each row, shape (n, ...).
 """
 
 from typing import Any
@@ -89,7 +118,7 @@ def inertia(
 
 
 @kernel
-def motion_terms(theta, thetadot, g, m):
+def motion_terms(theta, thetadot, g, n):
     """Mass matrix A as (A11, A22, A33, A12, A13, A23) and bias C thetadot + G for one pose; nan where FK fails.
 
     Jdot thetadot = S^-1 (Ddot thetadot - Sdot Xdot) (4.15 times thetadot) needs no matrix Jdot.
@@ -104,51 +133,56 @@ def motion_terms(theta, thetadot, g, m):
     e2 = _acceleration_right_side(1, s[1], b[1], p, xdot, thetadot[1], g)
     e3 = _acceleration_right_side(2, s[2], b[2], p, xdot, thetadot[2], g)
     a = combine(e1 * per_volume, n1, e2 * per_volume, n2, e3 * per_volume, n3)
-    force = (m.plate * a[0], m.plate * a[1], m.plate * (a[2] + m.gravity))
+    force = (n.plate * a[0], n.plate * a[1], n.plate * (a[2] + n.gravity))
     mass = (
-        m.arm[0] + m.plate * q[0] * q[0] * dot(n1, n1),
-        m.arm[1] + m.plate * q[1] * q[1] * dot(n2, n2),
-        m.arm[2] + m.plate * q[2] * q[2] * dot(n3, n3),
-        m.plate * q[0] * q[1] * dot(n1, n2),
-        m.plate * q[0] * q[2] * dot(n1, n3),
-        m.plate * q[1] * q[2] * dot(n2, n3),
+        n.arm[0] + n.plate * q[0] * q[0] * dot(n1, n1),
+        n.arm[1] + n.plate * q[1] * q[1] * dot(n2, n2),
+        n.arm[2] + n.plate * q[2] * q[2] * dot(n3, n3),
+        n.plate * q[0] * q[1] * dot(n1, n2),
+        n.plate * q[0] * q[2] * dot(n1, n3),
+        n.plate * q[1] * q[2] * dot(n2, n3),
     )
     # the cosine of an arm angle is -b_z / l_A
     bias = (
-        q[0] * dot(n1, force) + m.weight[0] * b[0][2],
-        q[1] * dot(n2, force) + m.weight[1] * b[1][2],
-        q[2] * dot(n3, force) + m.weight[2] * b[2][2],
+        q[0] * dot(n1, force) + n.weight[0] * b[0][2],
+        q[1] * dot(n2, force) + n.weight[1] * b[1][2],
+        q[2] * dot(n3, force) + n.weight[2] * b[2][2],
     )
-    if m.rod != 0.0:
+    if n.rod != 0.0:
         j = (
             combine(q[0], n1, 0.0, n1, 0.0, n1),
             combine(q[1], n2, 0.0, n2, 0.0, n2),
             combine(q[2], n3, 0.0, n3, 0.0, n3),
         )
-        return _with_rods(mass, bias, thetadot, p, s, b, j, a, g, m)
+        return _with_rods((mass, bias), thetadot, (p, s, b), j, a, g, n)
     return mass, bias
 
 
 @kernel
-def _with_rods(mass, bias, thetadot, p, s, b, j, a, g, m):
-    """Add what couples elbows and plate in uniform rods; columns j of J, a = Jdot thetadot."""
+def _with_rods(terms, thetadot, pose, j, a, g, n):
+    """Add what couples elbows and plate in uniform rods.
+
+    ``terms`` are mass matrix and bias of split masses, ``pose`` is (p, s, b).
+    """
+    mass, bias = terms
+    p, s, b = pose
     arms = (upper_arm(0, p, s[0], g), upper_arm(1, p, s[1], g), upper_arm(2, p, s[2], g))
     squares = (thetadot[0] * thetadot[0], thetadot[1] * thetadot[1], thetadot[2] * thetadot[2])
     # bdot_i thetadot_i; the elbows' weight is in that of the arms
     elbows = combine(-squares[0], arms[0], -squares[1], arms[1], -squares[2], arms[2])
-    force = (elbows[0], elbows[1], elbows[2] + 3.0 * m.gravity)
+    force = (elbows[0], elbows[1], elbows[2] + 3.0 * n.gravity)
     coupled_mass = (
-        mass[0] + 2.0 * m.rod * dot(b[0], j[0]),
-        mass[1] + 2.0 * m.rod * dot(b[1], j[1]),
-        mass[2] + 2.0 * m.rod * dot(b[2], j[2]),
-        mass[3] + m.rod * (dot(b[0], j[1]) + dot(b[1], j[0])),
-        mass[4] + m.rod * (dot(b[0], j[2]) + dot(b[2], j[0])),
-        mass[5] + m.rod * (dot(b[1], j[2]) + dot(b[2], j[1])),
+        mass[0] + 2.0 * n.rod * dot(b[0], j[0]),
+        mass[1] + 2.0 * n.rod * dot(b[1], j[1]),
+        mass[2] + 2.0 * n.rod * dot(b[2], j[2]),
+        mass[3] + n.rod * (dot(b[0], j[1]) + dot(b[1], j[0])),
+        mass[4] + n.rod * (dot(b[0], j[2]) + dot(b[2], j[0])),
+        mass[5] + n.rod * (dot(b[1], j[2]) + dot(b[2], j[1])),
     )
     coupled_bias = (
-        bias[0] + m.rod * (dot(j[0], force) + dot(b[0], a)),
-        bias[1] + m.rod * (dot(j[1], force) + dot(b[1], a)),
-        bias[2] + m.rod * (dot(j[2], force) + dot(b[2], a)),
+        bias[0] + n.rod * (dot(j[0], force) + dot(b[0], a)),
+        bias[1] + n.rod * (dot(j[1], force) + dot(b[1], a)),
+        bias[2] + n.rod * (dot(j[2], force) + dot(b[2], a)),
     )
     return coupled_mass, coupled_bias
 
@@ -187,36 +221,39 @@ def solve(mass, f):
 
 @kernel
 def _inverse(angles, rates, accelerations, out, geometry_record, inertia_record):
-    for n in range(angles.shape[0]):
-        theta = (angles[n, 0], angles[n, 1], angles[n, 2])
-        thetadot = (rates[n, 0], rates[n, 1], rates[n, 2])
+    """Fill ``out`` with arm torques [N m]."""
+    for row in range(angles.shape[0]):
+        theta = (angles[row, 0], angles[row, 1], angles[row, 2])
+        thetadot = (rates[row, 0], rates[row, 1], rates[row, 2])
         mass, bias = motion_terms(theta, thetadot, geometry_record[0], inertia_record[0])
-        torque = multiply(mass, (accelerations[n, 0], accelerations[n, 1], accelerations[n, 2]))
+        torque = multiply(mass, (accelerations[row, 0], accelerations[row, 1], accelerations[row, 2]))
         for i in range(3):
-            out[n, i] = torque[i] + bias[i]
+            out[row, i] = torque[i] + bias[i]
 
 
 @kernel
 def _forward(angles, rates, torques, out, geometry_record, inertia_record):
-    for n in range(angles.shape[0]):
-        theta = (angles[n, 0], angles[n, 1], angles[n, 2])
-        thetadot = (rates[n, 0], rates[n, 1], rates[n, 2])
+    """Fill ``out`` with arm accelerations [rad/s^2]."""
+    for row in range(angles.shape[0]):
+        theta = (angles[row, 0], angles[row, 1], angles[row, 2])
+        thetadot = (rates[row, 0], rates[row, 1], rates[row, 2])
         mass, bias = motion_terms(theta, thetadot, geometry_record[0], inertia_record[0])
-        f = (torques[n, 0] - bias[0], torques[n, 1] - bias[1], torques[n, 2] - bias[2])
+        f = (torques[row, 0] - bias[0], torques[row, 1] - bias[1], torques[row, 2] - bias[2])
         acceleration = solve(mass, f)
         for i in range(3):
-            out[n, i] = acceleration[i]
+            out[row, i] = acceleration[i]
 
 
 @kernel
 def _mass_matrix(angles, out, geometry_record, inertia_record):
-    for n in range(angles.shape[0]):
-        theta = (angles[n, 0], angles[n, 1], angles[n, 2])
+    """Fill ``out`` with mass matrices [kg m^2]."""
+    for row in range(angles.shape[0]):
+        theta = (angles[row, 0], angles[row, 1], angles[row, 2])
         mass, _ = motion_terms(theta, (0.0, 0.0, 0.0), geometry_record[0], inertia_record[0])
-        out[n, 0, 0], out[n, 1, 1], out[n, 2, 2] = mass[0], mass[1], mass[2]
-        out[n, 0, 1] = out[n, 1, 0] = mass[3]
-        out[n, 0, 2] = out[n, 2, 0] = mass[4]
-        out[n, 1, 2] = out[n, 2, 1] = mass[5]
+        out[row, 0, 0], out[row, 1, 1], out[row, 2, 2] = mass[0], mass[1], mass[2]
+        out[row, 0, 1] = out[row, 1, 0] = mass[3]
+        out[row, 0, 2] = out[row, 2, 0] = mass[4]
+        out[row, 1, 2] = out[row, 2, 1] = mass[5]
 
 
 def _three_rows(first: ArrayLike, second: ArrayLike, third: ArrayLike, names: tuple[str, str, str]) -> Any:

@@ -9,6 +9,36 @@ The kernels take l_A, l_B and R of each arm: those of a built robot differ a lit
     arm tangent  b_i = dC_i/dtheta_i = -l_A (sin theta_i u_i + cos theta_i z)  (4.9)
 
 The scalar kernels work on 3-tuples and serve the control loops; the functions in front of them take arrays of poses.
+
+Arguments of the functions and kernels here:
+
+``p``, ``pdot``
+    Positions of the plate, which is the TCP, [m] and velocities [m/s] in the frame ``base``, shape (3,); of functions
+    (..., 3).
+``theta``, ``thetadot``
+    Arm angles [rad] and speeds [rad/s], shape (3,); of functions (..., 3).
+``kinematics``
+    The parameters of a robot, or their group ``kinematics``.
+``i``
+    Number of an arm, 0 to 2.
+``g``, ``geometry_record``
+    One record ``GEOMETRY``, and an array that holds it, shape (1,).
+``elbow_in``
+    Whether the elbow points inward.
+``cosine``, ``sine``
+    Numbers: cosine and sine of an arm angle.
+``c1``, ``c2``, ``c3``
+    Elbows [m], shape (3,).
+``l_b``
+    Lengths of the forearms [m], shape (3,).
+``side``
+    Number: -1 below the elbow plane, +1 above.
+``s``, ``b``
+    Forearm vectors s_i [m] and arm tangents b_i [m/rad] of the three arms, shape (3, 3), or of one, shape (3,).
+``points``, ``angles``
+    Rows of positions [m] and of arm angles [rad], shape (n, 3).
+``out``
+    Takes the results, one for each row, shape (n, ...).
 """
 
 import math
@@ -38,7 +68,7 @@ GEOMETRY = np.dtype(
 
 
 def geometry(kinematics: Lengths, errors: Rich | None = None) -> NDArray[Any]:
-    """Return the constants of the kernels, nominal or with the geometric errors of a built robot: one ``GEOMETRY``."""
+    """Return the constants of the kernels, an array of one ``GEOMETRY``; with ``errors`` those of a built robot."""
     kinematics = kinematics.kinematics if isinstance(kinematics, Parameters) else kinematics
     record = np.zeros(1, GEOMETRY)
     azimuth = np.array(kinematics.arm_azimuth_rad)
@@ -198,6 +228,7 @@ def jacobian_columns(s, b):
 
 @kernel
 def _inverse_all(points, out, geometry_record):
+    """Fill ``out`` with the angles of both branches of each arm, shape (n, 3, 2); nan out of reach."""
     for n in range(points.shape[0]):
         p = triple(points[n])
         for i in range(3):
@@ -238,6 +269,7 @@ def _forward(angles, side, out, geometry_record):
 
 @kernel
 def _jacobian(angles, points, out, geometry_record):
+    """Fill ``out`` with J, shape (n, 3, 3)."""
     for n in range(angles.shape[0]):
         s, b = forearms(triple(angles[n]), triple(points[n]), geometry_record[0])
         columns = jacobian_columns(s, b)
@@ -248,6 +280,7 @@ def _jacobian(angles, points, out, geometry_record):
 
 @kernel
 def _singularity(angles, points, out, geometry_record):
+    """Fill ``out`` with s_i.b_i/(l_A l_B) of the arms and |det S|/l_B^3, shape (n, 4)."""
     g = geometry_record[0]
     for n in range(angles.shape[0]):
         s, b = forearms(triple(angles[n]), triple(points[n]), g)
@@ -257,7 +290,14 @@ def _singularity(angles, points, out, geometry_record):
 
 
 def rows(values: ArrayLike, name: str) -> tuple[Floats, tuple[int, ...]]:
-    """Return ``values`` of shape (..., 3) as contiguous rows (n, 3), and the leading shape."""
+    """Return ``values`` of shape (..., 3) as contiguous rows (n, 3), and the leading shape.
+
+    Raises
+    ------
+    ValueError
+        They have another shape; calls them by ``name``.
+
+    """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ValueError(f'{name} must have shape (..., 3), not {array.shape}')

@@ -6,6 +6,19 @@ With R and L phase to phase and K_m per ampere rms, one phase obeys
 
 where the current vector lies on the q axis (i_d = 0): I_eff = i_q / sqrt(2), signed (8.2). A winding that is shorted at
 its terminals brakes with v = 0; the d axis, left out, would weaken that from the electrical speed R/L on.
+
+Arguments of the functions and kernels here:
+
+``current``
+    I_eff [A].
+``voltage``, ``dc_link``
+    Voltage of a phase [V rms], and that of the DC link [V].
+``speed``, ``shaft_position``
+    Speed [rad/s] and position [rad] of the motor shaft.
+``m``
+    Record ``MOTOR``.
+``parameters``
+    Of the robot: a ``Parameters``.
 """
 
 import math

@@ -2,6 +2,17 @@
 
 In each cycle the plan gives the TCP, inverse kinematics the arm angles, the gear the motor shafts (thesis 6, 7). What
 the drives answer serves only the following error and supervision, never the next command: cycles may be outstanding.
+
+Arguments of the kernels here:
+
+``cycle``
+    Number of a bus cycle.
+``task``, ``s``
+    ``TaskArrays`` and the record ``STATE`` in them.
+``tables``
+    The plan: a ``motion.plan.Tables``.
+``number``, ``over``
+    Number of the move that is driven, and whether the program is over.
 """
 
 import math

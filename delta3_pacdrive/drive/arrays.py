@@ -1,7 +1,27 @@
 """State and constants of one drive as records that the compiled loops share.
 
-In the kernels of this room ``s`` is the record ``STATE``, ``c`` is ``CONSTANTS``, ``m`` is ``motor.MOTOR``, and
-``drive`` is ``DriveArrays``.
+Arguments of the kernels of this room:
+
+``s``, ``c``, ``m``
+    Records ``STATE``, ``CONSTANTS`` and ``motor.MOTOR``.
+``drive``
+    ``DriveArrays``.
+``shaft``
+    True motor shaft: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
+``position``, ``speed``
+    Of the motor shaft [rad], [rad/s].
+``command``, ``control``
+    Motor shaft [rad] and control word S-0-0134 of an MDT.
+``current``, ``mean_current``, ``feedforward``
+    I_eff [A]: of the end stage, the mean of a period, what is added to the reference.
+``voltage_max``
+    Largest voltage of a phase [V rms].
+``value``, ``limit``
+    Number and the bound of its amount, in the same unit.
+``state``, ``fault``, ``reaction``
+    Numbers of ``DriveState``, ``DriveFault`` and ``Reaction``.
+``seed``
+    Number: state of a generator, 64 bits.
 """
 
 import math

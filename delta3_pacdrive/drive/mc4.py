@@ -167,6 +167,7 @@ def mc4_run_period(shaft, drive):
 
 @kernel
 def _phase_currents(drive):
+    """Instantaneous currents of the three phases [A]."""
     return phase_currents(drive.state[0].current, drive.state[0].position, drive.constants[0].motor)
 
 

@@ -286,6 +286,7 @@ def _go_on(s, c):
 
 @kernel
 def _status_word(s):
+    """Form the status word S-0-0135."""
     status = 0
     if s.state in (ENABLED, STOPPING, HOLDING, HALTED):
         status = STATUS_IN_TORQUE

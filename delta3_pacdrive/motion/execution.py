@@ -4,6 +4,17 @@ A course is what happens from one bus cycle on: a table of master phases over th
 start of a plan), then the following moves at a rate (1 = as planned). To hold is a course whose table ends in
 standstill on the path. Planner and transformation task follow the same courses, so that both know the master in every
 cycle.
+
+Arguments of the kernel here:
+
+``time``
+    Bus time since the course began [s].
+``number``
+    Number of a move that is driven then or earlier.
+``course``, ``table``
+    An array of one record ``COURSE``, shape (1,), and its phases, shape (n, 5): see ``virtual_master``.
+``tables``
+    The plan: a ``plan.Tables``.
 """
 
 import copy

@@ -2,6 +2,19 @@
 
 A path is a table of pieces, shape (n, 19): the distance s [m] at which the piece starts, then c0..c5 of x, of y and of
 z in powers of s minus that start. ``curves`` makes the pieces; whoever evaluates a path needs only this module.
+
+Arguments of the kernels here:
+
+``s``, ``distances``
+    Distance along the path [m], and several of them, shape (n,).
+``segments``
+    Path pieces, shape (m, 19), as described above.
+``first``, ``count``
+    Number of the first piece of a move, and how many it has.
+``c``, ``n``, ``u``
+    Number of a column, number of a piece, and distance from the begin of the piece [m].
+``out``
+    Takes positions and their derivatives by the distance, shape (n, 4, 3).
 """
 
 import numpy as np
@@ -17,6 +30,7 @@ DERIVATIVES = 4  # position and three derivatives by the distance
 
 @kernel
 def _value(c, n, u, segments):
+    """Coordinate [m] whose coefficients begin in a column."""
     return segments[n, c] + u * (
         segments[n, c + 1]
         + u
@@ -34,6 +48,7 @@ def path_at(s, segments, first, count):
 
 @kernel
 def _sample(distances, segments, out):
+    """Fill ``out`` with what the path is at each distance."""
     for i in range(distances.shape[0]):
         n = row_at(distances[i], segments, 0, segments.shape[0] - 1)
         u = distances[i] - segments[n, 0]

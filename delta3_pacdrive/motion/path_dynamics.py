@@ -6,6 +6,27 @@ accelerations theta'' v^2 + theta' a, and the motor torques without friction
     tau / k_r = m a + c v^2 + g,   m = A theta',   c = A theta'' + C(theta, theta') theta',   g = G(theta)
 
 so that one pass over a path serves every speed at which it may be driven.
+
+Arguments of the kernels here:
+
+``samples``
+    Positions [m] and their derivatives by the distance, shape (n, 4, 3).
+``payload``
+    Number of the inertia record that holds at each sample, shape (n,).
+``gear_ratio``
+    Number k_r.
+``geometry_record``, ``inertia_records``
+    Arrays of one ``kinematics.GEOMETRY``, shape (1,), and of several ``dynamics.INERTIA``, shape (payloads,).
+``out``
+    Takes one row per sample, shape (n, 25).
+``i``, ``g``
+    Number of an arm, 0 to 2, and record ``kinematics.GEOMETRY``.
+``p``, ``first``, ``second``
+    Position [m], its first derivative by the distance [1] and the second [1/m], shape (3,).
+``s``, ``b``, ``sb``
+    Forearm vector [m], arm tangent [m/rad] of an arm, shape (3,), and their product [m^2/rad].
+``rate``
+    Derivative of an arm angle by the distance [rad/m].
 """
 
 from dataclasses import dataclass

@@ -3,6 +3,17 @@
 A move is a virtual master over time (``master``) and the slaves over the master (``segments``), with events at places
 on the path. A plan is a set of different moves and the order in which they are driven, in continuous time: a move
 starts where and when the one before it ends, between bus cycles if need be.
+
+Arguments of the kernels here:
+
+``time``
+    Time since the start of the plan [s].
+``s``
+    Distance on the path of a move [m].
+``number``
+    Number of the move that is driven, or of an earlier one.
+``tables``
+    The plan: ``Tables``.
 """
 
 from collections.abc import Sequence

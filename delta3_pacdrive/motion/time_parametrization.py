@@ -4,6 +4,31 @@ Where nothing but speed, acceleration and jerk of the master matters, it is ruck
 motor forbids that, the master is planned in two steps: the time-optimal speed over the distance with limited
 acceleration, by the backward and forward pass of path parametrisation over the controllable speeds (Pham and Pham,
 TOPP-RA, 2018), and a moving average over the time, which turns steps of acceleration into ramps of limited jerk.
+
+Arguments of the kernels here:
+
+``distance``
+    Grid points along the path [m], shape (n,).
+``n``
+    Number of a grid point.
+``x``, ``square_max``
+    Square of the speed of the TCP, and the largest one allowed [m^2/s^2], shape (n,), or that at one point.
+``acceleration``, ``curvature``
+    Largest acceleration [m/s^2] and curvature [1/m] at the grid points, shape (n,).
+``inertial``, ``centrifugal``, ``weight``
+    Motor torques per acceleration [N s^2], per square of the speed [N s^2/m], and at rest [N m], shape (n, 3).
+``torque``
+    Largest motor torques [N m], shape (n, 3).
+``window``
+    Time of the filter that limits the jerk [s].
+``out``, ``times``
+    Take the result [m^2/s^2] and times at the grid points [s], shape (n,).
+``rows``
+    Phases, shape (n, 5): see ``virtual_master``.
+``distance_tolerance``, ``speed_tolerance``
+    Largest deviations [m], [m/s].
+``joint``
+    Takes whether a row begins a phase of its own, shape (n,).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,18 @@
-"""The virtual master: distance along the path over time, rest to rest within speed, acceleration and jerk (6, 6.1)."""
+"""The virtual master: distance along the path over time, rest to rest within speed, acceleration and jerk (6, 6.1).
+
+Arguments of the kernels here:
+
+``time``, ``times``
+    Time after the start of a move [s], and several of them, shape (n,).
+``phases``
+    Phases, shape (n, 5): time [s], distance [m], speed [m/s], acceleration [m/s^2], jerk [m/s^3].
+``first``, ``count``
+    Number of the first phase of a move, and how many it has.
+``distances``
+    Distances [m], increasing, shape (n,).
+``out``
+    Takes the results, one for each time or distance, shape (n, ...).
+"""
 
 import math
 
@@ -89,6 +103,7 @@ def master_at(time, phases, first, count):
 
 @kernel
 def _sample(times, phases, out):
+    """Fill ``out`` with distance, speed, acceleration and jerk at each time, shape (n, 4)."""
     last = phases.shape[0] - 1
     for n in range(times.shape[0]):
         out[n, 0], out[n, 1], out[n, 2] = master_at(times[n], phases, 0, phases.shape[0])
@@ -106,6 +121,7 @@ def sample_master(times_s: ArrayLike, phases: Floats) -> Floats:
 
 @kernel
 def _sample_at_distances(distances, phases, out):
+    """Fill ``out`` with time and state of the master at each distance, shape (n, 5)."""
     last = phases.shape[0] - 1
     n = 0
     for i in range(distances.shape[0]):

@@ -5,6 +5,15 @@ file by its path. Ours knows it by its content: the folder of a module's kernels
 and of all modules that it imports, directly or not. A changed formula or constant never meets an old binary, an edit of
 a report compiles nothing again, and a second copy of the same sources finds what the first one has compiled.
 Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
+
+Arguments of the kernel here:
+
+``table``
+    Numbers, shape (n, columns), sorted by the first column.
+``value``
+    Number in the unit of the first column.
+``first``, ``last``
+    Numbers of the first row that is looked at, and of the last.
 """
 
 import fcntl

@@ -1,6 +1,9 @@
 """Vectors of three numbers as tuples, for the compiled loops.
 
-In all of them ``a``, ``b``, ``c`` and ``v`` are vectors (3), ``x``, ``y`` and ``z`` factors, each in its own unit.
+``a``, ``b``, ``c``, ``v``
+    Vectors, shape (3,), each in its own unit.
+``x``, ``y``, ``z``
+    Numbers, factors of vectors.
 """
 
 from delta3_pacdrive.numerics.kernel import kernel

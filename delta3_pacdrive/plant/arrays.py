@@ -1,8 +1,39 @@
 """State and constants of the plant as records that the compiled loops share.
 
-In the kernels of this room ``s`` is the record ``STATE``, ``c`` is ``CONSTANTS``, ``n`` is ``dynamics.INERTIA``, ``m``
-is ``motor.MOTOR``, ``q`` is ``built_robot.BUILT_STATE`` and ``r`` is ``built_robot.BUILT``; ``plant`` is
-``PlantArrays`` and ``built`` is ``BuiltArrays``.
+Arguments of the kernels of this room:
+
+``s``, ``c``
+    Records ``STATE`` and ``CONSTANTS``.
+``n``, ``m``, ``r``
+    Records ``dynamics.INERTIA``, ``motor.MOTOR`` and ``built_robot.BUILT``.
+``plant``, ``built``
+    ``PlantArrays`` or, within a step, ``PlantRecords``; ``BuiltArrays`` or ``BuiltRecords``, None for a rigid robot.
+``i``
+    Number of an axis, 0 to 2.
+``theta``, ``thetadot``
+    Arm angles [rad] and speeds [rad/s], shape (3,), or those of one arm.
+``shaft``, ``rate``
+    Motor shafts over k_r [rad] and their speeds [rad/s], shape (3,), or those of one.
+``speed``, ``angle``
+    Of motor shafts: speed [rad/s] and position [rad]; for brakes on the arm side.
+``bristle``
+    Deflection z of the bristles [rad, motor side], shape (3,), or that of one shaft.
+``current``, ``before``, ``now``
+    Currents [A rms], shape (3,), or that of one motor; at the begin and the end of a step.
+``mass``, ``force``, ``f``
+    Mass matrix as in ``dynamics`` [kg m^2], shape (6,), and arm torques [N m], shape (3,).
+``acceleration``
+    Of shafts over k_r [rad/s^2], shape (3,).
+``h``, ``duration``
+    Time of a step [s].
+``payload_kg``
+    What the controller has gripped [kg].
+``brakes``
+    Brake outputs of the drives, 1 = release, shape (3,).
+``depth``, ``stiffness``, ``damping``
+    Of a spring that is pressed in: [rad], [N m/rad], [N m s/rad].
+``twist``
+    Of a gear [rad, arm side].
 """
 
 import math

@@ -38,7 +38,7 @@ def advance_brakes(speed, s, c):
 
 @kernel
 def caught_speed(i, before, after, s):
-    """Speed of shaft ``i`` after a step from ``before``: 0 where its brake catches it on the way through zero."""
+    """Speed of shaft ``i`` after a step from ``before`` to ``after`` [rad/s]; 0 where its brake catches it."""
     comes_to_rest = before != 0.0 and after * before <= 0.0
     if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or comes_to_rest):
         s.brake_locked[i] = 1

@@ -1,4 +1,12 @@
-"""Motor increments of the encoder and of the commands on the bus (thesis 8.1: 2^19 per revolution)."""
+"""Motor increments of the encoder and of the commands on the bus (thesis 8.1: 2^19 per revolution).
+
+Arguments of the functions and kernels here:
+
+``position``
+    Motor shaft [rad].
+``increments_per_rad``
+    Resolution [1/rad].
+"""
 
 import numpy as np
 

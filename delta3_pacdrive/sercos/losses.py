@@ -3,6 +3,13 @@
 One loss of the window is cleared with every ``CLEARING_CYCLES`` telegrams in a row that come: ten losses in less
 than a thousand cycles, evenly spread, are a fault. Drives and master count alike: ``s`` is the record of a drive, or
 the ``Losses`` of one axis at the master.
+
+Arguments of the functions and kernels here:
+
+``s``, ``losses``
+    Record or ``Losses`` with the counters.
+``telegrams``
+    Number of telegrams.
 """
 
 from dataclasses import dataclass

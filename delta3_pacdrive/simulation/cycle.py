@@ -2,6 +2,21 @@
 
 Everything that happens in a cycle stands in ``CyclicOperation``. Stretches of motion alone, in which no fault begins or
 ends and no status word changes, are run as one compiled loop of the same kernels.
+
+Arguments of the kernels here:
+
+``cycle``
+    Number of a bus cycle.
+``motors``
+    Motor shaft commands [rad], shape (3,).
+``plant``
+    ``PlantArrays``.
+``answers``
+    What the AT say: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
+``evaluated``
+    Columns of ``TaskArrays.answer``, shape (15,).
+``signals``
+    Takes the signals in the order of ``NAMES``, shape (13, cycles, 3).
 """
 
 from collections.abc import Sequence

@@ -15,7 +15,16 @@ from delta3_pacdrive.simulation.robot import Robot
 
 
 def placed(parameters: Parameters, program: Program) -> Parameters:
-    """Return the parameters of a robot that stands where the program starts."""
+    """Return the parameters of a robot that stands where the program starts.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    program
+        Its ``start_m``, if it has one, becomes the home of the robot.
+
+    """
     if program.start_m is None:
         return parameters
     return parameters.replace(motion__home_m=program.start_m)
@@ -23,6 +32,18 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
 
 def run(program: Program, parameters: Parameters) -> Trace:
     """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
+
+    Parameters
+    ----------
+    program
+        What is driven, with its faults.
+    parameters
+        Of the robot.
+
+    Returns
+    -------
+    Trace
+        All signals cycle by cycle, shapes (cycles, 3), and figures of the run in ``meta``.
 
     Raises
     ------

@@ -30,7 +30,14 @@ from delta3_pacdrive.simulation.run import run
 
 
 def load_kernels(parameters: Parameters) -> None:
-    """Load what ``run`` needs, so that no later one waits for it; if nothing is compiled yet, compile every kernel."""
+    """Load what ``run`` needs, so that no later one waits for it; if nothing is compiled yet, compile every kernel.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot that will run.
+
+    """
     if all_compiled():
         _stand(parameters)
     else:
@@ -94,7 +101,14 @@ simulation.rehearse_parts(int(sys.argv[2]))
 
 
 def rehearse_parts(number: int) -> None:
-    """Call the kernels of all parts of the machine, in an order of one's own, as one of several processes."""
+    """Call the kernels of all parts of the machine, as one of several processes.
+
+    Parameters
+    ----------
+    number
+        Of the process, 0 to 3: each has an order of its own.
+
+    """
     parameters = core.load()
     with shared():
         for part in _ORDERS[number]:
@@ -110,7 +124,14 @@ def _stand(parameters: Parameters) -> None:
 
 
 def rehearse(parameters: Parameters) -> None:
-    """Run every kernel once, so that none is compiled or loaded in the middle of a cycle."""
+    """Run every kernel once, so that none is compiled or loaded in the middle of a cycle.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot that will run.
+
+    """
     compile_kernels()
     _call_all(parameters)
 
