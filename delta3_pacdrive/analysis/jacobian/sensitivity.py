@@ -15,8 +15,6 @@ from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, JointMotion, Pose
 from delta3_pacdrive.errors import UnreachableError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from delta3_pacdrive.analysis.jacobian.motion import Motion
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Kinematics
@@ -81,17 +79,6 @@ def slope(motion: Motion, kinematics: Kinematics, symbol: str, pose: Pose) -> Jo
         (longer.velocity - shorter.velocity) / (2.0 * STEP_M),
         (longer.acceleration - shorter.acceleration) / (2.0 * STEP_M),
     )
-
-
-def predicted(motion: Motion, kinematics: Kinematics, errors: Mapping[str, float], pose: Pose) -> JointMotion:
-    """First-order change of the joint motion for errors [m] of several lengths: [rad/s], [rad/s^2], (n, 3)."""
-    total = JointMotion(np.zeros_like(motion.theta), np.zeros_like(motion.theta))
-    for symbol, error in errors.items():
-        part = slope(motion, kinematics, symbol, pose)
-        total = JointMotion(
-            total.velocity + error * part.velocity, total.acceleration + error * part.acceleration
-        )
-    return total
 
 
 def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
