@@ -6,7 +6,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,8 @@ from delta3_pacdrive.bringup.cpu_load import Strain
 from delta3_pacdrive.bringup.lock import only_one
 from delta3_pacdrive.bringup.processes import Child, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule, real_time_is_permitted, relent
-from delta3_pacdrive.errors import ParameterError, RunError, RunInterruptedError
+from delta3_pacdrive.controller.messages import QueueReport
+from delta3_pacdrive.errors import ParameterError, RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.motion import arrival, program_planner
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
@@ -72,10 +73,10 @@ class _Monitor(Node):
     def __init__(self, namespace: str) -> None:
         super().__init__('bringup', namespace=namespace)
         self.progress: dict[str, Any] = {}
-        self.planner = ''
+        self.refusal = ''  # of the newest request to the planner
         self.recorder = ''
         self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
-        self.create_subscription(String, 'unit_robot/answer', self._on_planner, LATCHED)
+        self.create_subscription(String, 'unit_robot/queue', self._on_queue, LATCHED)
         self.create_subscription(String, 'recorder/state', self._on_recorder, LATCHED)
         self.enable = self.create_client(SetBool, 'enable')
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
@@ -83,8 +84,9 @@ class _Monitor(Node):
     def _on_progress(self, message: String) -> None:
         self.progress = read_progress(message.data) or self.progress
 
-    def _on_planner(self, message: String) -> None:
-        self.planner = message.data
+    def _on_queue(self, message: String) -> None:
+        with suppress(TelegramError):
+            self.refusal = QueueReport.from_json(message.data).refusal
 
     def _on_recorder(self, message: String) -> None:
         self.recorder = message.data
@@ -249,7 +251,7 @@ class Bringup:
                 if self._program is None and self._interrupted:
                     return
             elif time.monotonic() > deadline:
-                waiting = progress.get('waiting') or monitor.planner or 'the transformation task to appear'
+                waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
                 raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
         show(progress)
 
@@ -269,12 +271,9 @@ class Bringup:
             self._await_standstill()
             raise RunError(monitor.progress['fault'])
         # once the program is loaded, what is refused is asked for by somebody else
-        if self._program is not None and not monitor.progress.get('moves') and self._refused():
-            raise RunError(monitor.planner.removeprefix('refused: '))
+        if self._program is not None and not monitor.progress.get('moves') and monitor.refusal:
+            raise RunError(monitor.refusal)
         return monitor.progress
-
-    def _refused(self) -> bool:
-        return self._monitor.planner.startswith('refused: ')
 
     def _look_for_strain(self) -> None:
         """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""

@@ -221,8 +221,8 @@ def _state_facts(operator: Any) -> dict[str, Any]:
         operator.wait_until(lambda: operator.queue, 'unit_robot/queue', PLANNER_S)
     except RunError:
         return facts | {'queue': None, 'override': None, 'planning': 'no word of the planner'}
-    queue = json.loads(operator.queue)
-    return facts | {'queue': queue['moves'], 'override': queue['override'], 'planning': queue['working']}
+    queue = operator.queue
+    return facts | {'queue': queue.moves, 'override': queue.override, 'planning': queue.working}
 
 
 SILENT_S = 5.0  # without a word of a robot that moves, which is dead then

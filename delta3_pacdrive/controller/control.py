@@ -72,15 +72,15 @@ class Control:
         if new and self.operator is not None and self.operator.identity == identity:
             self._watch.received(now_s)
 
-    def lost(self, now_s: float) -> str:
-        """Look: the name of the operator who has just lost control because he fell silent, empty if none has."""
+    def lost(self, now_s: float) -> Operator | None:
+        """Look: the operator who has just lost control because he fell silent, None if none has."""
         silence = self._watch.silence_s(now_s)
         if self.operator is None or silence <= OPERATOR_SILENT_S:
-            return ''
-        name = self.operator.name
+            return None
+        operator = self.operator
         self.losses += 1
         self._end()
-        return name
+        return operator
 
     def refusal(self, identity: str) -> Reason | None:
         """Say why somebody (empty: without an identity) may not move the robot, None if he may."""

@@ -37,6 +37,8 @@ class Stop:
         First bus cycle of the stop, still to come.
     hard
         Whether the stop may be harder than the move allows: an axis does not follow any more.
+    drive
+        The drive (0 to 2) that reports the fault, None if it is no drive's.
 
     """
 
@@ -44,6 +46,7 @@ class Stop:
     cycle: int
     first: int
     hard: bool = False
+    drive: int | None = None
 
 
 def emergency_stop(cycle: int) -> Stop:
@@ -107,4 +110,5 @@ class ControllerCycle:
         fault = axes.check(cycle, program_starts)
         if fault is None or (stopped and not fault.not_following):
             return None
-        return Stop(fault.sentence, cycle, cycle + self._reaction_cycles, fault.not_following)
+        first = cycle + self._reaction_cycles
+        return Stop(fault.sentence, cycle, first, fault.not_following, fault.drive)

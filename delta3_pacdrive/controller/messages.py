@@ -172,6 +172,34 @@ class Reply(_Message):
     control: int = 0
 
 
+@dataclass(frozen=True)
+class QueueReport(_Message):
+    """What is in the queue of a planner, ``unit_robot/queue``.
+
+    Attributes
+    ----------
+    identity
+        Of the planner.
+    moves, duration_s
+        Number of moves, and how long they take, 0 while they are not planned.
+    override
+        Override, 1 = as planned.
+    working
+        What is being planned, empty if nothing is.
+    refusal, refusal_code
+        Why the newest request was refused, as a sentence, and its code; empty if it was not.
+
+    """
+
+    identity: str
+    moves: int
+    duration_s: float
+    override: float
+    working: str
+    refusal: str = ''
+    refusal_code: str = ''
+
+
 def refuse_recording(request: Request) -> Reply:
     """Return the refusal of a request that was meant for somebody else."""
     sentence = (

@@ -92,8 +92,8 @@ class Orders:
         self._listened_to, self._order = self._watch.planner, 0
         return True
 
-    def look(self, now_s: float) -> str:
-        """Look: say why the planner whose program moves the robot is lost, empty if it is not."""
+    def look(self, now_s: float) -> Reason | None:
+        """Look: say why the planner whose program moves the robot is lost, None if it is not."""
         moving = self._state.motion in (MotionState.MOVING, MotionState.STOPPING)
         reason = self._watch.look(now_s, self._planner if moving else '')
         self._has_another()
@@ -185,7 +185,7 @@ class Orders:
         except ProgramError as error:
             return Reason(Code.CONTENT, str(error))
         disagreement = self._watch.disagreement()
-        if disagreement:
+        if disagreement is not None:
             return Reason(Code.CONTENT, f'it was planned for another robot: {disagreement}')
         before, self._planner = self._planner, origin.planner
         reason = self._state.start(order)

@@ -1,6 +1,7 @@
 """Which planner the transformation task listens to, and whether it is still there while its program runs."""
 
 from delta3_pacdrive.controller.messages import Numbering
+from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.sercos.configuration_check import Identity, disagreements
 from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S, Watchdog
@@ -52,23 +53,24 @@ class PlannerWatch:
         else:
             self._other = planner
 
-    def disagreement(self) -> str:
-        """Say in what the planner disagrees with this master, empty if in nothing."""
+    def disagreement(self) -> Reason | None:
+        """Say in what the planner disagrees with this master, None if in nothing."""
         if not self.planner:
-            return 'there is no planner'
-        return '; '.join(disagreements(self._identity, {UNIT_ROBOT: self._identities[self.planner]}))
+            return Reason(Code.SILENT, 'there is no planner')
+        sentences = '; '.join(disagreements(self._identity, {UNIT_ROBOT: self._identities[self.planner]}))
+        return Reason(Code.CONTENT, sentences) if sentences else None
 
-    def look(self, now_s: float, running: str) -> str:
-        """Look: say why the planner whose program runs (empty: none does) is lost, empty if it is not."""
+    def look(self, now_s: float, running: str) -> Reason | None:
+        """Look: say why the planner whose program runs (empty: none does) is lost, None if it is not."""
         silence = self._watch.silence_s(now_s)
-        reason = ''
+        reason = None
         if not self.planner or silence <= RESTARTED_S:
             return reason
         if running == self.planner:
             if self._other:
-                reason = 'unit_robot was started again while its program ran'
+                reason = Reason(Code.FOREIGN, 'unit_robot was started again while its program ran')
             elif silence > PLANNER_SILENT_S:
-                reason = f'unit_robot silent for {silence:.1f} s'
+                reason = Reason(Code.SILENT, f'unit_robot silent for {silence:.1f} s')
         if self._other or silence > PLANNER_SILENT_S:
             self.planner, self._other = self._other, ''
             self._watch.received(now_s)

@@ -14,7 +14,8 @@ from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.cyclic_operation import Content, CyclePort, CyclicOperation
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
-from delta3_pacdrive.controller.robot_state import RobotState, Said
+from delta3_pacdrive.controller.robot_actions import Said
+from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import FOLLOWING_ERROR, TCP_ACTUAL, Transformation
 from delta3_pacdrive.errors import Code, Reason, UnreachableError
 from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
@@ -231,7 +232,7 @@ class RobotController:
         """Look whether everybody is still there who should be."""
         self._look_for_drives(now_s)
         reason = self.orders.look(now_s)
-        if reason:
+        if reason is not None:
             # nobody could change the course of the program any more
             self.state.stop(f'{reason}, in bus cycle {self.answered}')
         self.state.look()

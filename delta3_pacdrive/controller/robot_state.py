@@ -4,16 +4,26 @@ Pure: requests, orders and answers of bus cycles come in as calls, what has to b
 This is the only owner of enabling, stops and faults; ``Transformation`` carries them out in the right bus cycle.
 """
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
+from delta3_pacdrive.controller.fault_reset import FaultReset, ResetEvent, ResetState
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
+from delta3_pacdrive.controller.robot_actions import (
+    Action,
+    Answered,
+    Asked,
+    Entered,
+    Followed,
+    Injected,
+    Located,
+    Said,
+    Switched,
+)
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import Code, ProgramError, Reason, UnreachableError
-from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import Course
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -53,75 +63,6 @@ class Bus(Protocol):
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
 
 
-# actions: what has to be told, and whom -------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Entered:
-    """An event has led the motion to a state."""
-
-    state: MotionState
-    event: Event
-
-
-@dataclass(frozen=True)
-class Followed:
-    """The master follows a course, or will."""
-
-    course: Course
-
-
-@dataclass(frozen=True)
-class Located:
-    """The robot stands at a place [m] and can take a program, from a bus cycle on."""
-
-    tcp_m: Floats
-    cycle: int
-
-
-@dataclass(frozen=True)
-class Switched:
-    """Outputs or the payload have changed with the command of a bus cycle."""
-
-    cycle: int
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A drive is asked through its service channel; the answer goes to ``drive_answered``."""
-
-    index: int
-    access: Access
-
-
-@dataclass(frozen=True)
-class Injected:
-    """Faults of a program count from a bus cycle on."""
-
-    faults: tuple[Fault, ...]
-    cycle: int
-
-
-@dataclass(frozen=True)
-class Answered:
-    """A request that had to wait is answered: refused with a reason, or done, with a sentence."""
-
-    request: Any
-    reason: Reason | None
-    sentence: str
-
-
-@dataclass(frozen=True)
-class Said:
-    """Something for the log, an error if it is one."""
-
-    sentence: str
-    error: bool = False
-
-
-Action = Entered | Followed | Located | Switched | Asked | Injected | Answered | Said
-
-
 class RobotState:
     """State of one robot.
 
@@ -156,10 +97,8 @@ class RobotState:
         self._due = NEVER  # command cycle at which something ends
         self._told: Course | None = None  # the course that was told last
         self._outputs, self._payload = task.outputs, task.payload
-        self._reset: list[Any] = []  # the request for a reset that is under way
-        self._reset_waits = False  # until the drives are without torque
-        self._reset_answers = 0  # that are still to come
-        self._reset_errors: list[str] = []
+        self._reset = FaultReset()
+        self._reporting: int | None = None  # drive whose report is the first cause of the fault
 
     # what is known --------------------------------------------------------------------------------------------------
 
@@ -362,8 +301,8 @@ class RobotState:
     def stop_for(self, stop: Stop) -> None:
         """Stop as the evaluation of a bus cycle asks, and ask faulty drives for the cause."""
         if not self.fault:
-            for index in self._axes.faulty():
-                self.actions.append(Asked(index, DIAGNOSTIC_NUMBER))
+            self._reporting = stop.drive
+            self.actions.extend(Asked(index, DIAGNOSTIC_NUMBER) for index in self._axes.faulty())
         self._task.stop_at(stop.first, stop.hard)
         self.note(stop.reason, stop.cycle)
 
@@ -371,7 +310,8 @@ class RobotState:
         """Give everything up that needs cyclic operation, which has ended."""
         self.note(reason)
         self._task.give_up()
-        self._end_reset(Reason(Code.BUS, f'the bus has fallen: {reason}'))
+        if self._reset.happen(ResetEvent.LOSE_BUS):
+            self._answer_reset(Reason(Code.BUS, f'the bus has fallen: {reason}'))
 
     def drive_answered(self, index: int, access: Access, answer: Answer) -> None:
         """Take what a drive has answered to ``Asked``."""
@@ -379,7 +319,7 @@ class RobotState:
             self._take_reset_answer(index, answer)
         elif answer.error == 0:
             fault = FAULT_OF_NUMBER.get(int(answer.value))
-            if fault and self.fault.startswith(f'{DRIVES[index]} reports a fault'):
+            if fault and self.fault and index == self._reporting:
                 self.fault += f': {fault_text(fault)}'
                 self.actions.append(Said(self.fault, error=True))
 
@@ -437,58 +377,49 @@ class RobotState:
         """Clear the faults of all drives (S-0-0099); returns why not, else the answer to the request follows."""
         if not self.fault:
             return Reason(Code.STATE, 'there is no fault')
-        if self._reset:
+        if self._reset.under_way:
             return Reason(Code.STATE, 'faults are being cleared already')
         if self._bus.closed():
             waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
             return Reason(Code.BUS, f'cannot be cleared now: {self.fault}{waiting}')
-        self._reset = [request]
-        self._reset_waits = True
+        self._reset.begin(request)
         self.look()
         return None
 
     def look(self) -> None:
         """Look whether a reset need not wait any more: a drive that is still to be enabled would be so at once."""
-        if self._reset_waits and self.without_torque:
-            self._reset_waits = False
-            self._reset_answers, self._reset_errors = len(DRIVES), []
+        if self._reset.state is ResetState.WAITING and self.without_torque:
+            self._reset.ask(len(DRIVES))
             self.actions.extend(Asked(index, RESET_CLASS_1) for index in range(len(DRIVES)))
 
     def _take_reset_answer(self, index: int, answer: Answer) -> None:
-        if not self._reset_answers:
-            return
-        self._reset_answers -= 1
-        if answer.error:
-            self._reset_errors.append(f'{DRIVES[index]}: {answer.sentence}')
-        if self._reset_answers:
-            return
-        if self._reset_errors:
-            errors = '; '.join(self._reset_errors)
-            self._end_reset(Reason(Code.FAULT, f'{errors}; the cause may last: {self.fault}'))
-            return
+        error = f'{DRIVES[index]}: {answer.sentence}' if answer.error else ''
+        if self._reset.answered(error):
+            self._answer_reset(self._clear_faults())
+
+    def _clear_faults(self) -> Reason | None:
+        """Stand ready where the motors are, now that the drives have cleared their faults; returns why not."""
+        if self._reset.errors:
+            errors = '; '.join(self._reset.errors)
+            return Reason(Code.FAULT, f'{errors}; the cause may last: {self.fault}')
         if self.in_torque:
-            self._end_reset(Reason(Code.STATE, 'a drive is in torque still'))
-            return
+            return Reason(Code.STATE, 'a drive is in torque still')
         try:
             tcp = self._task.locate(self._axes.positions)
         except UnreachableError as error:
-            self._end_reset(Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}'))
-            return
-        self.fault = ''
+            return Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}')
+        self.fault, self._reporting = '', None
         self._axes.clear_losses()
         self._task.give_up()
         self._aborting = False
         self.starts = self.ends = self._due = NEVER
         self._enter(Event.RESET)
         self.locate(tcp, self._bus.answered)
-        self._end_reset(None)
+        return None
 
-    def _end_reset(self, reason: Reason | None) -> None:
-        self._reset_waits, self._reset_answers = False, 0
-        requests, self._reset = self._reset, []
+    def _answer_reset(self, reason: Reason | None) -> None:
         sentence = (
             f'reset refused: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
         )
-        for request in requests:
-            self.actions.append(Said(sentence, error=reason is not None))
-            self.actions.append(Answered(request, reason, sentence if reason is None else str(reason)))
+        self.actions.append(Said(sentence, error=reason is not None))
+        self.actions.append(Answered(self._reset.request, reason, sentence))

@@ -358,7 +358,8 @@ ANSWER = Topic(
 )
 QUEUE = Topic(
     'unit_robot/queue', String, LATCHED, (PLANNER,), (),
-    'JSON: moves in the queue, their time, the override, what is being planned', CHANGE, recorded=True,
+    'JSON: moves in the queue, their time, the override, what is being planned, why the newest request was refused, '
+    'as a sentence and a code', CHANGE, recorded=True,
 )
 MOVE_L = Topic(
     'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE

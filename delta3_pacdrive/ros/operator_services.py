@@ -100,9 +100,9 @@ class OperatorServices:
     def look(self) -> None:
         """Look whether who has control is still there; else the robot stops on its path."""
         lost = self._control.lost(time.monotonic())
-        if not lost:
+        if lost is None:
             return
-        self._log.error(f'{lost} has control no longer: no word for too long')
+        self._log.error(f'{lost.name} has control no longer: no word for too long')
         if self._state.motion == MotionState.MOVING:
             self._state.hold()
             self._changed()

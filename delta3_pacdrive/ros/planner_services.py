@@ -4,7 +4,8 @@ In: ``unit_robot/program`` (String: YAML, or the name of a packaged program), ``
 ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of at most 100 poses),
 ``unit_robot/override`` (Float64, percent), and ``unit_robot/request`` (String, JSON: the same, of operators who say who
 they are). Out: ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: the answer
-to a request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned). Services:
+to a request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned, why
+the newest request was refused). Services:
 ``start``, ``resume``, ``clear``.
 """
 
@@ -17,9 +18,9 @@ from typing import Any
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.messages import QueueReport, Request
 from delta3_pacdrive.controller.planner import Planner
-from delta3_pacdrive.errors import Reason, TelegramError
+from delta3_pacdrive.errors import Code, Reason, TelegramError
 from delta3_pacdrive.ros import interfaces, move_messages
 from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
 from delta3_pacdrive.ros.request_server import RequestServer, Tell
@@ -56,6 +57,7 @@ class PlannerServices:
         self._progress, self._changed = progress, changed
         self._asked: dict[int, tuple[Request, Tell | None]] = {}  # by the identity of the request
         self._anonymous = 0  # requests of clients without an identity
+        self._refusal: Reason | None = None  # of the newest request
         self._told_queue = ''
         self._answer = interfaces.ANSWER.publisher(node)
         self._queue = interfaces.QUEUE.publisher(node)
@@ -119,19 +121,24 @@ class PlannerServices:
             tell(reason, sentence)
         if request.operator:
             self._server.reply(request, reason, sentence)
-        if reason is not None:
-            self._refuse(reason.sentence)
-            return
-        self._log.info(sentence)
-        self._answer.publish(String(data=f'accepted: {sentence}'))
+        self._say(reason, sentence)
+
+    def _say(self, reason: Reason | None, sentence: str) -> None:
+        """Say to everybody what became of the newest request."""
+        self._refusal = reason
+        if reason is None:
+            self._log.info(sentence)
+            self._answer.publish(String(data=f'accepted: {sentence}'))
+        else:
+            self._log.error(reason.sentence)
+            self._answer.publish(String(data=f'refused: {reason.sentence}'))
+        self.tell_queue()
 
     def _refuse(self, sentence: str) -> None:
-        self._log.error(sentence)
-        self._answer.publish(String(data=f'refused: {sentence}'))
+        self._say(Reason(Code.CONTENT, sentence), '')
 
     def _refuse_request(self, sentence: str) -> None:
         self._told_queue = ''  # who asks may have heard the queue of another planner
-        self.tell_queue()
         self._refuse(sentence)
 
     def tell_progress(self) -> None:
@@ -145,14 +152,17 @@ class PlannerServices:
     def tell_queue(self) -> None:
         """Tell what is in the queue, if that has changed."""
         moves, duration = self._planner.queue
-        facts = {
-            'identity': self._identity,
-            'moves': moves,
-            'duration_s': duration,
-            'override': self._planner.rate,
-            'working': self._progress(),
-        }
-        text = json.dumps(facts)
+        refusal = self._refusal
+        report = QueueReport(
+            self._identity,
+            moves,
+            duration,
+            self._planner.rate,
+            self._progress(),
+            refusal.sentence if refusal else '',
+            str(refusal.code) if refusal else '',
+        )
+        text = report.to_json()
         if text != self._told_queue:
             self._told_queue = text
             self._queue.publish(String(data=text))

@@ -1,13 +1,12 @@
 """Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
 
-import json
 import os
 import secrets
 import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import rclpy
@@ -17,7 +16,7 @@ from std_msgs.msg import Header, String
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller import messages
-from delta3_pacdrive.controller.messages import Reply, Request
+from delta3_pacdrive.controller.messages import QueueReport, Reply, Request
 from delta3_pacdrive.controller.service_texts import split_mark
 from delta3_pacdrive.errors import (
     Code,
@@ -80,7 +79,7 @@ class OperatorNode(PollingNode):
         self.interruptible = True
         self.progress: dict[str, Any] = {}
         self.progress_s = time.monotonic()
-        self.queue = ''
+        self.queue: QueueReport | None = None
         self.state = ''
         self.state_changes = 0
         self._numbers = self._beats = self._control = 0
@@ -112,7 +111,8 @@ class OperatorNode(PollingNode):
             self.in_control = False
 
     def _on_queue(self, message: String) -> None:
-        self.queue = message.data
+        with suppress(TelegramError):
+            self.queue = QueueReport.from_json(message.data)
 
     def _on_service_answer(self, message: String) -> None:
         mark, answer = split_mark(message.data)
@@ -175,17 +175,14 @@ class OperatorNode(PollingNode):
             if error.reason.code != Code.FOREIGN:
                 raise
         # planner or bus have started anew: by now they have said so
-        self.progress, self.queue = {}, ''
+        self.progress, self.queue = {}, None
         return self._ask_once(whom, action, text, caps)
 
     def _receiver(self, whom: str) -> str:
         """Return whom a request is meant for, empty as long as he has not said who he is."""
         if whom == 'control':
             return str(self.progress.get('session', ''))
-        try:
-            return str(json.loads(self.queue)['identity'])
-        except (ValueError, KeyError, TypeError):
-            return ''
+        return self.queue.identity if self.queue else ''
 
     def _ask_once(self, whom: str, action: str, text: str, caps: tuple[float, float, float]) -> str:
         publisher = self._requests[whom]

@@ -12,17 +12,17 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from delta3_pacdrive.controller.robot_state import (
+from delta3_pacdrive.controller.robot_actions import (
     Answered,
     Asked,
     Entered,
     Followed,
     Injected,
     Located,
-    RobotState,
     Said,
     Switched,
 )
+from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.motion.execution import Course

@@ -35,11 +35,14 @@ class AxisFault:
         Which axis, what it tells, and in which bus cycle.
     not_following
         Whether the axis does not follow its commands any more: bit 3 of S-0-0135 is off beside its fault.
+    drive
+        The drive (0 to 2) that reports it, None if the master has found it.
 
     """
 
     sentence: str
     not_following: bool = False
+    drive: int | None = None
 
 
 class AxisMonitor:
@@ -157,7 +160,7 @@ class AxisMonitor:
             if index in self.absent:
                 continue
             if status & ERROR:
-                return AxisFault(f'{axis} reports a fault in bus cycle {cycle}', not status & FOLLOWS)
+                return AxisFault(f'{axis} reports a fault in bus cycle {cycle}', not status & FOLLOWS, index)
             if cycle >= program_starts and not in_torque(status):
                 return AxisFault(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
         return None

@@ -16,7 +16,8 @@ from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.planning_job import Job, Result, work
-from delta3_pacdrive.controller.robot_state import Answered, Asked, Followed, RobotState
+from delta3_pacdrive.controller.robot_actions import Answered, Asked, Followed
+from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.parameters import Parameters

@@ -19,7 +19,7 @@ def look_until(control: Control, start_s: float, end_s: float) -> list[str]:
     """Look every period; returns who has lost control."""
     steps = round((end_s - start_s) / PERIOD_S)
     lost = [control.lost(start_s + step * PERIOD_S) for step in range(1, steps + 1)]
-    return [name for name in lost if name]
+    return [operator.name for operator in lost if operator]
 
 
 def test_everybody_may_move_the_robot_while_nobody_has_control(control: Control) -> None:
@@ -79,7 +79,7 @@ def test_heartbeats_that_are_played_back_keep_nobody_in_control(control: Control
     for step in range(1, 40):
         control.heard('a1', 1 + step % 5, step * PERIOD_S)
         lost.append(control.lost(step * PERIOD_S))
-    assert [name for name in lost if name] == ['Anna']
+    assert [operator.name for operator in lost if operator] == ['Anna']
 
 
 def test_the_heartbeat_of_another_operator_keeps_nobody_in_control(control: Control) -> None:
@@ -88,7 +88,7 @@ def test_the_heartbeat_of_another_operator_keeps_nobody_in_control(control: Cont
     for step in range(1, 40):
         control.heard('b2', step, step * PERIOD_S)
         lost.append(control.lost(step * PERIOD_S))
-    assert [name for name in lost if name] == ['Anna']
+    assert [operator.name for operator in lost if operator] == ['Anna']
 
 
 @pytest.mark.parametrize(

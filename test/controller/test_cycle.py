@@ -56,7 +56,7 @@ def test_answers_of_drives_that_do_well_stop_nobody_and_are_evaluated(controller
 def test_a_fault_stops_the_robot_when_all_commands_that_are_out_are_over(controller, robot):
     stop = controller.evaluate(7, (FOLLOWS, FAULT_ON_PATH, FOLLOWS))
     first = 7 + robot.bus.outstanding_cycles_max
-    assert stop == Stop('axis2 reports a fault in bus cycle 7', 7, first, hard=False)
+    assert stop == Stop('axis2 reports a fault in bus cycle 7', 7, first, hard=False, drive=1)
 
 
 def test_an_axis_that_does_not_follow_makes_the_stop_hard_also_when_one_is_under_way(controller):

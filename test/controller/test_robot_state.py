@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
-from delta3_pacdrive.controller.robot_state import DISPLACED_M, ENABLE_FIRST, Entered
+from delta3_pacdrive.controller.robot_actions import Entered
+from delta3_pacdrive.controller.robot_state import DISPLACED_M, ENABLE_FIRST
 from delta3_pacdrive.errors import Code, Reason
 
 LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'

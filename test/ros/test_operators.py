@@ -193,7 +193,7 @@ def asked_as_anna(
 
 
 def test_a_request_that_is_made_again_is_answered_again_and_not_done_again(cell: Cell, graph: Any) -> None:
-    planner = json.loads(cell.anna.queue)['identity']
+    planner = cell.anna.queue.identity
     first, second = asked_as_anna(cell, graph, 'unit_robot', planner, 'program', SLOW, 2)
     assert first.accepted
     assert first == second
@@ -214,7 +214,7 @@ def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell:
     (reply,) = asked_as_anna(cell, graph, 'unit_robot', 'deadbeef', 'program', POSSIBLE, 1)
     assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
     assert cell.task.progress()['in_torque']
-    assert json.loads(cell.bert.queue)['moves'] == 0
+    assert cell.bert.queue.moves == 0
 
 
 def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this_one(
