@@ -9,12 +9,16 @@ sys.path.insert(0, str(FOLDER))
 import cascade  # noqa: E402
 import robot  # noqa: E402
 import signals  # noqa: E402
+import timing  # noqa: E402
+import workspace  # noqa: E402
 
 from delta3_pacdrive.analysis.figure_style import save  # noqa: E402
 
 PICTURES = {
     'robot.png': robot.make,
     'cascade.png': cascade.make,
+    'timing.png': timing.make,
+    'workspace.png': workspace.make,
     'speed_profile.png': signals.speed_profile,
     'following_error.png': signals.following_error,
     'fault_stop.png': signals.fault_stop,

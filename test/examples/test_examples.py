@@ -38,6 +38,12 @@ def test_examples_are_short_begin_with_a_sentence_and_have_a_test_each():
     assert set(texts) - tested == WITH_A_ROBOT
 
 
+def test_every_example_is_shown_in_the_documentation():
+    page = (EXAMPLES.parent / 'docs/examples.md').read_text(encoding='utf-8')
+    shown = re.findall(r'literalinclude\} \.\./examples/(\w+)\.py', page)
+    assert sorted(shown) == sorted(path.stem for path in EXAMPLES.glob('*.py'))
+
+
 def test_kinematics_of_a_grid(run):
     _, ((points, _, reached), (error,), (low, high), (best, worst)) = run('kinematics_of_a_grid')
     assert 0.5 * points < reached < points
