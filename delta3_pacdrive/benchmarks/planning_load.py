@@ -4,14 +4,13 @@ import json
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 
 from delta3_pacdrive.bringup.bringup import Bringup, Options
 from delta3_pacdrive.controller.messages import Origin, Status
 from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, MOTION_PLAN, STATUS
 from delta3_pacdrive.ros.numbers import numbers
-from delta3_pacdrive.ros.qos import LATCHED, PLAN, REPORT
 
 FIRST = 10**9  # number of the first order
 
@@ -34,9 +33,9 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
         now = time.monotonic()
         if not publishers:
             node = bringup.node
-            publishers.append(node.create_publisher(Float64MultiArray, 'motion/plan', PLAN))
-            node.create_subscription(DiagnosticArray, '/diagnostics', diagnostics.append, REPORT)
-            node.create_subscription(String, 'motion/status', lambda m: statuses.append(read(m)), LATCHED)
+            publishers.append(MOTION_PLAN.publisher(node))
+            DIAGNOSTICS.subscription(node, diagnostics.append)
+            STATUS.subscription(node, lambda m: statuses.append(read(m)))
             begun = now
         while plans_per_s and statuses and sent < (now - begun) * plans_per_s:
             # as the robot's own planner would, far above the numbers that it counts

@@ -34,14 +34,13 @@ from delta3_pacdrive.motion import arrival, program_planner
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.recording import bag_trace
-from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros import discovery, interfaces, node_process
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.progress_report import read_progress
-from delta3_pacdrive.ros.qos import LATCHED, REPORT
 from delta3_pacdrive.sercos.watchdog import BOUND_S
 
 READY_TIMEOUT_S = 30.0
@@ -75,10 +74,10 @@ class _Monitor(Node):
         self.progress: dict[str, Any] = {}
         self.refusal = ''  # of the newest request to the planner
         self.recorder = ''
-        self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
-        self.create_subscription(String, 'unit_robot/queue', self._on_queue, LATCHED)
-        self.create_subscription(String, 'recorder/state', self._on_recorder, LATCHED)
-        self.enable = self.create_client(SetBool, 'enable')
+        interfaces.PROGRESS.subscription(self, self._on_progress)
+        interfaces.QUEUE.subscription(self, self._on_queue)
+        interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
+        self.enable = interfaces.ENABLE.client(self)
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
     def _on_progress(self, message: String) -> None:

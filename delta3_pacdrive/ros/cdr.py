@@ -1,7 +1,6 @@
 """Codecs of the cyclic messages of this package, and messages that carry no numbers."""
 
 from collections.abc import Callable
-from functools import partial
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.publisher import Publisher
@@ -56,8 +55,3 @@ def phase_message(phase: Phase, session: bytes, stamp: tuple[int, int]) -> Heade
 def parse_phase(message: Header) -> tuple[Phase, bytes, tuple[int, int]]:
     """Return (phase, session, stamp); raises TelegramError."""
     return *telegrams.parse_phase_text(message.frame_id), (message.stamp.sec, message.stamp.nanosec)
-
-
-# until the transformation task uses telegrams and codec
-mdt_codec = partial(codec, telegrams.MDT)
-mdt_frame = telegrams.mdt_frame

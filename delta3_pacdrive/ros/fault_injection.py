@@ -23,11 +23,10 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, shown
 from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.ros import node_process
-from delta3_pacdrive.ros.qos import FAULTS
+from delta3_pacdrive.ros.interfaces import FAULT_SCHEDULE, INJECT_FAULT
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
-SCHEDULE = 'faults/schedule'
 LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard of it by then
 REQUEST_MAX = 10_000  # characters
 
@@ -59,8 +58,8 @@ class FaultDesk:
         self._node, self._cycle_time_s = node, cycle_time_s
         self._closed, self._next_cycle, self._session = closed, next_cycle, session
         self.accepted = 0
-        self._schedule = node.create_publisher(String, SCHEDULE, FAULTS)
-        node.create_service(AddDiagnostics, 'inject_fault', self._on_request)
+        self._schedule = FAULT_SCHEDULE.publisher(node)
+        INJECT_FAULT.server(node, self._on_request)
 
     def _on_request(
         self, request: AddDiagnostics.Request, response: AddDiagnostics.Response
@@ -139,7 +138,7 @@ class Faults(Schedule):
         self._node, self._name, self._cycle, self._session = node, name, cycle, session
         self._serials = Numbering()
         self.late = 0
-        node.create_bounded_subscription(String, SCHEDULE, self._on_schedule, FAULTS, REQUEST_MAX)
+        FAULT_SCHEDULE.bounded_subscription(node, self._on_schedule, REQUEST_MAX)
 
     def _on_schedule(self, message: String) -> None:
         session, serial, scheduled = read_schedule(message.data)

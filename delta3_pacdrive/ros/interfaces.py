@@ -12,9 +12,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from nav_msgs.msg import Path
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.service import Service as Server
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
@@ -23,6 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.ros import qos
+from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
 from delta3_pacdrive.sercos import telegrams
@@ -432,23 +435,34 @@ class Service:
         """Name of the type, as the middleware has it."""
         return f'{self.type.__module__.split(".")[0]}/srv/{self.type.__name__}'
 
+    def server(self, node: Node, serve: Callable[[Any, Any], Any]) -> Server:
+        """Create the server."""
+        return node.create_service(self.type, self.name, serve)
 
-SERVICES = (
-    Service('start', Trigger, PLANNER, 'start what is in the queue', needs_control=True),
-    Service('resume', Trigger, PLANNER, 'go on after a hold', needs_control=True),
-    Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True),
-    Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True),
-    Service('reset', Trigger, TASK, 'clear faults whose cause is gone', needs_control=True),
-    Service('hold', Trigger, TASK, 'stop on the path, to be resumed'),
-    Service('abort', Trigger, TASK, 'stop on the path for good'),
-    Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off'),
-    Service(
-        'inject_fault',
-        AddDiagnostics,
-        TASK,
-        'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',
-    ),
+    def deferred_server(self, node: Node, ask: Callable[[Any, Answer], None]) -> Server:
+        """Create a server that answers when what was asked for has happened."""
+        return create_deferred_service(node, self.type, self.name, ask)
+
+    def client(self, node: Node) -> Client:
+        """Create a client."""
+        return node.create_client(self.type, self.name)
+
+
+START = Service('start', Trigger, PLANNER, 'start what is in the queue', needs_control=True)
+RESUME = Service('resume', Trigger, PLANNER, 'go on after a hold', needs_control=True)
+CLEAR = Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True)
+ENABLE = Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True)
+RESET = Service('reset', Trigger, TASK, 'clear faults whose cause is gone', needs_control=True)
+HOLD = Service('hold', Trigger, TASK, 'stop on the path, to be resumed')
+ABORT = Service('abort', Trigger, TASK, 'stop on the path for good')
+EMERGENCY_STOP = Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off')
+INJECT_FAULT = Service(
+    'inject_fault',
+    AddDiagnostics,
+    TASK,
+    'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',
 )
+SERVICES = tuple(item for item in list(vars().values()) if isinstance(item, Service))
 
 
 def second_writer(node: Node) -> Reason | None:

@@ -29,7 +29,7 @@ from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.ros import interfaces
-from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
+from delta3_pacdrive.ros.deferred_service import Answer
 from delta3_pacdrive.ros.request_server import RequestServer, Tell
 from delta3_pacdrive.ros.robot_node import RobotNode
 
@@ -77,14 +77,14 @@ class OperatorServices:
             bytes_max=REQUEST_BYTES_MAX,
         )
         interfaces.CONTROL_ALIVE.bounded_subscription(node, self._on_alive)
-        for name, action in (
-            ('hold', HOLD),
-            ('abort', ABORT),
-            ('emergency_stop', EMERGENCY_STOP),
-            ('reset', RESET),
+        for service, action in (
+            (interfaces.HOLD, HOLD),
+            (interfaces.ABORT, ABORT),
+            (interfaces.EMERGENCY_STOP, EMERGENCY_STOP),
+            (interfaces.RESET, RESET),
         ):
-            create_deferred_service(node, Trigger, name, self._service(action))
-        create_deferred_service(node, SetBool, 'enable', self._on_enable)
+            service.deferred_server(node, self._service(action))
+        interfaces.ENABLE.deferred_server(node, self._on_enable)
 
     def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
         return lambda _, answer: self._do('', action, '', _told_by(answer))

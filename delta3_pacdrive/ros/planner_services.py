@@ -22,7 +22,7 @@ from delta3_pacdrive.controller.messages import QueueReport, Request
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.errors import Code, Reason, TelegramError
 from delta3_pacdrive.ros import interfaces, move_messages
-from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
+from delta3_pacdrive.ros.deferred_service import Answer
 from delta3_pacdrive.ros.request_server import RequestServer, Tell
 from delta3_pacdrive.ros.robot_node import RobotNode
 
@@ -78,8 +78,8 @@ class PlannerServices:
             (interfaces.OVERRIDE, lambda message: self._ask('override', repr(message.data))),
         ):
             topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)
-        for name in ('start', 'resume', 'clear'):
-            create_deferred_service(node, Trigger, name, self._service(name))
+        for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
+            service.deferred_server(node, self._service(service.name))
 
     # requests ---------------------------------------------------------------------------------------------------------
 

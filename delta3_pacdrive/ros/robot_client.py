@@ -27,10 +27,9 @@ from delta3_pacdrive.errors import (
     RunInterruptedError,
     TelegramError,
 )
-from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros import discovery, interfaces, node_process
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import read_progress
-from delta3_pacdrive.ros.qos import LATCHED, REPORT, REQUEST
 
 LOOK_S = 0.02
 PATIENCE_S = 10.0  # without a word
@@ -87,18 +86,21 @@ class OperatorNode(PollingNode):
         self._reply: Reply | None = None
         self._said = ''  # of a request that is being worked on
         self._heard_s = 0.0
-        self.create_subscription(String, 'motion/progress', self._on_progress, REPORT)
-        self.create_subscription(String, 'motion/state', self._on_state, LATCHED)
-        self.create_subscription(String, 'unit_robot/queue', self._on_queue, LATCHED)
+        interfaces.PROGRESS.subscription(self, self._on_progress)
+        interfaces.MOTION_STATE.subscription(self, self._on_state)
+        interfaces.QUEUE.subscription(self, self._on_queue)
         self._requests = {}
-        for whom in ('unit_robot', 'control'):
-            self._requests[whom] = self.create_publisher(String, f'{whom}/request', REQUEST)
-            self.create_subscription(String, f'{whom}/reply', self._on_reply, REQUEST)
-        self._alive = self.create_publisher(Header, 'control/alive', REPORT)
-        self._inject = self.create_client(AddDiagnostics, 'inject_fault')
-        self._request = self.create_publisher(String, 'sercos/service/request', REQUEST)
+        for whom, request, reply in (
+            ('unit_robot', interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY),
+            ('control', interfaces.CONTROL_REQUEST, interfaces.CONTROL_REPLY),
+        ):
+            self._requests[whom] = request.publisher(self)
+            reply.subscription(self, self._on_reply)
+        self._alive = interfaces.CONTROL_ALIVE.publisher(self)
+        self._inject = interfaces.INJECT_FAULT.client(self)
+        self._request = interfaces.SERVICE_REQUEST.publisher(self)
         self._service_answers: dict[str, str] = {}  # by the mark of the request
-        self.create_subscription(String, 'sercos/service/answer', self._on_service_answer, REQUEST)
+        interfaces.SERVICE_ANSWER.subscription(self, self._on_service_answer)
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
         self.create_timer(ALIVE_S, self._beat)
 

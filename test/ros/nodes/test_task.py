@@ -20,12 +20,12 @@ from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.at_receiver import AtReceiver
 from delta3_pacdrive.ros.deferred_service import create_deferred_service
-from delta3_pacdrive.ros.fault_injection import LEAD_CYCLES, SCHEDULE, Faults
+from delta3_pacdrive.ros.fault_injection import LEAD_CYCLES, Faults
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, REPORT, REQUEST
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
@@ -158,7 +158,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
 def test_a_fault_of_the_schedule_befalls_whom_it_is_for_once_and_in_its_session(graph: Any) -> None:
     node = graph.add(RobotNode, 'drive')
     faults = Faults(node, 'axis2', lambda: 500, lambda: SESSION)
-    publisher = graph.listener.create_publisher(String, SCHEDULE, FAULTS)
+    publisher = interfaces.FAULT_SCHEDULE.publisher(graph.listener)
     graph.spin_until(publisher.get_subscription_count, 'the drive')
 
     def schedule(session: bytes, serial: int, first: int, axis: str = 'axis2') -> None:
