@@ -6,10 +6,10 @@ pyplot and its global state stay out.
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -24,6 +24,7 @@ NORM_COLOUR = '#7A3E9D'
 COLOURS = (*AXIS_COLOURS, '#CC79A7', NORM_COLOUR, '#56B4E9')
 GRID_COLOUR = '#DDDDDD'
 MUTED = '#888888'
+DASHED = (0, (4, 2))
 
 
 def empty_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
@@ -52,6 +53,40 @@ def dress(axes: Axes) -> None:
     axes.set_axisbelow(True)
     axes.spines[['top', 'right']].set_visible(False)
     axes.tick_params(labelsize=9)
+
+
+def finish_over_time(
+    panels: Sequence[Axes], labels: Sequence[str] | None = None, what: str = 'time from program start (s)'
+) -> None:
+    """Give panels that stand above one another their grid, labels and time axis, without room beside the curves."""
+    for axes, label in zip(panels, labels or [''] * len(panels), strict=True):
+        dress(axes)
+        axes.margins(x=0.0)
+        axes.ticklabel_format(axis='both', useOffset=False)
+        if label:
+            axes.set_ylabel(label)
+    panels[-1].set_xlabel(what)
+
+
+def keep_span(panels: Sequence[Axes], least: float) -> None:
+    """Keep axes from magnifying rounding errors of a value that does not move."""
+    for axes in panels:
+        low, high = axes.get_ylim()
+        if high - low < least:
+            middle = (low + high) / 2.0
+            axes.set_ylim(middle - least / 2.0, middle + least / 2.0)
+
+
+def panel_title(axes: Axes, text: str, **style: Any) -> None:
+    """Write what a panel shows above it."""
+    axes.set_title(text, fontsize=9, loc='left', **style)
+
+
+def legend_above(axes: Axes) -> None:
+    """Put the legend above a panel: there it covers no data."""
+    axes.legend(
+        loc='lower left', bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=3, frameon=False, fontsize=9
+    )
 
 
 def save(figure: Figure, path: Path, metadata: Mapping[str, str]) -> None:

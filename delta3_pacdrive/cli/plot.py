@@ -58,7 +58,7 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis import run_figures
+    from delta3_pacdrive.analysis import run_figures, run_signals
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
@@ -71,7 +71,7 @@ def run(options: Options) -> int:
         print(f'note: programs started at {told} s; --from and --to choose what is shown', file=sys.stderr)
     windowed = options.from_s is not None or options.to_s is not None
     if windowed:
-        trace = run_figures.windowed(trace, options.from_s, options.to_s)
+        trace = run_signals.windowed(trace, options.from_s, options.to_s)
     # what was recorded knows its parameters itself
     origin = Provenance.of(options.command_line, inputs=noted([options.recording]))
     origin = replace(origin, parameters=str(trace.meta.get('checksum', 'unknown')))
@@ -91,11 +91,11 @@ def run(options: Options) -> int:
 
 def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> 'Trace':
     """Return what goes beside the pictures, in bus time: everything, or what was asked for."""
-    from delta3_pacdrive.analysis import run_figures
+    from delta3_pacdrive.analysis import run_signals
 
     rows = slice(None)
     if windowed:
-        first, last = (edge * trace.meta['cycle_time_s'] for edge in run_figures.shown_cycles(trace))
+        first, last = (edge * trace.meta['cycle_time_s'] for edge in run_signals.shown_cycles(trace))
         half = trace.meta['cycle_time_s'] / 2.0
         rows = slice(*trace.time_s.searchsorted([first - half, last + half]).tolist())
     chosen = {name: trace[name][rows] for name in signals or trace.signals}

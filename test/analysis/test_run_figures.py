@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis import run_figures
+from delta3_pacdrive.analysis import run_figures, run_signals
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.cli.main import main
@@ -130,9 +130,9 @@ def drawn(trace: Trace) -> tuple[float, float]:
 def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_motion(trace: Trace) -> None:
     own = late(trace, 500_000)
     first, last = drawn(own)
-    assert first == pytest.approx(-run_figures.BEFORE_S)
+    assert first == pytest.approx(-run_signals.BEFORE_S)
     end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3
-    assert last == pytest.approx(end_s + run_figures.AFTER_S, abs=0.01)
+    assert last == pytest.approx(end_s + run_signals.AFTER_S, abs=0.01)
     (label,) = {axes.get_xlabel() for axes in run_figures.currents(own).axes} - {''}
     assert label == 'time from program start (s)'
 
@@ -146,10 +146,10 @@ def test_a_program_long_after_the_first_makes_no_spikes_of_it(
     signals = {name: np.concatenate([values, again[name]]) for name, values in one.signals.items()}
     starts = [one.meta['start_cycle'], again.meta['start_cycle']]
     both = Trace(np.concatenate([one.time_s, again.time_s]), signals, one.meta | {'starts': starts})
-    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3 + run_figures.AFTER_S
+    end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3 + run_signals.AFTER_S
     second_s = (starts[1] - starts[0]) * 1e-3
     assert drawn(both)[1] == pytest.approx(end_s + (second_s if together else 0.0), abs=0.02)
-    assert drawn(run_figures.windowed(both, second_s, second_s + 0.3)) == pytest.approx(
+    assert drawn(run_signals.windowed(both, second_s, second_s + 0.3)) == pytest.approx(
         (second_s, second_s + 0.3)
     )
 
@@ -159,7 +159,7 @@ def test_a_program_long_after_the_first_makes_no_spikes_of_it(
     [
         ((0.2, 0.5), (0.2, 0.5)),
         ((0.2, None), (0.2, None)),
-        ((None, 0.5), (-run_figures.BEFORE_S, 0.5)),
+        ((None, 0.5), (-run_signals.BEFORE_S, 0.5)),
         ((-0.01, 0.0), (-0.01, 0.0)),
         ((4.0, 4.5), (4.0, 4.5)),
         ((4.0, None), (4.0, 6.512)),  # behind the program: what is there
@@ -169,14 +169,14 @@ def test_a_window_counts_from_the_start_of_the_program(
     window: tuple[float | None, float | None], expected: tuple[float, float | None], trace: Trace
 ) -> None:
     own = late(trace, 500_000)
-    first, last = drawn(run_figures.windowed(own, *window))
+    first, last = drawn(run_signals.windowed(own, *window))
     assert first == pytest.approx(expected[0], abs=1e-9)
     assert last == pytest.approx(drawn(own)[1] if expected[1] is None else expected[1], abs=0.1)
 
 
 def test_a_window_without_a_program_counts_bus_time(trace: Trace) -> None:
     meta = {key: value for key, value in trace.meta.items() if key not in ('start_cycle', 'end_cycle')}
-    own = run_figures.windowed(Trace(trace.time_s, trace.signals, meta), 0.3, 0.4)
+    own = run_signals.windowed(Trace(trace.time_s, trace.signals, meta), 0.3, 0.4)
     assert drawn(own) == pytest.approx((0.3, 0.4))
 
 

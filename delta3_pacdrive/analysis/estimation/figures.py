@@ -10,7 +10,15 @@ import numpy as np
 
 from delta3_pacdrive.analysis.estimation.identifiability import Verdict
 from delta3_pacdrive.analysis.estimation.thesis_setup import ATTEMPT_STEPS, FACTORS, STEPS, SYMBOLS
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, COLOURS, MUTED, dress, report_figure
+from delta3_pacdrive.analysis.figure_style import (
+    AXIS_COLOURS,
+    COLOURS,
+    DASHED,
+    MUTED,
+    dress,
+    panel_title,
+    report_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,13 +79,13 @@ def estimates(rows: list[dict[str, Any]], provenance: Provenance) -> Figure:
     left.set_yticks(range(len(shown)), [row['quantity'] for row in shown])
     left.set_ylim(-0.6, len(shown) - 0.4)
     left.set_xlabel(f'distance from the {"truth" if known else "estimate"} (%)')
-    left.set_title('start (orange) and estimate (blue)', fontsize=9, loc='left')
+    panel_title(left, 'start (orange) and estimate (blue)')
     right.set_xscale('log')
     right.set_xlim(ERROR_MIN_PERCENT, 200.0)
-    right.axvline(1.0, color=MUTED, linewidth=0.8, linestyle=(0, (4, 2)))
+    right.axvline(1.0, color=MUTED, linewidth=0.8, linestyle=DASHED)
     right.set_xlabel('share of the value (%)')
     title = 'half width of the 95 % interval (bar)' + (', true error (diamond)' if known else '')
-    right.set_title(title, fontsize=9, loc='left')
+    panel_title(right, title)
     for axes in (left, right):
         dress(axes)
     return figure
@@ -98,12 +106,12 @@ def sensitivities(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
         left.barh(places, lengths, 0.9 * height, color=COLOURS[n], label=name)
     left.set_xscale('log')
     left.set_xlim(0.3, 3.0 * max(f.sensitivity for f in findings))
-    left.axvline(1.0, color=MUTED, linewidth=0.8, linestyle=(0, (4, 2)))
+    left.axvline(1.0, color=MUTED, linewidth=0.8, linestyle=DASHED)
     labels = [f.symbol + ('' if f.verdict is Verdict.IDENTIFIABLE else ' *') for f in findings]
     left.set_yticks(range(len(findings)), labels)
     left.set_xlabel('change of the signals for 100 % of the value\n(standard deviations of their noise)')
     if any(f.verdict is not Verdict.IDENTIFIABLE for f in findings):
-        left.set_title('* not identifiable by itself', fontsize=9, loc='left')
+        panel_title(left, '* not identifiable by itself')
     figure.legend(fontsize=8, frameon=False, loc='outside upper right', ncols=len(names))
     values = np.array(report.singular_values)
     number = np.arange(1, len(values) + 1)
@@ -113,7 +121,7 @@ def sensitivities(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
         right.semilogy(hidden, floor, 'x', color=COLOURS[1])
     right.set_xticks(number)
     right.set_xlabel('singular value' + (' (x: below, not seen)' if report.rank < len(values) else ''))
-    right.set_title(f'condition {report.condition:.3g}', fontsize=9, loc='left')
+    panel_title(right, f'condition {report.condition:.3g}')
     for axes in (left, right):
         dress(axes)
     return figure
@@ -134,15 +142,14 @@ def residuals(fit: Fit, problem: Problem, provenance: Provenance) -> Figure:
             left.plot(times[::every], column[::every], color=colour, linewidth=0.5, label=suffix, alpha=0.8)
         left.axhspan(-2.0 * white.rms, 2.0 * white.rms, color='#EEEEEE', zorder=0)
         left.set_ylabel(f'{block.name} ({block.unit})')
-        left.set_title(f'rms {white.rms:.3g} {block.unit}, sensor noise {block.sigma:.3g} {block.unit}',
-                       fontsize=9, loc='left')  # fmt: skip
+        panel_title(left, f'rms {white.rms:.3g} {block.unit}, sensor noise {block.sigma:.3g} {block.unit}')
         left.margins(x=0.0)
         shown = white.autocorrelation[: min(LAGS, len(white.autocorrelation))]
         right.vlines(np.arange(len(shown)), 0.0, shown, color=COLOURS[0], linewidth=1.2)
         bound = 2.0 / math.sqrt(array.size)
         right.axhspan(-bound, bound, color='#EEEEEE', zorder=0)
         right.set_ylim(-0.5, 1.05)
-        right.set_title('autocorrelation', fontsize=9, loc='left')
+        panel_title(right, 'autocorrelation')
         dress(left)
         dress(right)
     grid[-1, 0].set_xlabel('time (s)')
@@ -165,10 +172,10 @@ def quotients(study: ThesisStudy, provenance: Provenance) -> Figure:
                        linewidth=1.0, label=symbol)  # fmt: skip
     left.set_xlabel('step, share of the value')
     left.set_ylabel('length of the quotient (noise per 100 %)')
-    left.set_title('through encoders (solid), true slope (dashed)', fontsize=9, loc='left')
+    panel_title(left, 'through encoders (solid), true slope (dashed)')
     right.set_xlabel('step, share of the value')
     right.set_ylabel('cosine to the true slope')
-    right.set_title('1: the right direction, 0: chance', fontsize=9, loc='left')
+    panel_title(right, '1: the right direction, 0: chance')
     right.set_ylim(-0.15, 1.05)
     right.legend(fontsize=8, frameon=False, loc='center left', bbox_to_anchor=(1.0, 0.5))
     for axes in (left, right):
@@ -191,20 +198,20 @@ def attempts(study: ThesisStudy, provenance: Provenance) -> Figure:
     left.set_yscale('log')
     left.set_ylim(1e-4, 1e4)
     needed = 100.0 * off / (1.0 + off)
-    left.axhline(needed, color='#111111', linewidth=1.0, linestyle=(0, (4, 2)))
+    left.axhline(needed, color='#111111', linewidth=1.0, linestyle=DASHED)
     left.text(len(SYMBOLS) - 0.5, 1.25 * needed, 'needed', ha='right', va='bottom', fontsize=8)
     left.set_xticks(range(len(SYMBOLS)), SYMBOLS)
     left.set_ylabel('change of the value by the estimation (%)')
-    left.set_title(f'from values {100.0 * off:g} % off, usual settings', fontsize=9, loc='left')
+    panel_title(left, f'from values {100.0 * off:g} % off, usual settings')
     left.legend(fontsize=8, frameon=False, loc='upper center', ncols=2)
     for symbol, colour in zip(SYMBOLS, COLOURS, strict=False):
         right.semilogy(FACTORS, np.maximum(study.profiles[symbol], 0.03), 'o-', color=colour, markersize=4,
                        linewidth=1.0, label=symbol)  # fmt: skip
-    right.axhline(3.84, color=MUTED, linewidth=0.8, linestyle=(0, (4, 2)))
+    right.axhline(3.84, color=MUTED, linewidth=0.8, linestyle=DASHED)
     right.text(FACTORS[0], 4.3, '95 %', color=MUTED, fontsize=8)
     right.set_xlabel('factor on the right value')
     right.set_ylabel('cost above its minimum (squares of the noise)')
-    right.set_title('what the current of the bus cycles tells', fontsize=9, loc='left')
+    panel_title(right, 'what the current of the bus cycles tells')
     right.legend(fontsize=8, frameon=False, loc='center left', bbox_to_anchor=(1.0, 0.5))
     for axes in (left, right):
         dress(axes)

@@ -5,7 +5,7 @@ the gear ratio (4.17), the TCP by forward kinematics with the nominal geometry. 
 behind the gear and the TCP of the arms as they are built, only simulations tell (``*_true``).
 
 The actual acceleration is not measured: it is the slope of the straight line through the actual speed of the five
-cycles (at 1 ms) within ``figures.SLOPE_S`` on either side. The reference acceleration is the same slope of the
+cycles (at 1 ms) within ``run_signals.SLOPE_S`` on either side. The reference acceleration is the same slope of the
 reference speed, so that smoothing is no difference between the two; the thesis could compare only with the reference.
 """
 
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive.analysis.run_figures import central_difference, program_part, slope
+from delta3_pacdrive.analysis.run_signals import central_difference, program_part, slope
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.signals import TRUE_SIGNALS
 

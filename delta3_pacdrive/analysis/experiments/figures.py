@@ -16,15 +16,23 @@ import numpy as np
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER
-from delta3_pacdrive.analysis.figure_style import COLOURS, MUTED, dress, report_figure
-from delta3_pacdrive.analysis.run_figures import COMMAND, SLOPE_S, ZOOM_S, busiest, frame_path
+from delta3_pacdrive.analysis.figure_style import (
+    COLOURS,
+    MUTED,
+    dress,
+    legend_above,
+    panel_title,
+    report_figure,
+)
+from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
+from delta3_pacdrive.analysis.run_figures import COMMAND
+from delta3_pacdrive.analysis.run_signals import SLOPE_S, ZOOM_S, busiest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d import Axes3D
 
     from delta3_pacdrive.analysis.experiments.attribution import Attribution
     from delta3_pacdrive.analysis.experiments.comparison import Comparison
@@ -124,26 +132,24 @@ def panels(
     if name in ('arm_acceleration', 'current'):
         _alike([row[0] for row in grid])
     text = 'deviation from the reference' if referred else 'robot - model'
-    grid[0, 1].set_title(f'{text} ({quantity.shown_unit})'.replace('^2', '²'), fontsize=9, loc='left')
+    panel_title(grid[0, 1], f'{text} ({quantity.shown_unit})'.replace('^2', '²'))
     for axes in grid[-1]:
         axes.set_xlabel('time from program start (s)')
     figure.align_ylabels()
-    _legend(grid[0, 0])
+    legend_above(grid[0, 0])
     return figure
 
 
 def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
     """TCP path in space [mm], with the deviations of the robot magnified."""
     figure = report_figure(f'{title}: TCP path', 6.0, provenance)
-    figure.set_layout_engine('none')  # it reckons with a cube
-    axes: Axes3D = figure.add_axes((-0.02, 0.14, 1.0, 0.79), projection='3d', computed_zorder=False)
-    whole: dict[str, Any] = {'clip_on': False}  # a wide box is larger than the square of its axes
+    axes = path_axes(figure, 0.14, 0.79)
     runs = comparison.model, comparison.robot
     reference = 1e3 * comparison.measured(comparison.model.reference['tcp'])
     model, robot = (1e3 * comparison.measured(run.actual['tcp']) for run in runs)
-    axes.plot(*model.T, label='model', **MODEL | whole | {'linewidth': 3.0})
-    axes.plot(*robot.T, label='robot', **ROBOT | whole | {'linewidth': 1.6, 'zorder': 3.2})
-    axes.plot(*reference.T, label='reference', **REFERENCE, **whole)
+    axes.plot(*model.T, label='model', **MODEL | WHOLE | {'linewidth': 3.0})
+    axes.plot(*robot.T, label='robot', **ROBOT | WHOLE | {'linewidth': 1.6, 'zorder': 3.2})
+    axes.plot(*reference.T, label='reference', **REFERENCE, **WHOLE)
     drawn = [model, robot]
     longest = max(float(np.ptp(reference, axis=0).max()), 1.0)
     for name, look, label in (
@@ -159,7 +165,7 @@ def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figu
             MAGNIFIED * longest / max(float(np.linalg.norm(both[:, 3:], axis=1).max()), 1e-9)
         )
         drawn.append(both[:, :3] + factor * both[:, 3:])
-        axes.plot(*drawn[-1].T, label=rf'{label} $\times$ {factor:g}', **look | whole | {'linewidth': 0.7})
+        axes.plot(*drawn[-1].T, label=rf'{label} $\times$ {factor:g}', **look | WHOLE | {'linewidth': 0.7})
     frame_path(axes, np.concatenate(drawn))
     figure.legend(loc='lower center', ncols=5, frameon=False, fontsize=8, bbox_to_anchor=(0.5, 0.06))
     return figure
@@ -189,7 +195,7 @@ def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -
         _finish(axes, None)
     column[-1].set_xlabel('time from program start (s)')
     figure.align_ylabels()
-    _legend(column[0])
+    legend_above(column[0])
     return figure
 
 
@@ -215,7 +221,7 @@ def effects(attribution: Attribution, title: str, provenance: Provenance) -> Fig
         quantity = QUANTITIES[name]
         rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
         text = textwrap.fill(quantity.text, 16)
-        axes.set_title(f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', fontsize=9, loc='left')
+        panel_title(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms')
         axes.axvline(0.0, color=MUTED, linewidth=0.8)
         axes.set_xlabel('share (%)')
         axes.set_xlim(right=max(105.0, axes.get_xlim()[1]))
@@ -265,13 +271,6 @@ def _alike(column: Sequence[Axes]) -> None:
     limits = [axes.get_ylim() for axes in column]
     for axes in column:
         axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
-
-
-def _legend(axes: Axes) -> None:
-    """Put the legend above a panel: there it covers no data."""
-    axes.legend(
-        loc='lower left', bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=3, frameon=False, fontsize=9
-    )
 
 
 def _typeset(text: str) -> str:

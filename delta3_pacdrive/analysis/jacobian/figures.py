@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, COLOURS, MUTED, dress, report_figure
+from delta3_pacdrive.analysis.figure_style import (
+    AXIS_COLOURS,
+    COLOURS,
+    DASHED,
+    MUTED,
+    dress,
+    panel_title,
+    report_figure,
+)
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation
 
 if TYPE_CHECKING:
@@ -21,8 +29,8 @@ if TYPE_CHECKING:
 
 EXACT: dict[str, Any] = {'color': COLOURS[0], 'linewidth': 2.6, 'solid_capstyle': 'round'}
 INEXACT: dict[str, Any] = {'color': COLOURS[1], 'linewidth': 1.3}
-RECORDED: dict[str, Any] = {'color': '#111111', 'linewidth': 0.9, 'linestyle': (0, (4, 2))}
-LIMIT: dict[str, Any] = {'color': MUTED, 'linewidth': 0.8, 'linestyle': (0, (4, 2))}
+RECORDED: dict[str, Any] = {'color': '#111111', 'linewidth': 0.9, 'linestyle': DASHED}
+LIMIT: dict[str, Any] = {'color': MUTED, 'linewidth': 0.8, 'linestyle': DASHED}
 TITLE_IN = 0.29  # height of a title
 JOINTS = (1, 2, 3)
 ROOM = 1.12  # of a panel beyond what is drawn
@@ -111,9 +119,8 @@ def velocity_deviation(trial: Trial, errors: str, provenance: Provenance) -> Fig
                     )
         least = motion.thesis.deviation_percent if motion.thesis else SPAN_MIN
         _scale(panels[0], float(np.nanmax(np.abs([near, far]), initial=least)))
-    grid[0, 0].set_title('share of the peak', fontsize=9, loc='left')
-    grid[0, 1].set_title(f'share of the momentary value, above {100 * THRESHOLD:g} % of peak',
-                         fontsize=9, loc='left')  # fmt: skip
+    panel_title(grid[0, 0], 'share of the peak')
+    panel_title(grid[0, 1], f'share of the momentary value, above {100 * THRESHOLD:g} % of peak')
     for axes in grid.flat:
         dress(axes)
         axes.set_xlim(motion.time_s[0], motion.time_s[-1])

@@ -17,7 +17,7 @@ import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.analysis.inputs import is_recording, program_name
-from delta3_pacdrive.analysis.run_figures import program_part
+from delta3_pacdrive.analysis.run_signals import program_part
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner

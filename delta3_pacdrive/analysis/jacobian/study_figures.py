@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import COLOURS, MUTED, dress, report_figure
+from delta3_pacdrive.analysis.figure_style import COLOURS, DASHED, MUTED, dress, panel_title, report_figure
 from delta3_pacdrive.analysis.jacobian import condition
 from delta3_pacdrive.analysis.jacobian.figures import legend_under_title
 from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose
@@ -56,7 +56,7 @@ def sensitivities(trials: list[Trial], provenance: Provenance) -> Figure:
             ):
                 axes.bar(middle, [share.of_peak for share in shares], 0.9 * width,
                          color=COLOURS[n % len(COLOURS)], label=trial.motion.name)  # fmt: skip
-        grid[0, column].set_title(MEANINGS[pose], fontsize=9, loc='left')
+        panel_title(grid[0, column], MEANINGS[pose])
         if pose is Pose.RECORDED:
             for axes in grid[:, column]:
                 axes.text(list(LENGTHS).index('l_B'), 0.02, 'does not enter', rotation=90, fontsize=8,
@@ -96,17 +96,17 @@ def deviation_over_condition(found: Sweep, kinematics: Kinematics, provenance: P
     left.axvspan(inside['min'], inside['max'], color='#E4E4E4', zorder=0)
     left.text(1.15 * inside['max'], 0.97, 'grey: inside\nthe workspace', fontsize=8, color='#555555', va='top',
               transform=left.get_xaxis_transform())  # fmt: skip
-    left.set_title('poses on rays to singularities: median, 5 to 95 %', fontsize=9, loc='left')
+    panel_title(left, 'poses on rays to singularities: median, 5 to 95 %')
     left.set_xlabel('condition number of J')
     left.set_ylabel('deviation in the worst direction (%)')
     other = right.twinx()
-    other.plot(1e3 * ray.gap_m, ray.condition, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
+    other.plot(1e3 * ray.gap_m, ray.condition, color=MUTED, linewidth=1.2, linestyle=DASHED)
     other.set_yscale('log')
     other.set_ylabel('condition number of J (dashed)', color='#555555')
     other.spines['top'].set_visible(False)
     right.invert_xaxis()
     right.set_xlabel('distance to the singularity (mm)')
-    right.set_title(f'along y at z = {ray.tcp[0, 2]:.3g} m', fontsize=9, loc='left')
+    panel_title(right, f'along y at z = {ray.tcp[0, 2]:.3g} m')
     for axes in (left, right):
         axes.set_xscale('log')
         axes.set_yscale('log')

@@ -10,9 +10,11 @@ import numpy as np
 from delta3_pacdrive.analysis.figure_style import (
     AXIS_COLOURS,
     COLOURS,
+    DASHED,
     MUTED,
     NORM_COLOUR,
     dress,
+    panel_title,
     report_figure,
 )
 from delta3_pacdrive.analysis.tuning.response import decibels, degrees
@@ -77,7 +79,7 @@ def steps(variants: dict[str, Variant], provenance: Provenance) -> Figure:
             axes.plot(time_ms, loop.step.drive, color=colour, linewidth=1.8, zorder=front, label=label)
             if loop.stable:
                 axes.plot(time_ms, loop.step.linear, color='#111111', linewidth=0.9, zorder=4,
-                          linestyle=(0, (4, 2)), label='linear' if name == names[-1] else None)  # fmt: skip
+                          linestyle=DASHED, label='linear' if name == names[-1] else None)  # fmt: skip
             lowest = min(lowest, max(float(loop.step.drive.min()), -2.0))
             highest = max(highest, min(1.1 * float(loop.step.drive.max()), 4.0))
             settling = loop.step.figures.settling_time_s
@@ -86,7 +88,7 @@ def steps(variants: dict[str, Variant], provenance: Provenance) -> Figure:
         axes.axhline(1.0, color=MUTED, linewidth=0.8)
         axes.set_ylim(1.1 * lowest - 0.05, highest)
         axes.set_xlabel('time (ms)')
-        axes.set_title(TITLES[variants[names[0]].loops[number].name], fontsize=9, loc='left')
+        panel_title(axes, TITLES[variants[names[0]].loops[number].name])
         axes.set_xlim(0.0, 1e3 * shown if shown > 0.0 else None)
         dress(axes)
     panels[0].set_ylabel('actual value, share of the step (1)')
@@ -121,7 +123,7 @@ def bode(results: dict[str, LoopResult], provenance: Provenance) -> Figure:
     top.axhline(0.0, color=MUTED, linewidth=0.8)
     bottom.axhline(-180.0, color=MUTED, linewidth=0.8)
     bottom.set_ylim(-360.0, 75.0)
-    top.set_title('open loop L, margins marked', fontsize=9, loc='left')
+    panel_title(top, 'open loop L, margins marked')
     if closed:
         (top, bottom) = grid[:, 1]
         for result, colour in zip(results.values(), WAYS, strict=False):
@@ -141,7 +143,7 @@ def bode(results: dict[str, LoopResult], provenance: Provenance) -> Figure:
         top.set_ylim(*CLOSED_DECIBELS)
         top.axhline(-3.0, color=MUTED, linewidth=0.8)
         bottom.set_ylim(-360.0, 75.0)
-        top.set_title('closed loop, set point to actual value', fontsize=9, loc='left')
+        panel_title(top, 'closed loop, set point to actual value')
     for axes in grid.flat:
         axes.set_xscale('log')
         dress(axes)
@@ -191,7 +193,7 @@ def measured_response(one: MeasuredResponse, loop: LoopResult | None, provenance
     bottom.set_ylim(-0.05, 1.05)
     bottom.set_xlabel('frequency (Hz)')
     told = 'nothing is trusted' if band is None else f'trusted (shaded): {band[0]:.3g} to {band[1]:.4g} Hz'
-    top.set_title(told, fontsize=9, loc='left')
+    panel_title(top, told)
     top.legend(fontsize=8, frameon=False, loc='lower left')
     return figure
 
@@ -203,7 +205,7 @@ def effects(variants: dict[str, Variant], provenance: Provenance) -> Figure:
     for (name, variant), colour in zip(variants.items(), WAYS, strict=False):
         effect = variant.effect
         if not len(effect.time_s):
-            panels[0].set_title(f'{name}: {effect.fault}', color=colour, fontsize=9, loc='left')
+            panel_title(panels[0], f'{name}: {effect.fault}', color=colour)
             continue
         for i in range(3):
             panels[i].plot(effect.time_s, 1e3 * np.degrees(effect.following_error_rad[:, i]), color=colour,
@@ -256,7 +258,7 @@ def sweep(points: list[SweepPoint], swept: str, provenance: Provenance) -> Figur
     bottom.set_ylabel('overshoot of a step (%)')
     bottom.set_xlabel(f'{swept} (SI)')
     told = 'red: a loop is unstable; yellow: one is somewhere in the workspace, or the program trips a drive'
-    top.set_title(told, fontsize=9, loc='left')
+    panel_title(top, told)
     for axes in (top, middle):
         axes.legend(fontsize=8, frameon=False, loc='center left', bbox_to_anchor=(1.0, 0.5))
     for axes in (top, middle, bottom):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, DASHED, dress, empty_figure
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.two_link_arm.kinematics import (
     Branch,
@@ -40,7 +40,7 @@ TOOL = '#111111'
 PALE = '#B0B0B0'
 LINES = ('#9CC3E6', '#0072B2', '#111111')  # the nearer to the singularity, the darker
 OUTER: dict[str, Any] = {'color': SINGULAR, 'linewidth': 1.6}
-INNER: dict[str, Any] = {'color': SINGULAR, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
+INNER: dict[str, Any] = {'color': SINGULAR, 'linewidth': 1.6, 'linestyle': DASHED}
 BEST: dict[str, Any] = {'color': TOOL, 'linewidth': 1.4, 'linestyle': (0, (1, 1.5))}
 LEGEND: dict[str, Any] = {'loc': 'outside lower center', 'frameon': False, 'fontsize': 9}
 
@@ -251,7 +251,7 @@ def _draw_pose(axes: Axes, theta: Floats, arm: TwoLinkArm, radius: float) -> Non
 def _angle(axes: Axes, corner: Floats, start: float, end: float, radius: float, text: str) -> None:
     """Draw an angle [rad] from a dashed ray at ``start`` to ``end``, named in its middle, or beside it if narrow."""
     ray = np.stack([corner, corner + 1.7 * radius * np.array([math.cos(start), math.sin(start)])])
-    axes.plot(*ray.T, color='#555555', linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.plot(*ray.T, color='#555555', linewidth=0.9, linestyle=DASHED)
     sweep = np.linspace(start, end, 61)
     arc = corner + radius * np.stack([np.cos(sweep), np.sin(sweep)], axis=-1)
     axes.plot(*arc.T, color='#555555', linewidth=1.2)
