@@ -8,16 +8,16 @@ robot = d3.load_parameters()
 trace = d3.simulate('excitation', robot)  # a recording does as well: d3.load_trace(FOLDER)
 gear, motor = robot.dynamics.gear_ratio, robot.motor
 
-start, end = trace.meta['start_cycle'], trace.meta['end_cycle']
-shaft = trace['motor_speed'][start:end]
-theta = d3.kinematics.inverse(trace['tcp_actual'][start:end], robot)
-thetaddot = np.gradient(shaft, trace.meta['cycle_time_s'], axis=0) / gear
+shaft = trace['motor_speed']
+theta = d3.kinematics.inverse(trace['tcp_actual'], robot)
+thetaddot = np.gradient(shaft, trace.time_s, axis=0) / gear
+moving = np.abs(shaft).min(axis=1) > 5.0  # [rad/s]; at rest a brake may carry the load
 
 # K_m I = Y [I_b, m_nt, m_br r_Gb] / k_r + F_s tanh(w / w_s) + F_v w, for every axis and cycle one row
 regressor = d3.dynamics.regressor(theta, shaft / gear, thetaddot, robot) / gear
 friction = np.stack([np.tanh(shaft / motor.friction_smoothing_rad_s), shaft], axis=-1)
-matrix = np.concatenate([regressor, friction], axis=-1).reshape(-1, 5)
-torque = (motor.torque_constant_n_m_a * trace['current'][start:end]).ravel()
+matrix = np.concatenate([regressor, friction], axis=-1)[moving].reshape(-1, 5)
+torque = (motor.torque_constant_n_m_a * trace['current'][moving]).ravel()
 found, *_ = np.linalg.lstsq(matrix, torque, rcond=None)
 
 p = robot.dynamics
