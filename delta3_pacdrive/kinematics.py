@@ -1,4 +1,4 @@
-"""Kinematics of the Delta-3 robot (thesis 4.2 to 4.6; what is corrected there: see README).
+"""Kinematics of the Delta-3 robot (thesis 4.2 to 4.6; what is corrected there: docs/student/errata.md).
 
 Frame ``base``: origin in the centre of the base plate, z up. Arm i lies in the vertical plane at azimuth alpha_i; its
 angle theta_i is 0 when it points outward and positive downward. R = R_A - R_B (4.1: the plate shrinks to a point).

@@ -17,6 +17,7 @@ extensions = [
     'sphinx.ext.napoleon',
     'sphinx.ext.viewcode',
     'mathml',
+    'plain_docstrings',
     'tables',
 ]
 source_suffix = {'.md': 'markdown'}

@@ -1,7 +1,6 @@
-"""What the tests share: the default robot, the README, and property tests that draw the same examples every time."""
+"""What the tests share: the default robot, a shell, and property tests that draw the same examples every time."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -24,34 +23,6 @@ def robot():
     from delta3_pacdrive import parameters
 
     return parameters.load()
-
-
-@pytest.fixture(scope='session')
-def readme_blocks():
-    """Return the README's blocks of code: a list of (heading or bold words above it, language, text)."""
-    text = (Path(__file__).parent.parent / 'README.md').read_text(encoding='utf-8')
-    blocks, place = [], ''
-    for match in re.finditer(
-        r'^```(\w*)\n(.*?)^```$|^#+ ([^\n]*)$|^\*\*([^*\n]*)\*\*', text, re.DOTALL | re.MULTILINE
-    ):
-        language, code, heading, bold = match.groups()
-        if code is None:
-            place = heading or bold
-        else:
-            blocks.append((place, language, code))
-    return blocks
-
-
-@pytest.fixture
-def readme_lines(readme_blocks):
-    """Return the command lines of the README's block under a heading, without what is said about them."""
-
-    def lines(wanted):
-        (block,) = (text for place, language, text in readme_blocks if (place, language) == (wanted, 'sh'))
-        stripped = (re.sub(r'\s{2,}#.*', '', line).strip() for line in block.splitlines())
-        return [line for line in stripped if line]
-
-    return lines
 
 
 @pytest.fixture

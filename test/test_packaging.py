@@ -120,11 +120,13 @@ def test_the_configuration_is_installed_for_python_and_for_ros(prefix):
         assert (prefix / 'share' / PACKAGE / path).read_bytes() == content
 
 
-def test_the_readme_gives_the_reason_for_every_dependency(requirements):
-    lines = (SOURCE / 'README.md').read_text(encoding='utf-8').splitlines()
+def test_the_documentation_gives_the_reason_for_every_dependency(requirements):
+    lines = (SOURCE / 'docs' / 'architecture.md').read_text(encoding='utf-8').splitlines()
     for name in requirements:
         item = re.compile(rf'\s*[-*|]\s*[\[`*]*{re.escape(name)}\b\W*\w+(\W+\w+)+', re.IGNORECASE)
-        assert any(item.match(line) for line in lines), f'README.md has no list item or table row on {name}'
+        assert any(item.match(line) for line in lines), (
+            f'docs/architecture.md has no list item or table row on {name}'
+        )
 
 
 def test_package_xml_declares_every_dependency(requirements):

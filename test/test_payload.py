@@ -34,7 +34,9 @@ def held_kg(torque_n_m, robot):
 def test_the_limit_is_half_of_what_brakes_and_nominal_currents_hold(robot):
     by_motors = held_kg(robot.motor.nominal_current_a * robot.motor.torque_constant_n_m_a, robot)
     by_brakes = held_kg(robot.motor.brake_torque_n_m, robot)
-    assert (by_brakes, by_motors) == pytest.approx((21.0, 22.6), abs=0.1)  # as configuration and README say
+    assert (by_brakes, by_motors) == pytest.approx(
+        (21.0, 22.6), abs=0.1
+    )  # as configuration and documentation say
     assert 0.9 * by_brakes < RESERVE * PAYLOAD_MAX_KG <= by_brakes
 
 

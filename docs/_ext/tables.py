@@ -1,9 +1,13 @@
 """Tables and texts that the code itself holds, as directives of the pages, so that they cannot grow old."""
 
+import ast
 import contextlib
+import dataclasses
 import io
 import os
+import tomllib
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -11,6 +15,9 @@ from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+SOURCE = Path(__file__).parents[2]
+PACKAGE = SOURCE / 'delta3_pacdrive'
+TINY = 1e-300
 Rows = Iterable[Sequence[object]]
 
 
@@ -54,6 +61,26 @@ def fault_kinds() -> Rows:
         yield f'`{name}`', kind.text, f'`{kind.target}`' if kind.target else 'the robot', value, lasts
 
 
+def parameters() -> Rows:
+    """Return the parameters of a robot, with the packaged values."""
+    from delta3_pacdrive import parameters as core
+
+    robot = core.load()
+    yield 'parameter', 'default', 'from', 'to', 'what'
+    for group, kind in core.groups().items():
+        for field in dataclasses.fields(kind):
+            value, meta = getattr(getattr(robot, group), field.name), field.metadata
+            values = value if isinstance(value, tuple) else (value,)
+            low, high = ('', '') if isinstance(value, bool) else (bound(meta['low']), bound(meta['high']))
+            text = ', '.join(str(item).lower() if isinstance(item, bool) else f'{item:g}' for item in values)
+            yield f'`{group}.{field.name}`', text, low, high, meta['description']
+
+
+def bound(value: float) -> str:
+    """Return a limit of a parameter; a positive quantity has the smallest number there is as its minimum."""
+    return 'above 0' if 0.0 < value < TINY else f'{value:g}'
+
+
 def topics() -> Rows:
     """Return the topics of a robot."""
     from delta3_pacdrive.ros.interface_tables import topic_table
@@ -73,6 +100,43 @@ def deliveries() -> Rows:
     from delta3_pacdrive.ros.interface_tables import delivery_table
 
     return joined(delivery_table())
+
+
+def layers() -> list[list[str]]:
+    """Return the rooms from bottom to top, those of one layer together, as the contract of imports has them."""
+    contracts = tomllib.loads((SOURCE / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']
+    (order,) = (row['layers'] for row in contracts['contracts'] if row['type'] == 'layers')
+    return [line.split(' | ') for line in reversed(order)]
+
+
+def first_sentence(path: Path) -> str:
+    """Return the first line of a module's docstring."""
+    return (ast.get_docstring(ast.parse(path.read_text(encoding='utf-8'))) or '').partition('\n')[0]
+
+
+def rooms() -> Rows:
+    """Return the rooms of the package, from bottom to top."""
+    yield 'room', 'what it holds'
+    for names in layers():
+        for name in names:
+            room = PACKAGE / name
+            beside = (
+                f' (beside {", ".join(f"`{other}`" for other in names if other != name)})'
+                if names[1:]
+                else ''
+            )
+            sentence = first_sentence(room / '__init__.py' if room.is_dir() else room.with_suffix('.py'))
+            yield f'`{name}`{beside}', sentence.replace('``', '`')
+
+
+def modules() -> Rows:
+    """Return the modules of the package, from bottom to top."""
+    yield 'module', 'what it holds'
+    for name in (name for names in layers() for name in names):
+        room = PACKAGE / name
+        for path in sorted(room.rglob('*.py')) if room.is_dir() else [room.with_suffix('.py')]:
+            if path.name != '__init__.py':
+                yield f'`{path.relative_to(PACKAGE)}`', first_sentence(path).replace('``', '`')
 
 
 def joined(table: tuple[Sequence[object], Rows]) -> Rows:
@@ -117,7 +181,7 @@ class Help(SphinxDirective):
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add a directive for each table."""
-    for rows in (idns, diagnostics, fault_kinds, topics, services, deliveries):
+    for rows in (idns, diagnostics, fault_kinds, parameters, topics, services, deliveries, rooms, modules):
         app.add_directive(rows.__name__, type(rows.__name__, (Table,), {'rows': staticmethod(rows)}))
     app.add_directive('help', Help)
     return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -6,6 +6,7 @@ import pytest
 
 import pages
 
+README_LINES_MAX = 150
 HERE = [page for page in pages.PAGES if not pages.needs_robot(page)]
 NAMES = [str(page.relative_to(pages.SOURCE)) for page in pages.PAGES]
 
@@ -43,3 +44,25 @@ def test_links_to_files_lead_to_files(page):
 def test_what_is_tested_elsewhere_names_its_test(page):
     elsewhere = [block.words for block in pages.blocks(page) if block.mark == 'elsewhere']
     assert [name for name in elsewhere if not (pages.SOURCE / name).is_file()] == []
+
+
+def test_the_readme_is_short():
+    assert len((pages.SOURCE / 'README.md').read_text(encoding='utf-8').splitlines()) <= README_LINES_MAX
+
+
+def test_the_test_command_is_what_continuous_integration_calls():
+    (block,) = (block for block in pages.blocks(pages.SOURCE / 'README.md') if block.words == '.ci/run')
+    command = block.text.strip()
+    assert (pages.SOURCE / command).stat().st_mode & 0o100
+    assert command in (pages.SOURCE / '.ci/run').read_text(encoding='utf-8').split()
+
+
+@pytest.mark.parametrize('name', ['docs/architecture.md', 'CONTRIBUTING.md'])
+def test_every_address_of_a_source_exists(name):
+    text = (pages.SOURCE / name).read_text(encoding='utf-8')
+    named = re.findall(r'`([\w/.]+(?:\.py|\.yaml|/))`', text)
+    files = {str(path.relative_to(pages.SOURCE)) for path in pages.SOURCE.glob('[!.]*/**/*')}
+    assert named
+    assert [
+        path for path in named if not any(f'/{file}'.endswith(f'/{path.rstrip("/")}') for file in files)
+    ] == []

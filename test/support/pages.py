@@ -18,7 +18,8 @@ import yaml
 
 SOURCE = Path(__file__).parents[2]
 PAGES = [
-    SOURCE / name for name in ('CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
+    SOURCE / name
+    for name in ('README.md', 'CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
 ]
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')

@@ -3,6 +3,7 @@
     ros2 run PACKAGE EXECUTABLE [ARGUMENTS]
     ros2 launch FILE
     ros2 topic pub --once TOPIC TYPE YAML
+    ros2 topic echo --once TOPIC
     ros2 service call SERVICE TYPE
     ros2 param set NODE NAME VALUE
 
@@ -25,6 +26,7 @@ import rclpy
 import yaml
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 
 WAIT_S = 20.0
 
@@ -141,6 +143,20 @@ def publish(node, topic, kind, text):
     publisher.wait_for_all_acked()
 
 
+def echo(node, topic):
+    """Print the next message of a topic, or the latched one."""
+    wait(node, lambda: topic in dict(node.get_topic_names_and_types()), f'topic {topic}')
+    (kind,) = dict(node.get_topic_names_and_types())[topic]
+    offered = node.get_publishers_info_by_topic(topic)[0].qos_profile
+    heard = []
+    qos = QoSProfile(depth=1, durability=offered.durability, reliability=offered.reliability)
+    node.create_subscription(interface(kind), topic, heard.append, qos)
+    wait(node, lambda: heard, f'a message of {topic}')
+    for field in heard[0].get_fields_and_field_types():
+        print(f'{field}: {getattr(heard[0], field)}')
+    print('---')
+
+
 def call(node, service, kind, request):
     """Call a service; return its response."""
     client = node.create_client(kind, service)
@@ -160,6 +176,9 @@ def main():
         case ['topic', 'pub', '--once', topic, kind, text]:
             rclpy.init()
             publish(rclpy.create_node('stand_in'), topic, kind, text)
+        case ['topic', 'echo', '--once', topic]:
+            rclpy.init()
+            echo(rclpy.create_node('stand_in'), topic)
         case ['service', 'call', service, kind]:
             rclpy.init()
             print(call(rclpy.create_node('stand_in'), service, interface(kind), interface(kind).Request()))

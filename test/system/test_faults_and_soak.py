@@ -7,12 +7,15 @@ import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from std_msgs.msg import String
 
 from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS
+from delta3_pacdrive.ros.qos import LATCHED
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification.fault_catalogue import cases
 
@@ -210,3 +213,14 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
         output, errors = process.communicate(timeout=20.0)
     assert process.returncode == 0, errors
     assert 'overruns' in output
+
+
+def test_a_soak_that_is_ended_early_tells_the_figures_until_then(
+    start_delta3: Callable[..., subprocess.Popen[str]], graph: Any, nothing_left_behind: None
+) -> None:
+    states = graph.listen(String, 'motion/state', LATCHED)
+    process = start_delta3('soak', '--minutes', '10', '--seed', '2')
+    graph.spin_until(lambda: 'moving' in [state.data for state in states], 'the first program', 30.0)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=30.0)
+    assert 'the figures are those until then' in output + errors

@@ -12,29 +12,6 @@ from rosbags.highlevel import AnyReader
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 
-README = Path(__file__).parents[2] / 'README.md'
-
-
-def test_the_moves_of_the_readme_run_as_they_stand(
-    start_delta3: Callable, delta3: Runner, nothing_left_behind: None
-) -> None:
-    block = README.read_text().split('### Moves')[1].split('```sh\n')[1].split('```')[0]
-    lines = [line.partition('  #')[0].strip() for line in block.splitlines()]
-    assert lines[0] == 'delta3 up &'
-    process = start_delta3('up')
-    try:
-        for line in lines[1:]:
-            for command in line.split(' && '):
-                program, *arguments = command.split()
-                assert program == 'delta3'
-                done = delta3(*arguments)
-                assert done.returncode == 0, f'{command}: {done.stdout}{done.stderr}'
-    finally:
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20.0)
-    assert process.returncode == 0, errors
-
-
 @pytest.fixture
 def robot(
     start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None

@@ -170,7 +170,7 @@ def short(tmp_path_factory):
     return str(path)
 
 
-def test_the_estimation_of_the_thesis_runs_as_the_readme_has_it(tmp_path, capsys):
+def test_the_estimation_of_the_thesis_runs_as_the_documentation_has_it(tmp_path, capsys):
     report = run_json(['--group', 'thesis', '--output', str(tmp_path)], capsys)
     assert any('the initial values came back' in sentence for sentence in report['explanation'])
     assert {'K_m', 'F_s'} <= estimates(report).keys()

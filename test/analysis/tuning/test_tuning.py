@@ -433,7 +433,7 @@ def test_the_exchange_period_reaches_the_program_and_the_workspace(tmp_path):
         found.append((variant.effect.tcp_error_max_m, exchanged))
     errors_m, margins_db = zip(*found, strict=True)
     assert errors_m[0] != errors_m[1]
-    assert errors_m == pytest.approx([errors_m[1]] * 2, abs=5e-6)  # 3 um apart (README)
+    assert errors_m == pytest.approx([errors_m[1]] * 2, abs=5e-6)  # 3 um apart (docs/measured.md)
     assert np.max(np.subtract(margins_db[1], margins_db[0])) > 3.0  # exchanging costs margin with light loads
 
 

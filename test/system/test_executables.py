@@ -1,0 +1,99 @@
+"""What is installed runs: the command of the README in a copy of the sources, and single nodes by their executables."""
+
+import json
+import shutil
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from std_msgs.msg import String
+
+import pages
+from delta3_pacdrive.ros.qos import LATCHED, REPORT
+
+END_S = 30.0
+
+
+def elsewhere(page: str) -> str:
+    """Return the block of a page that is tested here."""
+    (block,) = (
+        block
+        for block in pages.blocks(pages.SOURCE / page)
+        if block.words == 'test/system/test_executables.py'
+    )
+    return block.text
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    """Give the environment of a reader."""
+    return pages.environment(tmp_path)
+
+
+@contextmanager
+def started(line: str, environment: dict[str, str]) -> Iterator[None]:
+    """Start a command line, and end it with Ctrl-C behind a block of code."""
+    process = subprocess.Popen(['bash', '-c', f'exec {line}'], env=environment)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+
+
+@pytest.mark.timeout(900)
+def test_the_first_commands_install_and_run_in_a_copy_of_the_sources(
+    shell: Callable[..., Any], tmp_path: Path, nothing_left_behind: None
+) -> None:
+    copy = tmp_path / 'copy'
+    files = subprocess.run(
+        ['git', 'ls-files', '-z'], cwd=pages.SOURCE, capture_output=True, text=True, check=True
+    ).stdout.split('\0')
+    for name in filter(None, files):
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(pages.SOURCE / name, copy / name)
+    done = shell(elsewhere('README.md'), cwd=copy, timeout=580.0, VIRTUAL_ENV='', PYTHONPATH='')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ': done, ready after' in done.stdout
+    done = shell(
+        f'set -e\n{elsewhere("docs/get_started.md")}\ncommand -v delta3',
+        cwd=copy,
+        VIRTUAL_ENV='',
+        PYTHONPATH='',
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == str(copy / '.venv' / 'bin' / 'delta3')
+
+
+def test_single_nodes_make_a_robot_that_drives_its_program(
+    environment: dict[str, str], graph: Any, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    plant, drive, task, planner, bringup = elsewhere('docs/integrator.md').splitlines()
+    assert all(
+        line.startswith('ros2 run delta3_pacdrive ') for line in (plant, drive, task, planner, bringup)
+    )
+    drives = [drive.replace('axis:=1', f'axis:={n}').replace('drive_1', f'drive_{n}') for n in (1, 2, 3)]
+    states = graph.listen(String, 'motion/state', LATCHED)
+    progress = graph.listen(String, 'motion/progress', REPORT)
+
+    def finished() -> bool:
+        return bool(progress) and json.loads(progress[-1].data)['finished']
+
+    with ExitStack() as nodes:
+        for line in (plant, *drives, task, planner):
+            nodes.enter_context(started(line, environment))
+        graph.spin_until(finished, 'the end of the program', 40.0)
+    assert 'moving' in [state.data for state in states]
+    done = subprocess.run(
+        ['bash', '-c', bringup], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'experiment 1' in done.stdout
