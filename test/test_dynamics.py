@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.benchmarks.mujoco_model import mujoco_xml
 
 SEED = 20090418
 PRINTED = 1e-9  # the reference values have nine decimals
@@ -276,30 +277,10 @@ def test_feed_forward_and_observer_inertia_are_those_of_the_workspace(robot):
     assert robot.drive.observer_arm_inertia_kg_m2 == pytest.approx(middle, rel=0.02)
 
 
-def mujoco_model(robot):
-    """The open tree: three arms on hinges with rotors, a plate on three slides; the rods close it by their length."""
+def mujoco_engine(robot, *, rods=False):
+    """The open tree; who asks closes it."""
     mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
-    k, d = robot.kinematics, robot.dynamics
-    length, mass = k.upper_arm_length_m, d.upper_arm_mass_kg
-    share = d.forearm_share_at_elbow * d.forearm_mass_kg
-    armature = d.gear_ratio**2 * (robot.motor.rotor_inertia_kg_m2 + robot.motor.brake_inertia_kg_m2)
-    point = 'diaginertia="1e-14 1e-14 1e-14"'
-    arms = ''.join(
-        f"""<body euler="0 0 {azimuth}"><body pos="{k.radius_difference_m} 0 0">
-          <joint type="hinge" axis="0 1 0" armature="{armature!r}"/>
-          <inertial pos="{length / 2!r} 0 0" mass="{mass!r}"
-            diaginertia="1e-14 {mass * length**2 / 12!r} {mass * length**2 / 12!r}"/>
-          <body pos="{length!r} 0 0"><inertial pos="0 0 0" mass="{d.elbow_mass_kg + share!r}" {point}/>
-            <site name="elbow{i}"/></body></body></body>"""
-        for i, azimuth in enumerate(k.arm_azimuth_deg)
-    )
-    slides = ''.join(f'<joint type="slide" axis="{axis}"/>' for axis in ('1 0 0', '0 1 0', '0 0 1'))
-    plate_mass = d.plate_mass_kg + d.payload_mass_kg + 3.0 * (d.forearm_mass_kg - share)
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><compiler angle="degree"/><option gravity="0 0 {-d.gravity_m_s2}"/><worldbody>{arms}
-        <body>{slides}<inertial pos="0 0 0" mass="{plate_mass!r}" {point}/><site name="plate"/></body>
-        </worldbody></mujoco>"""
-    )
+    model = mujoco.MjModel.from_xml_string(mujoco_xml(robot, rods=rods))
     return mujoco, model, mujoco.MjData(model)
 
 
@@ -339,7 +320,7 @@ def mujoco_acceleration(engine, theta, thetadot, tau, robot):
 @pytest.mark.parametrize('payload_kg', [0.0, 0.5, 2.0])
 def test_mujoco_finds_the_same_accelerations(payload_kg, robot):
     loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
-    engine = mujoco_model(loaded)
+    engine = mujoco_engine(loaded)
     worst = 0.0
     for theta, thetadot, push in zip(*states(150), strict=True):
         tau = dynamics.gravity(theta, loaded) + push
@@ -350,35 +331,6 @@ def test_mujoco_finds_the_same_accelerations(payload_kg, robot):
         assert np.abs(back - tau).max() < ENGINE * max(1.0, math.hypot(*tau)) * 10.0
     print(f'largest relative difference to MuJoCo: {worst:.1e}')
     assert worst < ENGINE
-
-
-def mujoco_rods(robot):
-    """As ``mujoco_model``, but each forearm a slender rod on two hinges at the elbow; its end has to meet the plate."""
-    mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
-    k, d = robot.kinematics, robot.dynamics
-    length, mass = k.upper_arm_length_m, d.upper_arm_mass_kg
-    reach, rod = k.forearm_length_m, d.forearm_mass_kg
-    armature = d.gear_ratio**2 * (robot.motor.rotor_inertia_kg_m2 + robot.motor.brake_inertia_kg_m2)
-    point = 'diaginertia="1e-14 1e-14 1e-14"'
-    arms = ''.join(
-        f"""<body euler="0 0 {azimuth}"><body name="arm{i}" pos="{k.radius_difference_m} 0 0">
-          <joint type="hinge" axis="0 1 0" armature="{armature!r}"/>
-          <inertial pos="{length / 2!r} 0 0" mass="{mass!r}"
-            diaginertia="1e-14 {mass * length**2 / 12!r} {mass * length**2 / 12!r}"/>
-          <body pos="{length!r} 0 0"><inertial pos="0 0 0" mass="{d.elbow_mass_kg!r}" {point}/>
-            <body><joint type="hinge" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
-              <inertial pos="{reach / 2!r} 0 0" mass="{rod!r}"
-                diaginertia="1e-14 {rod * reach**2 / 12!r} {rod * reach**2 / 12!r}"/>
-              <site name="end{i}" pos="{reach!r} 0 0"/></body></body></body></body>"""
-        for i, azimuth in enumerate(k.arm_azimuth_deg)
-    )
-    slides = ''.join(f'<joint type="slide" axis="{axis}"/>' for axis in ('1 0 0', '0 1 0', '0 0 1'))
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><compiler angle="degree"/><option gravity="0 0 {-d.gravity_m_s2}"/><worldbody>{arms}
-        <body>{slides}<inertial pos="0 0 0" mass="{d.plate_mass_kg + d.payload_mass_kg!r}" {point}/>
-        <site name="plate"/></body></worldbody></mujoco>"""
-    )
-    return mujoco, model, mujoco.MjData(model)
 
 
 def mujoco_rod_acceleration(engine, theta, thetadot, tau, robot):
@@ -426,7 +378,7 @@ def mujoco_rod_acceleration(engine, theta, thetadot, tau, robot):
 @pytest.mark.parametrize('payload_kg', [0.0, 0.5, 2.0])
 def test_mujoco_finds_the_same_accelerations_with_rods(payload_kg, robot):
     loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
-    engine = mujoco_rods(loaded)
+    engine = mujoco_engine(loaded, rods=True)
     worst = 0.0
     for theta, thetadot, push in zip(*states(100), strict=True):
         tau = dynamics.gravity(theta, loaded) + push

@@ -123,6 +123,7 @@ def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
     import numpy as np
 
     from delta3_pacdrive import dynamics, kinematics
+    from delta3_pacdrive.benchmarks.mujoco_model import mujoco_xml
 
     free = robot.replace(motor__static_friction_n_m=0.0, motor__viscous_friction_n_m_s_rad=0.0)
     step_s = free.drive.current_period_s
@@ -135,7 +136,7 @@ def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
         import mujoco
     except ImportError:
         return result
-    model = mujoco.MjModel.from_xml_string(_mujoco_xml(free, step_s))
+    model = mujoco.MjModel.from_xml_string(mujoco_xml(free, step_s=step_s))
     data = mujoco.MjData(model)
     spent = []
     for _ in range(ROUNDS):
@@ -167,40 +168,6 @@ def _own_mechanism(robot: Parameters, torque: Floats, steps: int) -> tuple[float
         plant.state['current'] = current
         spent.append(_spent(partial(plant.advance, currents, [True] * 3))[0])
     return float(np.median(spent)), plant.tcp()
-
-
-def _mujoco_xml(robot: Parameters, step_s: float) -> str:
-    """Return the thesis' mechanism for MuJoCo: arms on hinges, a plate on slides, rods as tendons of fixed length."""
-    k, d, motor = robot.kinematics, robot.dynamics, robot.motor
-    length, mass = k.upper_arm_length_m, d.upper_arm_mass_kg
-    share = d.forearm_share_at_elbow * d.forearm_mass_kg
-    armature = d.gear_ratio**2 * (motor.rotor_inertia_kg_m2 + motor.brake_inertia_kg_m2)
-    point = 'diaginertia="1e-9 1e-9 1e-9"'
-    arms = ''.join(
-        f"""<body euler="0 0 {azimuth}"><body pos="{k.radius_difference_m} 0 0">
-          <joint type="hinge" axis="0 1 0" armature="{armature!r}"/>
-          <inertial pos="{length / 2!r} 0 0" mass="{mass!r}"
-            diaginertia="1e-9 {mass * length**2 / 12!r} {mass * length**2 / 12!r}"/>
-          <body pos="{length!r} 0 0"><inertial pos="0 0 0" mass="{d.elbow_mass_kg + share!r}" {point}/>
-            <site name="elbow{i}"/></body></body></body>"""
-        for i, azimuth in enumerate(k.arm_azimuth_deg)
-    )
-    slides = ''.join(f'<joint type="slide" axis="{axis}"/>' for axis in ('1 0 0', '0 1 0', '0 0 1'))
-    plate_mass = d.plate_mass_kg + d.payload_mass_kg + 3.0 * (d.forearm_mass_kg - share)
-    rods = ''.join(
-        f'<spatial name="rod{i}"><site site="elbow{i}"/><site site="plate"/></spatial>' for i in range(3)
-    )
-    # as stiff as MuJoCo lets a constraint be: twice the step; lengths count from that at angles and plate of zero
-    beyond = k.forearm_length_m - (k.radius_difference_m + length)
-    ends = ''.join(
-        f'<tendon tendon1="rod{i}" polycoef="{beyond!r} 0 0 0 0" solref="{2.0 * step_s!r} 1" '
-        'solimp="0.9999 0.9999 0.001"/>'
-        for i in range(3)
-    )
-    return f"""<mujoco><compiler angle="degree"/>
-        <option gravity="0 0 {-d.gravity_m_s2}" timestep="{step_s!r}"><flag contact="disable"/></option>
-        <worldbody>{arms}<body>{slides}<inertial pos="0 0 0" mass="{plate_mass!r}" {point}/><site name="plate"/></body>
-        </worldbody><tendon>{rods}</tendon><equality>{ends}</equality></mujoco>"""
 
 
 def show_simulation(result: dict[str, Any]) -> None:
