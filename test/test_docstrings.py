@@ -97,12 +97,12 @@ def require_documented(arguments, docstring, shared):
     assert not vague, f'neither unit nor shape is told of {", ".join(vague)}'
 
 
-@pytest.mark.parametrize(('arguments', 'docstring', 'shared'), kernels())
+@pytest.mark.parametrize(('arguments', 'docstring', 'shared'), list(kernels()))
 def test_every_kernel_says_what_its_arguments_are(arguments, docstring, shared):
     require_documented(arguments, docstring, shared)
 
 
-@pytest.mark.parametrize(('arguments', 'docstring', 'shared'), public_functions())
+@pytest.mark.parametrize(('arguments', 'docstring', 'shared'), list(public_functions()))
 def test_every_public_function_says_what_its_arguments_are(arguments, docstring, shared):
     require_documented(arguments, docstring, shared)
 

@@ -83,7 +83,7 @@ CONSTANTS = np.dtype(
 
 
 class TaskArrays(NamedTuple):
-    """The task as the arrays that the compiled code works on; ``course`` to ``tables`` are those of its timeline."""
+    """These are the arrays of the task that the compiled code works on; its timeline has ``course`` to ``tables``."""
 
     course: NDArray[Any]  # motion.execution.COURSE
     table: Floats  # (rows, 5) master phases of the course
@@ -184,7 +184,7 @@ def answer_cycle(cycle, positions, torques, task):
 
 @dataclass(frozen=True)
 class Figures:
-    """Results of a program: TCP errors with the set-point delay removed, currents from the drives' answers."""
+    """A program has these results: TCP errors without the set-point delay, currents as the drives answered."""
 
     measured_cycles: int
     tcp_error_max_m: float
@@ -196,7 +196,7 @@ class Figures:
 
 
 class Transformation:
-    """Cyclic calculations of the controller; knows bus cycles, no clock and no messages."""
+    """The task makes the cyclic calculations of the controller; it knows bus cycles, no clock and no messages."""
 
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus

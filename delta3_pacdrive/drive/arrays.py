@@ -38,7 +38,7 @@ from delta3_pacdrive.parameters import Parameters
 
 
 class DriveState(IntEnum):
-    """What the drive does."""
+    """A drive is in one of these states."""
 
     NOT_READY = 0  # no master: power off, brake applied
     READY = 1  # power off, brake applied
@@ -78,7 +78,7 @@ STATE = np.dtype(
         ('losses_in_a_row', 'i8'),
         ('losses_in_window', 'i8'),
         ('good_cycles', 'i8'),  # since the last loss, or since one was cleared
-        ('silent', 'i8'),  # the master has not been heard for too long
+        ('silent', 'i8'),  # nothing was received from the master for too long
         # encoder
         ('encoder_broken', 'i8'),
         ('encoder_offset', 'f8'),  # [rad], of what it reads from the truth
@@ -183,7 +183,7 @@ CONSTANTS = np.dtype(
 
 
 class DriveArrays(NamedTuple):
-    """A drive as the arrays that the compiled code works on."""
+    """These are the arrays of a drive that the compiled code works on."""
 
     state: NDArray[Any]  # STATE
     constants: NDArray[Any]  # CONSTANTS

@@ -14,7 +14,7 @@ from delta3_pacdrive.sercos.words import Class1, Class2
 
 
 class Reaction(IntEnum):
-    """What a drive does about a diagnostic, the stronger the larger."""
+    """A reaction is what a drive does about a diagnostic, the stronger the larger."""
 
     NONE = 0
     BD2 = 1
@@ -23,7 +23,7 @@ class Reaction(IntEnum):
 
 
 class DriveFault(IntEnum):
-    """Latched cause of a stop; 0 is none."""
+    """A fault stops the drive and is latched; 0 is none."""
 
     NONE = 0
     FOLLOWING_ERROR = 1
@@ -42,7 +42,7 @@ class DriveFault(IntEnum):
 
 
 class DriveWarning(IntFlag):
-    """What the drive warns of, at present."""
+    """A warning tells what is wrong at present and stops nothing."""
 
     NONE = 0
     FOLLOWING_ERROR = 1
@@ -51,7 +51,7 @@ class DriveWarning(IntFlag):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One row of the table; ``bit`` is that of the class 1 diagnostic for faults, of class 2 for warnings."""
+    """A diagnostic is one row of the table; ``bit`` is one of class 1 for faults, of class 2 for warnings."""
 
     number: int
     class_: int

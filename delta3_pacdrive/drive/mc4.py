@@ -172,7 +172,7 @@ def _phase_currents(drive):
 
 
 class MC4:
-    """One drive; ``begin_cycle`` at each bus cycle, ``run_period`` at each exchange with the plant.
+    """A drive begins each bus cycle with ``begin_cycle`` and each exchange with the plant with ``run_period``.
 
     Parameters
     ----------

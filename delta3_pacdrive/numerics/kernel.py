@@ -208,7 +208,7 @@ LINE_S = 5.0
 
 
 class Lines:
-    """Tells on standard error how far the compilation is, by a line at its begin and now and then."""
+    """Lines on standard error tell how far the compilation is, at its begin and now and then."""
 
     def __init__(self) -> None:
         self._next_s = -math.inf

@@ -86,7 +86,7 @@ CONSTANTS = np.dtype(
 
 
 class PlantArrays(NamedTuple):
-    """A plant as the arrays that the compiled code works on."""
+    """These are the arrays of a plant that the compiled code works on."""
 
     state: NDArray[Any]  # STATE
     constants: NDArray[Any]  # CONSTANTS
@@ -97,7 +97,7 @@ class PlantArrays(NamedTuple):
 
 
 class PlantRecords(NamedTuple):
-    """The records of ``PlantArrays`` by themselves, as the kernels of a step take them."""
+    """A step takes the records of ``PlantArrays`` by themselves: they cost no counting of references."""
 
     state: Any
     constants: Any
@@ -107,14 +107,14 @@ class PlantRecords(NamedTuple):
 
 
 class BuiltRecords(NamedTuple):
-    """The records of ``BuiltArrays`` by themselves."""
+    """A step takes the records of ``BuiltArrays`` by themselves, too."""
 
     state: Any
     constants: Any
 
 
 class BuiltArrays(NamedTuple):
-    """What a plant has besides if its gears, friction or torque are those of a built robot."""
+    """A plant has these arrays besides if its gears, friction or torque are those of a built robot."""
 
     state: NDArray[Any]  # built_robot.BUILT_STATE
     constants: NDArray[Any]  # built_robot.BUILT

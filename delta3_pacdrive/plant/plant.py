@@ -94,7 +94,7 @@ def true_tcp(plant):
 
 
 class Plant:
-    """Motors, brakes, gears and arms; starts at rest at the home position with the brakes applied.
+    """A plant holds motors, brakes, gears and arms, at rest at the home position and with brakes applied at first.
 
     The controller believes that a shaft at k_r theta holds its arm at theta: a plant with geometric errors or elastic
     gears stands a little beside the home position.

@@ -4,7 +4,8 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE, Register, refusal, writing_error
+from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE, refusal
+from delta3_pacdrive.drive.register import Register, writing_error
 from delta3_pacdrive.parameters import Parameters, flatten
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation
 from delta3_pacdrive.sercos.words import Phase

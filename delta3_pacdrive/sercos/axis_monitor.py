@@ -27,7 +27,7 @@ count_telegram, count_loss, too_many = (
 
 @dataclass(frozen=True)
 class AxisFault:
-    """An axis cannot go on, as the answers of a bus cycle tell.
+    """A fault keeps an axis from going on, as the answers of a bus cycle tell.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class AxisFault:
 
 
 class AxisMonitor:
-    """The master knows of the three drives what is kept here.
+    """The monitor keeps what the master knows of the three drives.
 
     Attributes
     ----------

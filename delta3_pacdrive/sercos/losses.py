@@ -22,7 +22,7 @@ CLEARING_CYCLES = 100
 
 @dataclass
 class Losses:
-    """Losses among the telegrams of one partner."""
+    """These counters tell of the losses among the telegrams of one partner."""
 
     losses_in_a_row: int = 0
     losses_in_window: int = 0

@@ -123,7 +123,7 @@ def run_stretch(cycles, control, task, robot, built, signals):
 
 
 class CyclicOperation:
-    """A robot and its controller in cyclic operation, from bus cycle 0 on, with the faults of a program.
+    """A robot and its controller go through cyclic operation, from bus cycle 0 on, with the faults of a program.
 
     Parameters
     ----------

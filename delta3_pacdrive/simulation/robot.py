@@ -18,7 +18,7 @@ from delta3_pacdrive.sercos.words import payload_on_grid
 
 
 class RobotArrays(NamedTuple):
-    """Three drives and the plant as the arrays that the compiled code works on."""
+    """These are the arrays of three drives and the plant that the compiled code works on."""
 
     drives: tuple[DriveArrays, DriveArrays, DriveArrays]
     plant: PlantArrays
@@ -65,7 +65,7 @@ def robot_cycle(motors, control, payload_kg, robot, built):
 
 
 class Robot:
-    """Plant and drives, one exchange after the other.
+    """A robot is what the bus meets: plant and drives, one exchange after the other.
 
     Parameters
     ----------

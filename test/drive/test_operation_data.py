@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.drive.arrays import STATE
-from delta3_pacdrive.drive.operation_data import TABLE, Register
+from delta3_pacdrive.drive.operation_data import TABLE
+from delta3_pacdrive.drive.register import Register
 from delta3_pacdrive.parameters import flatten
 from delta3_pacdrive.sercos.service_channel import Access, Operation, ServiceError, format_idn, parse_idn
 from delta3_pacdrive.sercos.words import Phase

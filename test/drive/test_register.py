@@ -17,10 +17,10 @@ from delta3_pacdrive.drive.operation_data import (
     ROWS,
     TABLE,
     Group,
-    Register,
     refusal,
     value_text,
 )
+from delta3_pacdrive.drive.register import Register
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.sercos.service_channel import (
     Access,
@@ -141,7 +141,11 @@ def test_every_writable_idn_reaches_the_loops_of_a_running_drive(row, drive):
         drive.register.write(row.idn, value, Phase.CP2)
     low, high = (drive_constants(parameters) for parameters in drive.changes)
     assert any(low[name] != high[name] for name in CONSTANTS.names)
-    assert all(np.isfinite(record[name]).all() for record in (low, high) for name in CONSTANTS.names)
+    assert all(
+        np.isfinite(np.array(record[0].tolist()[n])).all()
+        for record in (low, high)
+        for n in range(len(CONSTANTS))
+    )
 
 
 @pytest.mark.parametrize('phase', Phase)

@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 from delta3_pacdrive.drive.diagnostics import DriveFault, fault_text
 from delta3_pacdrive.drive.drive_clock import Command, DriveClock, Taken
 from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.operation_data import Register
+from delta3_pacdrive.drive.register import Register
 from delta3_pacdrive.drive.report import report
 from delta3_pacdrive.errors import ParameterError, TelegramError
 from delta3_pacdrive.faults.fault import MDT_FAULTS
