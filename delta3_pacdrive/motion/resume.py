@@ -46,7 +46,7 @@ def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
     room = max(1.0, rate, before)
     limits = (move.stop_acceleration * room**2, move.stop_jerk * room**3)
     if held:
-        # the first cycle after a stop may be a rounding of its end before it
+        # rounding may place the cycle in which a stop ends a hair before that end
         stands = cycle >= timeline.end_cycle
         state = (now.distance_m, 0.0 if stands else now.speed_m_s, 0.0 if stands else now.acceleration_m_s2)
         for gentle in GENTLE:
