@@ -162,7 +162,7 @@ def _bounds(robot: Any) -> dict[str, float]:
     from delta3_pacdrive.motion import program_planner
     from delta3_pacdrive.motion.curves import Curve
     from delta3_pacdrive.motion.limits import Limits
-    from delta3_pacdrive.motion.move_planner import Timing
+    from delta3_pacdrive.motion.move_planner import MovePlanner
 
     program = programs.load('packaging', robot.motion)
     moves = program_planner.plan(program, program.start_m or START, robot).plan.moves
@@ -174,7 +174,7 @@ def _bounds(robot: Any) -> dict[str, float]:
         ('free jerk', Limits(limits.speed_m_s, limits.acceleration_m_s2, np.inf)),
         ('motors alone', Limits(100.0, 1e6, np.inf)),
     ):
-        case = Timing(curve, [(move.length_m, wish)], [], move.payload_kg, robot)
+        case = MovePlanner(curve, [(move.length_m, wish)], [], move.payload_kg, robot)
         bounds[name] = case.bound_s()
     bounds |= _toppra(curve, limits, robot)
     return bounds

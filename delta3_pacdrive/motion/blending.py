@@ -1,60 +1,88 @@
-"""Legs of a move: the curves of its statements, joined with rounded corners."""
+"""Path segments of a move: the curves of its statements, joined with rounded corners."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import MoveKind
 
 
+class StatementError(ProgramError):
+    """A statement of a program cannot be planned.
+
+    Attributes
+    ----------
+    number
+        Of the statement.
+
+    """
+
+    def __init__(self, number: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.number = number
+
+
+@contextmanager
+def blamed_on(number: int, name: str) -> Iterator[None]:
+    """Blame a statement for what is wrong, unless another one is blamed already; raises StatementError."""
+    try:
+        yield
+    except StatementError:
+        raise
+    except (ProgramError, UnreachableError) as error:
+        raise StatementError(number, f'{name}: {error}') from None
+
+
 @dataclass(frozen=True)
-class Leg:
-    """One statement's stretch of a move: its curve, limits, and what it is called in sentences."""
+class PathSegment:
+    """One statement's stretch of a move: its curve, limits, number of the statement, and its name in sentences."""
 
     curve: Curve
     limits: Limits
     blend_m: float
     strict: bool
     kind: MoveKind
+    number: int
     name: str
 
 
-def blended(legs: list[Leg]) -> tuple[Curve, list[float], list[tuple[float, Limits]]]:
-    """Join legs with rounded corners.
+def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple[float, Limits]]]:
+    """Join segments with rounded corners.
 
-    Returns the curve, the distance of each leg's end (the middle of its blend) on it, and stretches (end, limits).
+    Returns the curve, the distance of each segment's end (the middle of its blend) on it, and stretches (end, limits).
     """
     pieces: list[Curve] = []
     ends: list[float] = []
     stretches: list[tuple[float, Limits]] = []
     length, cut = 0.0, 0.0
-    for n, leg in enumerate(legs):
-        radius = leg.blend_m if n + 1 < len(legs) else 0.0
-        free = leg.curve.length_m - cut - radius
-        if free < -COINCIDENT_M:
-            raise ProgramError(
-                f'{leg.name}: its blends overlap: {cut:g} m at its start and {radius:g} m at its end on a length of '
-                f'{leg.curve.length_m:.4g} m'
-            )
-        if radius > 0.0 and radius > legs[n + 1].curve.length_m:
-            raise ProgramError(
-                f'{leg.name}: blend_m is {radius:g}, but the next move is only {legs[n + 1].curve.length_m:.4g} m long'
-            )
+    for n, segment in enumerate(segments):
+        radius = segment.blend_m if n + 1 < len(segments) else 0.0
+        free = segment.curve.length_m - cut - radius
+        with blamed_on(segment.number, segment.name):
+            if free < -COINCIDENT_M:
+                raise ProgramError(
+                    f'its blends overlap: {cut:g} m at its start and {radius:g} m at its end on a length of '
+                    f'{segment.curve.length_m:.4g} m'
+                )
+            if radius > 0.0 and radius > segments[n + 1].curve.length_m:
+                raise ProgramError(
+                    f'blend_m is {radius:g}, but the next move is only {segments[n + 1].curve.length_m:.4g} m long'
+                )
         if free > COINCIDENT_M:
-            pieces.append(leg.curve.part(cut, leg.curve.length_m - radius))
+            pieces.append(segment.curve.part(cut, segment.curve.length_m - radius))
             length += pieces[-1].length_m
-            stretches.append((length, leg.limits))
+            stretches.append((length, segment.limits))
         if radius > 0.0:
-            try:
-                corner = curves.blend(leg.curve, legs[n + 1].curve, radius)
-            except ProgramError as error:
-                raise ProgramError(f'{leg.name}: {error}') from None
+            with blamed_on(segment.number, segment.name):
+                corner = curves.blend(segment.curve, segments[n + 1].curve, radius)
             pieces.append(corner)
             ends.append(length + 0.5 * corner.length_m)
             length += corner.length_m
-            stretches.append((length, lower(leg.limits, legs[n + 1].limits)))
+            stretches.append((length, lower(segment.limits, segments[n + 1].limits)))
         else:
             ends.append(length)
         cut = radius
@@ -69,3 +97,8 @@ def lower(a: Limits, b: Limits) -> Limits:
         min(a.acceleration_m_s2, b.acceleration_m_s2),
         min(a.jerk_m_s3, b.jerk_m_s3),
     )
+
+
+def name_of(segments: Sequence[PathSegment]) -> str:
+    """Return what a move of these segments is called in sentences."""
+    return segments[0].name if len(segments) == 1 else f'{segments[0].name} to {segments[-1].name}'

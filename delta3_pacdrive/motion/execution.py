@@ -323,15 +323,15 @@ def velocity_stop(
     """Phases (n, 5) that bring a master to rest as quickly as its limits allow."""
     if speed <= 0.0 and acceleration == 0.0:
         return np.array([[0.0, distance, 0.0, 0.0, 0.0]])
-    wish = InputParameter(1)
-    wish.control_interface = ControlInterface.Velocity
-    wish.current_position, wish.current_velocity = [distance], [max(speed, 0.0)]
+    request = InputParameter(1)
+    request.control_interface = ControlInterface.Velocity
+    request.current_position, request.current_velocity = [distance], [max(speed, 0.0)]
     bound = max(acceleration_max, abs(acceleration))
-    wish.current_acceleration = [acceleration] if math.isfinite(jerk_max) else [0.0]
-    wish.target_velocity, wish.target_acceleration = [0.0], [0.0]
-    wish.max_acceleration, wish.max_jerk = [bound], [jerk_max]
+    request.current_acceleration = [acceleration] if math.isfinite(jerk_max) else [0.0]
+    request.target_velocity, request.target_acceleration = [0.0], [0.0]
+    request.max_acceleration, request.max_jerk = [bound], [jerk_max]
     trajectory = Trajectory(1)
-    result = Ruckig(1).calculate(wish, trajectory)
+    result = Ruckig(1).calculate(request, trajectory)
     if result not in (Result.Working, Result.Finished):
         raise ProgramError(
             f'no stop from {speed} m/s within {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'

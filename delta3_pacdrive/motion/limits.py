@@ -12,7 +12,15 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.path_dynamics import PARALLEL, RATE, SERIAL, SWING, THETA, Demand, path_demand
+from delta3_pacdrive.motion.path_dynamics import (
+    PARALLEL,
+    RATE,
+    SERIAL,
+    SWING,
+    THETA,
+    PathDynamics,
+    path_coefficients,
+)
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.motion.virtual_master import sample_master
 from delta3_pacdrive.numerics.types import Floats
@@ -95,7 +103,9 @@ def check_speed(move: Move, rate: float, parameters: Parameters) -> float:
     times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
     master = sample_master(times, move.master)
     samples = sample_path(master[:, 0], move.segments)
-    coefficients = path_demand(samples, np.zeros(len(samples), np.int64), (move.payload_kg,), parameters)
+    coefficients = path_coefficients(
+        samples, np.zeros(len(samples), np.int64), (move.payload_kg,), parameters
+    )
     speed = np.abs(coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * rate)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
     _require_below(speed, limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
@@ -181,12 +191,15 @@ class Excess:
 
 
 def excess(
-    demand: Demand, limits: tuple[Floats, Floats, Floats], parameters: Parameters, motors_only: bool = False
+    dynamics: PathDynamics,
+    limits: tuple[Floats, Floats, Floats],
+    parameters: Parameters,
+    motors_only: bool = False,
 ) -> Excess:
-    """Compare a demand with the limits of motors and, unless ``motors_only``, of the TCP: speed, acceleration, jerk."""
-    entries = list(_motor_stretches(demand, parameters))
+    """Compare a motion with the limits of motors and, unless ``motors_only``, of the TCP: speed, acceleration, jerk."""
+    entries = list(_motor_stretches(dynamics, parameters))
     if not motors_only:
-        tcp = (demand.tcp_speed_m_s, demand.tcp_acceleration_m_s2, demand.tcp_jerk_m_s3)
+        tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
         names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
         for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
             entries.append((np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
@@ -194,21 +207,21 @@ def excess(
     worst = int(np.argmax(total))
     _, name, unit, value, bounds = next(entry for entry in entries if entry[0][worst] == total[worst])
     bound = np.broadcast_to(bounds, total.shape)[worst]
-    where = place_text(demand.distance_m, demand.position_m, worst)
+    where = place_text(dynamics.distance_m, dynamics.position_m, worst)
     return Excess(
         total, f'{name} would be {value[worst]:.4g} {unit} {where}, the limit is {bound:.4g} {unit}'
     )
 
 
 def _motor_stretches(
-    demand: Demand, parameters: Parameters
+    dynamics: PathDynamics, parameters: Parameters
 ) -> list[tuple[Floats, str, str, Floats, Floats | float]]:
     motor = parameters.motor
     entries: list[tuple[Floats, str, str, Floats, Floats | float]] = []
-    rpm = np.abs(demand.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
+    rpm = np.abs(dynamics.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
     voltage_max = parameters.drive.dc_link_voltage_v / np.sqrt(6.0)
-    standing = demand.standing_current_a
-    moving = demand.motor_current_a - standing
+    standing = dynamics.standing_current_a
+    moving = dynamics.motor_current_a - standing
     with np.errstate(divide='ignore', invalid='ignore'):
         room = motor.peak_current_a - np.abs(standing)
         current_stretch = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
@@ -217,9 +230,9 @@ def _motor_stretches(
         entries.append(
             (rpm[:, axis] / motor.max_speed_rpm, f'speed of {name}', 'rpm', rpm[:, axis], motor.max_speed_rpm)
         )
-        volts = np.abs(demand.phase_voltage_v[:, axis])
+        volts = np.abs(dynamics.phase_voltage_v[:, axis])
         entries.append((volts / voltage_max, f'voltage of {name}', 'V', volts, voltage_max))
-        amperes = np.abs(demand.motor_current_a[:, axis])
+        amperes = np.abs(dynamics.motor_current_a[:, axis])
         # what exceeds only because moving and standing share were counted with the same sign does not
         stretch = np.where(
             amperes > motor.peak_current_a,

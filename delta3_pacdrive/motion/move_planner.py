@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.errors import ProgramError, UnreachableError
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
-from delta3_pacdrive.motion.blending import Leg, lower
+from delta3_pacdrive.motion.blending import PathSegment, lower, name_of
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.execution import RATE_MAX
 from delta3_pacdrive.motion.limits import Excess, Limits, check_arms, check_workspace, excess
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
@@ -18,11 +17,12 @@ from delta3_pacdrive.motion.path_dynamics import (
     INERTIAL,
     RATE,
     WEIGHT,
-    Demand,
-    path_demand,
-    timed_demand,
+    PathDynamics,
+    path_coefficients,
+    timed_dynamics,
 )
 from delta3_pacdrive.motion.plan import Move, MoveKind
+from delta3_pacdrive.motion.thermal_load import ThermalLoad, thermal_load
 from delta3_pacdrive.motion.virtual_master import end_acceleration, master_at_distances, plan_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -51,61 +51,12 @@ class Event:
     payload_kg: float | None
 
 
-@dataclass(frozen=True)
-class Effort:
-    """What the rms current at any rate needs: integrals per motor, (3,) each [A^2 s], and times [s].
-
-    Dwells are apart, because a program whose moves are slowed down dwells no longer.
-    """
-
-    moving: Floats
-    mixed: Floats
-    standing: Floats
-    duration_s: float
-    dwelling: Floats
-    dwell_s: float
-    rate_max: float  # at which every motor still keeps its limits
-
-    def times(self, count: float) -> 'Effort':
-        """Return the effort of doing it ``count`` times."""
-        return Effort(
-            count * self.moving,
-            count * self.mixed,
-            count * self.standing,
-            count * self.duration_s,
-            count * self.dwelling,
-            count * self.dwell_s,
-            self.rate_max,
-        )
-
-    def __add__(self, other: 'Effort') -> 'Effort':
-        """Return the effort of doing one after the other."""
-        return Effort(
-            self.moving + other.moving,
-            self.mixed + other.mixed,
-            self.standing + other.standing,
-            self.duration_s + other.duration_s,
-            self.dwelling + other.dwelling,
-            self.dwell_s + other.dwell_s,
-            min(self.rate_max, other.rate_max),
-        )
-
-    def rms(self, rate: float, override: float = 1.0) -> Floats:
-        """Rms current [A] of each motor, (3,), with moves planned at a rate and everything driven at an override."""
-        r = rate * override
-        square = r**4 * self.moving + 2.0 * r**2 * self.mixed + self.standing
-        # a rate of 0 is the limit of slowness: then no dwell counts beside the moves
-        dwells = rate if self.duration_s > 0.0 else 1.0
-        square = np.maximum(square, 0.0) + dwells * self.dwelling
-        return np.asarray(np.sqrt(square / (self.duration_s + dwells * self.dwell_s)))
-
-
 @dataclass
-class Draft:
+class PlannedMove:
     """A move that is planned, with what the whole program needs to know about it."""
 
     move: Move
-    effort: Effort
+    load: ThermalLoad
     notices: list[str] = field(default_factory=list)
 
 
@@ -126,7 +77,7 @@ def check_legal_samples(
 ) -> None:
     """Refuse path samples that leave the workspace or the range of the arms; raises ProgramError."""
     check_workspace(distance, samples[:, 0], parameters, returning)
-    coefficients = path_demand(
+    coefficients = path_coefficients(
         samples, np.zeros(len(samples), np.int64), (parameters.dynamics.payload_mass_kg,), parameters
     )
     check_arms(distance, samples[:, 0], coefficients, parameters, returning)
@@ -135,17 +86,17 @@ def check_legal_samples(
 NO_TCP_LIMITS = (np.array(np.inf), np.array(np.inf), np.array(np.inf))
 
 
-def demand_at(
+def dynamics_at(
     times: Floats,
     master: Floats,
     samples: Floats,
     payload: NDArray[np.int64],
     payloads: tuple[float, ...],
     parameters: Parameters,
-) -> Demand:
+) -> PathDynamics:
     """Return what a master asks of the robot at path samples."""
-    return timed_demand(
-        times, master, samples, path_demand(samples, payload, payloads, parameters), parameters
+    return timed_dynamics(
+        times, master, samples, path_coefficients(samples, payload, payloads, parameters), parameters
     )
 
 
@@ -166,8 +117,8 @@ def event_rows(events: list[Event]) -> Floats:
     return np.array(sorted(rows, key=lambda row: row[0]), dtype=np.float64).reshape(-1, 4)
 
 
-class Timing:
-    """Timing of one move: its grid, what the path asks there, and the limits that hold there."""
+class MovePlanner:
+    """Planner of one move: its grid, what the path asks there, and the limits that hold there."""
 
     def __init__(
         self,
@@ -186,7 +137,7 @@ class Timing:
         self._payloads = (payload_kg, *[float(e.payload_kg) for e in changes if e.payload_kg is not None])
         index = np.searchsorted([e.distance_m for e in changes], self.places, side='right')
         check_workspace(self.places, self.samples[:, 0], parameters, returning)
-        self._coefficients = path_demand(self.samples, index, self._payloads, parameters)
+        self._coefficients = path_coefficients(self.samples, index, self._payloads, parameters)
         check_arms(self.places, self.samples[:, 0], self._coefficients, parameters, returning)
         # where a stretch ends and the next begins, both limits hold
         ends, last = [end for end, _ in stretches], len(stretches) - 1
@@ -196,17 +147,17 @@ class Timing:
         self.acceleration = np.array([limits.acceleration_m_s2 for limits in each])
         self.jerk = np.array([limits.jerk_m_s3 for limits in each])
 
-    def demand(self, phases: Floats) -> Demand:
+    def dynamics(self, phases: Floats) -> PathDynamics:
         """Evaluate a master on both sides of the places of the grid."""
         passed = master_at_distances(self.places, phases)
         master = np.ascontiguousarray(passed[:, 1:])
         # the end is reached, as the start is left, with the acceleration and the jerk of the phase beside it
         master[-1, 2], master[-1, 3] = end_acceleration(phases), phases[-2, 4]
-        return timed_demand(passed[:, 0], master, self.samples, self._coefficients, self._parameters)
+        return timed_dynamics(passed[:, 0], master, self.samples, self._coefficients, self._parameters)
 
-    def excess(self, demand: Demand, motors_only: bool = False) -> Excess:
-        """Compare a demand with the limits of the grid."""
-        return excess(demand, (self.speed, self.acceleration, self.jerk), self._parameters, motors_only)
+    def excess(self, dynamics: PathDynamics, motors_only: bool = False) -> Excess:
+        """Compare a timed motion with the limits of the grid."""
+        return excess(dynamics, (self.speed, self.acceleration, self.jerk), self._parameters, motors_only)
 
     def place_limits(
         self, with_motors: bool, speed: Floats, acceleration: Floats
@@ -279,7 +230,7 @@ class Timing:
             _require_end_of_time(time_parametrization.duration(self.distance, profile) + window)
             phases, jerk_found = time_parametrization.smoothed(self.distance, profile, jerk, window)
             found = (
-                self.excess(self.demand(phases), motors_only=False)
+                self.excess(self.dynamics(phases), motors_only=False)
                 if with_motors
                 else self._tcp_excess(phases)
             )
@@ -306,14 +257,14 @@ class Timing:
         limits = self.place_limits(True, self.speed[::2], self.acceleration[::2])
         return time_parametrization.duration(self.distance, time_parametrization.fastest(limits))
 
-    def _standing(self) -> Demand:
+    def _standing(self) -> PathDynamics:
         """Evaluate standstill at every place of the grid."""
         master = np.zeros((len(self.places), 4))
         master[:, 0] = self.places
-        return timed_demand(master[:, 1], master, self.samples, self._coefficients, self._parameters)
+        return timed_dynamics(master[:, 1], master, self.samples, self._coefficients, self._parameters)
 
     def _tcp_excess(self, phases: Floats) -> Excess:
-        d = self.demand(phases)
+        d = self.dynamics(phases)
         total = np.maximum.reduce(
             [
                 d.tcp_speed_m_s / self.speed,
@@ -342,11 +293,11 @@ class Timing:
             np.maximum.at(stretch, after - 1, needed)
         return stretch
 
-    def effort(self, phases: Floats) -> Effort:
+    def load(self, phases: Floats) -> ThermalLoad:
         """Sum up what a master asks of the motors."""
-        d = self.demand(phases)
+        d = self.dynamics(phases)
         weights = np.gradient(d.time_s) if len(d.time_s) > 1 else np.ones(1)
-        return _effort(d, weights, float(phases[-1, 0]), self._parameters)
+        return thermal_load(d, weights, float(phases[-1, 0]), self._parameters)
 
 
 def _both_sides(distance: Floats) -> Floats:
@@ -369,60 +320,36 @@ def _spread(relief: Floats) -> Floats:
     return np.asarray(np.maximum.reduce([padded[n : n + len(relief)] for n in range(5)]))
 
 
-def _effort(d: Demand, weights: Floats, duration_s: float, parameters: Parameters) -> Effort:
-    standing = d.standing_current_a
-    moving = d.motor_current_a - standing
-    motor = parameters.motor
-    w = weights[:, None]
-    with np.errstate(divide='ignore', invalid='ignore'):
-        room = np.maximum(motor.peak_current_a - np.abs(standing), 1e-12) / np.abs(moving)
-        speed = motor.max_speed_rad_s / np.abs(d.motor_speed_rad_s)
-        volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)
-    rate_max = min(float(np.sqrt(room).min()), float(speed.min()), float(np.sqrt(volts).min()), RATE_MAX)
-    return Effort(
-        (w * moving**2).sum(axis=0),
-        (w * moving * standing).sum(axis=0),
-        (w * standing**2).sum(axis=0),
-        duration_s,
-        np.zeros(3),
-        0.0,
-        max(rate_max, 1.0),
-    )
-
-
 def plan_move(
-    legs: list[Leg],
+    segments: list[PathSegment],
     curve: Curve,
     stretches: list[tuple[float, Limits]],
     events: list[Event],
     payload_kg: float,
     parameters: Parameters,
     returning: bool = False,
-) -> Draft:
+) -> PlannedMove:
     """Time one move and check it; one that is ``returning`` may begin beyond limits."""
-    name = legs[0].name if len(legs) == 1 else f'{legs[0].name} to {legs[-1].name}'
-    try:
-        plan_ = Timing(curve, stretches, events, payload_kg, parameters, returning)
-        wish = legs[0].limits
-        if len(legs) == 1:
-            phases = plan_master(curve.length_m, wish.speed_m_s, wish.acceleration_m_s2, wish.jerk_m_s3)
-        else:
-            phases = plan_.fastest(with_motors=False)
-        asked = float(phases[-1, 0])
-        notices = []
-        found = plan_.excess(plan_.demand(phases))
-        if found.worst > KEPT:
-            if any(leg.strict for leg in legs):
-                raise ProgramError(f'{found.text} (strict)')
-            phases = plan_.fastest(with_motors=True)
-            taken = float(phases[-1, 0])
-            notices.append(f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {found.text}')
-        _require_end_of_time(float(phases[-1, 0]))
-    except (ProgramError, UnreachableError) as error:
-        raise ProgramError(f'{name}: {error}') from None
+    name = name_of(segments)
+    planner = MovePlanner(curve, stretches, events, payload_kg, parameters, returning)
+    limits = segments[0].limits
+    if len(segments) == 1:
+        phases = plan_master(curve.length_m, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
+    else:
+        phases = planner.fastest(with_motors=False)
+    asked = float(phases[-1, 0])
+    notices = []
+    found = planner.excess(planner.dynamics(phases))
+    if found.worst > KEPT:
+        if any(segment.strict for segment in segments):
+            raise ProgramError(f'{found.text} (strict)')
+        phases = planner.fastest(with_motors=True)
+        taken = float(phases[-1, 0])
+        notices.append(f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {found.text}')
+    _require_end_of_time(float(phases[-1, 0]))
     jerk = min(limits.jerk_m_s3 for _, limits in stretches)
     move = Move(
-        legs[0].kind if len(legs) == 1 else MoveKind.BLENDED,
+        segments[0].kind if len(segments) == 1 else MoveKind.BLENDED,
         phases,
         curve.segments,
         min(limits.acceleration_m_s2 for _, limits in stretches),
@@ -430,7 +357,7 @@ def plan_move(
         payload_kg,
         event_rows(events),
     )
-    return Draft(move, plan_.effort(phases), notices)
+    return PlannedMove(move, planner.load(phases), notices)
 
 
 def plan_cubic(
@@ -440,20 +367,17 @@ def plan_cubic(
     name: str,
     parameters: Parameters,
     returning: bool = False,
-) -> Draft:
+) -> PlannedMove:
     """Check a sequence of cubics in time (chapter 5), and slow it down as a whole if a motor asks for that."""
     duration = curve.length_m
     times = np.linspace(0.0, duration, min(max(GRID_MIN, int(duration / 2e-3)), GRID_MAX))
     samples = sample_path(times, curve.segments)
-    try:
-        check_legal_samples(times, samples, parameters, returning)
-        master = np.zeros((len(times), 4))
-        master[:, 0], master[:, 1] = times, 1.0
-        d = demand_at(times, master, samples, np.zeros(len(times), np.int64), (payload_kg,), parameters)
-        found = excess(d, NO_TCP_LIMITS, parameters, motors_only=True)
-        require_holdable(found)
-    except (ProgramError, UnreachableError) as error:
-        raise ProgramError(f'{name}: {error}') from None
+    check_legal_samples(times, samples, parameters, returning)
+    master = np.zeros((len(times), 4))
+    master[:, 0], master[:, 1] = times, 1.0
+    d = dynamics_at(times, master, samples, np.zeros(len(times), np.int64), (payload_kg,), parameters)
+    found = excess(d, NO_TCP_LIMITS, parameters, motors_only=True)
+    require_holdable(found)
     factor, notices = 1.0, []
     if found.worst > KEPT:
         factor = found.worst
@@ -467,14 +391,14 @@ def plan_cubic(
     move = Move(
         MoveKind.CUBIC, phases, curve.segments, limits.acceleration_m_s2 / speed, math.inf, payload_kg
     )
-    effort = _effort(d, np.gradient(times), duration, parameters)
+    load = thermal_load(d, np.gradient(times), duration, parameters)
     if factor > 1.0:
-        effort = replace(
-            effort,
-            moving=effort.moving / factor**3,
-            mixed=effort.mixed / factor,
-            standing=effort.standing * factor,
+        load = replace(
+            load,
+            moving=load.moving / factor**3,
+            mixed=load.mixed / factor,
+            standing=load.standing * factor,
             duration_s=duration * factor,
             rate_max=1.0,
         )
-    return Draft(move, effort, notices)
+    return PlannedMove(move, load, notices)

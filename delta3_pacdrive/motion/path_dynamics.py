@@ -51,7 +51,7 @@ PARALLEL = 24
 
 
 @kernel
-def _path_demand(samples, payload, out, gear_ratio, geometry_record, inertia_records):
+def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inertia_records):
     """Fill one row of ``out`` per path sample (n, 4, 3); a row of nan where an arm cannot reach."""
     g = geometry_record[0]
     for n in range(samples.shape[0]):
@@ -101,7 +101,7 @@ def inertia_records(parameters: Parameters, payloads_kg: tuple[float, ...]) -> N
     return records
 
 
-def path_demand(
+def path_coefficients(
     samples: Floats, payload: NDArray[np.int64], payloads_kg: tuple[float, ...], parameters: Parameters
 ) -> Floats:
     """Coefficients of the demand at path samples of shape (n, 4, 3): shape (n, 25), columns ``THETA`` ... ``PARALLEL``.
@@ -116,7 +116,7 @@ def path_demand(
     """
     out = np.empty((len(samples), COLUMNS))
     records = inertia_records(parameters, payloads_kg)
-    _path_demand(
+    _path_coefficients(
         np.ascontiguousarray(samples),
         payload,
         out,
@@ -132,7 +132,7 @@ def path_demand(
 
 
 @dataclass(frozen=True)
-class Demand:
+class PathDynamics:
     """What a timed motion asks of the robot at its samples; arrays (n,) or (n, 3)."""
 
     time_s: Floats
@@ -150,9 +150,9 @@ class Demand:
     tcp_jerk_m_s3: Floats
 
 
-def timed_demand(
+def timed_dynamics(
     time_s: Floats, master: Floats, samples: Floats, coefficients: Floats, parameters: Parameters
-) -> Demand:
+) -> PathDynamics:
     """Evaluate coefficients for a master (n, 4): distance, speed, acceleration, jerk; friction included (4.27)."""
     motor = parameters.motor
     s, v, a, j = (column[:, None] for column in master.T)
@@ -167,7 +167,7 @@ def timed_demand(
     # per phase, rms: resistance and back-EMF; the inductance adds below 1 V at the currents' rates of change here
     voltage = motor.winding_resistance_ohm / 2.0 * current + motor.torque_constant_n_m_a / 3.0 * motor_speed
     p, first, second, third = np.moveaxis(samples, 1, 0)
-    return Demand(
+    return PathDynamics(
         time_s,
         s[:, 0],
         p,

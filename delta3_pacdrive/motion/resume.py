@@ -104,17 +104,21 @@ def _connection(
     speed_max: float,
 ) -> Floats | None:
     """Phases from state to state; None if there are none within the limits."""
-    wish = InputParameter(1)
-    wish.current_position, wish.current_velocity, wish.current_acceleration = ([value] for value in start)
-    wish.target_position, wish.target_velocity, wish.target_acceleration = ([value] for value in end)
+    request = InputParameter(1)
+    request.current_position, request.current_velocity, request.current_acceleration = (
+        [value] for value in start
+    )
+    request.target_position, request.target_velocity, request.target_acceleration = ([value] for value in end)
     if not math.isfinite(limits[1]):
-        wish.current_acceleration = wish.target_acceleration = [0.0]
-    acceleration_max = max(limits[0], abs(wish.current_acceleration[0]), abs(wish.target_acceleration[0]))
-    wish.max_velocity = [max(speed_max, start[1], end[1]) * ROUNDING]
-    wish.max_acceleration, wish.max_jerk = [acceleration_max * ROUNDING], [limits[1]]
+        request.current_acceleration = request.target_acceleration = [0.0]
+    acceleration_max = max(
+        limits[0], abs(request.current_acceleration[0]), abs(request.target_acceleration[0])
+    )
+    request.max_velocity = [max(speed_max, start[1], end[1]) * ROUNDING]
+    request.max_acceleration, request.max_jerk = [acceleration_max * ROUNDING], [limits[1]]
     trajectory = Trajectory(1)
     try:
-        result = Ruckig(1).calculate(wish, trajectory)
+        result = Ruckig(1).calculate(request, trajectory)
     except RuckigError:
         return None
     return profile_rows(trajectory) if result in (Result.Working, Result.Finished) else None

@@ -46,12 +46,16 @@ def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk
             raise ProgramError(f'{name} is {value}, but must be a positive number')
     if not jerk_max > 0.0:
         raise ProgramError(f'jerk_m_s3 is {jerk_max}, but must be positive (.inf for infinite jerk)')
-    wish = InputParameter(1)
-    wish.current_position, wish.target_position = [0.0], [length_m]
-    wish.max_velocity, wish.max_acceleration, wish.max_jerk = [speed_max], [acceleration_max], [jerk_max]
+    request = InputParameter(1)
+    request.current_position, request.target_position = [0.0], [length_m]
+    request.max_velocity, request.max_acceleration, request.max_jerk = (
+        [speed_max],
+        [acceleration_max],
+        [jerk_max],
+    )
     trajectory = Trajectory(1)
     try:
-        result = Ruckig(1).calculate(wish, trajectory)
+        result = Ruckig(1).calculate(request, trajectory)
     except RuckigError:
         result = Result.Error
     if result not in (Result.Working, Result.Finished):

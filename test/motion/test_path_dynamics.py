@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.path_dynamics import path_demand, timed_demand
+from delta3_pacdrive.motion.path_dynamics import path_coefficients, timed_dynamics
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
 from planned import GEAR, HOME, dwell, output, plan
@@ -33,8 +33,12 @@ def test_demand_is_the_derivative_of_inverse_kinematics_over_time(kind, payload_
     inner = np.abs(times[:, None] - joints).min(axis=1) > 2.0 * h
     times, at = times[inner], at[inner]
     samples = sample_path(at[:, 0], curve.segments)
-    d = timed_demand(
-        times, at, samples, path_demand(samples, np.zeros(len(at), np.int64), (payload_kg,), robot), robot
+    d = timed_dynamics(
+        times,
+        at,
+        samples,
+        path_coefficients(samples, np.zeros(len(at), np.int64), (payload_kg,), robot),
+        robot,
     )
 
     def theta_at(shift):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.motion import curves, time_parametrization
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_demand
+from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
 from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
 
 ROUNDING = (
@@ -176,7 +176,9 @@ def test_with_motor_limits_it_is_as_fast_as_toppra_finds(curve, robot):
     arm_speed = 0.6 * robot.motor.max_speed_rad_s / gear
 
     payload = robot.dynamics.payload_mass_kg
-    coefficients = path_demand(sample_path(s, curve.segments), np.zeros(PLACES, np.int64), (payload,), robot)
+    coefficients = path_coefficients(
+        sample_path(s, curve.segments), np.zeros(PLACES, np.int64), (payload,), robot
+    )
     cap = (arm_speed / np.abs(coefficients[:, RATE])).min(axis=1)
     motors = (coefficients[:, INERTIAL], coefficients[:, CENTRIFUGAL], coefficients[:, WEIGHT], torque)
     ours = time_parametrization.duration(s, time_parametrization.fastest(limits_of(s, cap, motors=motors)))

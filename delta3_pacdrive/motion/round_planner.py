@@ -1,0 +1,296 @@
+"""Planning of a program's statements once through: they become moves, with their outputs and payloads."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from delta3_pacdrive.configuration.checked import Errors, Refusal
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import curves
+from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
+from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
+from delta3_pacdrive.motion.limits import Limits, excess
+from delta3_pacdrive.motion.move_planner import (
+    NO_TCP_LIMITS,
+    Event,
+    PlannedMove,
+    check_legal_samples,
+    dynamics_at,
+    event_rows,
+    plan_cubic,
+    plan_move,
+    require_holdable,
+)
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind
+from delta3_pacdrive.motion.program import (
+    Cubic,
+    Dwell,
+    MoveC,
+    MoveL,
+    MoveSB,
+    Output,
+    Program,
+    Statement,
+    Target,
+    point_text,
+)
+from delta3_pacdrive.motion.thermal_load import dwell_load
+from delta3_pacdrive.motion.virtual_master import rest
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
+
+
+class RoundPlanner:
+    """Planner of a program's statements once through."""
+
+    def __init__(
+        self,
+        program: Program,
+        here: Floats,
+        payload_kg: float,
+        parameters: Parameters,
+        returning: bool,
+        open_end: bool,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        self._statements, self._places = program.statements, program.places
+        self._errors = Errors(program.source)
+        self._failed = False  # whether anything could not be planned
+        self._broken = False  # whether that was the last move
+        self._open_end, self._progress = open_end, progress
+        self.notices: list[str] = []
+        self._returning = returning  # whether the first move may begin beyond limits
+        self._parameters = parameters
+        self.here, self.payload = here, payload_kg
+        self._planned: list[PlannedMove] = []
+        self._segments: list[PathSegment] = []
+        self._pending: list[tuple[int, Output]] = []  # outputs, with the number of segments before them
+        self._cubics: list[tuple[Curve, int, str]] = []
+        self._cubic_velocity: Floats = np.zeros(3)
+
+    def planned(self) -> list[PlannedMove]:
+        """Plan all statements; raises ProgramError that names those that cannot be planned, up to ten.
+
+        Behind a statement that cannot be planned planning goes on where that would have ended.
+        """
+        with self._errors.raised_as(ProgramError):
+            for n, statement in enumerate(self._statements):
+                if self._progress is not None:
+                    self._progress(n, len(self._statements))
+                where = f'moves[{n}].{_name(statement)}'
+                with self._noted(n, where):
+                    self._end_before(statement)
+                end = _end_of(statement, self.here)
+                with self._noted(n, where):
+                    self._take(statement, n, where)
+                if self._broken:
+                    self.here = end
+            with self._noted(n, where):
+                self._end()
+        return self._planned
+
+    @contextmanager
+    def _noted(self, number: int, where: str) -> Iterator[None]:
+        """Note why a statement cannot be planned, and forget the move that it belongs to."""
+        try:
+            with blamed_on(number, where):
+                yield
+        except StatementError as error:
+            self._segments, self._pending, self._cubics = [], [], []
+            self._cubic_velocity = np.zeros(3)
+            self._broken = self._failed = True
+            place = self._places[error.number] if self._places else None
+            self._errors.add(Refusal(str(error)), place)
+
+    def _end_before(self, statement: Statement) -> None:
+        """End the move before a statement, if that does not go on with it."""
+        if not isinstance(statement, Cubic | Output):
+            self._end_cubics()
+        if isinstance(statement, Dwell | Cubic):
+            if self._segments and self._segments[-1].blend_m > 0.0:
+                last = self._segments[-1]
+                raise StatementError(last.number, f'{last.name} has blend_m, which needs a move that follows')
+            self._end_move()
+        elif not isinstance(statement, Output) and self._segments and self._segments[-1].blend_m == 0.0:
+            self._end_move()
+
+    def _end(self) -> None:
+        """End the last move."""
+        self._end_cubics()
+        if self._segments and self._segments[-1].blend_m > 0.0:
+            last = self._segments[-1]
+            if not self._open_end:
+                raise StatementError(last.number, f'{last.name}: blend_m needs a move that follows')
+            self.notices.append(
+                f'{last.name}: blend_m waits for a move that follows; without one it ends exactly'
+            )
+        self._end_move()
+        if self._pending and not self._failed:
+            self._attach_behind_the_last()
+
+    def _take(self, statement: Statement, number: int, where: str) -> None:
+        if isinstance(statement, Output):
+            self._take_output(statement)
+            return
+        self._broken = False
+        if isinstance(statement, Dwell):
+            self._dwell(statement.time_s)
+        elif isinstance(statement, Cubic):
+            self._take_cubic(statement, number, where)
+        else:
+            self._take_segment(statement, number, where)
+
+    def _take_output(self, output: Output) -> None:
+        if np.abs(self._cubic_velocity).max() > 0.0:
+            raise ProgramError('an output cannot stand between the cubics of a sequence')
+        self._end_cubics()
+        if not self._broken:
+            self._pending.append((len(self._segments), output))
+        elif output.payload_kg is not None:  # there is no move that it could belong to
+            self.payload = output.payload_kg
+
+    def _take_segment(self, statement: MoveL | MoveC | MoveSB, number: int, name: str) -> None:
+        curve, kind = _CURVES[type(statement)](self.here, statement)
+        if curve.length_m < COINCIDENT_M:
+            raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
+        self._segments.append(
+            PathSegment(curve, statement.limits, statement.blend_m, statement.strict, kind, number, name)
+        )
+        self.here = curve.at(curve.length_m)[0]
+
+    def _take_cubic(self, statement: Cubic, number: int, name: str) -> None:
+        end = _resolve(statement.to, self.here)
+        velocity = np.array(statement.end_velocity_m_s)
+        curve = curves.timed_cubic(self.here, end, self._cubic_velocity, velocity, statement.duration_s)
+        self._cubics.append((curve, number, name))
+        self.here, self._cubic_velocity = end, velocity
+
+    def _end_cubics(self) -> None:
+        """Time and check a sequence of cubics, which begins and ends at rest."""
+        if not self._cubics:
+            return
+        sequence, self._cubics = self._cubics, []
+        _, number, name = sequence[-1]
+        with blamed_on(number, name):
+            if np.abs(self._cubic_velocity).max() > 0.0:
+                raise ProgramError('the last cubic of a sequence must end with end_velocity_m_s [0, 0, 0]')
+            curve = curves.joined([one for one, _, _ in sequence])
+        events = self._take_outputs(0.0)
+        limits = self._parameters.motion
+        bounds = Limits(limits.speed_max_m_s, limits.acceleration_max_m_s2, math.inf)
+        returning = self._returning and not self._planned and not self._failed
+        with blamed_on(number, name):
+            planned = plan_cubic(curve, bounds, self.payload, name, self._parameters, returning)
+        self._append(planned, events)
+
+    def _dwell(self, time_s: float) -> None:
+        curve = curves.point(self.here)
+        samples = sample_path([0.0], curve.segments)
+        check_legal_samples(np.zeros(1), samples, self._parameters)
+        events = self._take_outputs(0.0)
+        times = np.zeros(1)
+        d = dynamics_at(
+            times, np.zeros((1, 4)), samples, np.zeros(1, np.int64), (self.payload,), self._parameters
+        )
+        require_holdable(excess(d, NO_TCP_LIMITS, self._parameters, motors_only=True))
+        move = Move(MoveKind.DWELL, rest(time_s), curve.segments, payload_kg=self.payload)
+        self._append(PlannedMove(move, dwell_load(d, time_s)), events)
+
+    def _end_move(self) -> None:
+        """Join the segments with their blends, and time and check the move that they make."""
+        segments, self._segments = self._segments, []
+        if not segments:
+            return
+        curve, ends, stretches = blended(segments)
+        outputs, self._pending = self._pending, []
+        payload = self.payload
+        events = [self._event(output, count, ends, curve, segments) for count, output in outputs]
+        for event in sorted(events, key=lambda event: event.distance_m):
+            if event.payload_kg is not None:
+                self.payload = event.payload_kg
+        returning = self._returning and not self._planned and not self._failed
+        with blamed_on(segments[0].number, name_of(segments)):
+            planned = plan_move(segments, curve, stretches, events, payload, self._parameters, returning)
+        self._planned.append(planned)
+
+    def _event(
+        self, output: Output, count: int, ends: list[float], curve: Curve, segments: list[PathSegment]
+    ) -> Event:
+        distance = (ends[count - 1] if count else 0.0) - output.before_m
+        if not -COINCIDENT_M <= distance <= curve.length_m:
+            before = segments[max(count - 1, 0)]
+            raise StatementError(
+                before.number,
+                f'{before.name}: an output {output.before_m:g} m before its end would lie before the '
+                f'start of the move, which is {curve.length_m:.4g} m long',
+            )
+        return Event(max(distance, 0.0), OUTPUTS.index(output.name), output.value, output.payload_kg)
+
+    def _attach_behind_the_last(self) -> None:
+        """Give outputs at the end of the program to the end of its last move."""
+        if not self._planned:
+            raise ProgramError('an output needs a move or a dwell before it or after it')
+        last = self._planned.pop()
+        self._append(last, self._take_outputs(last.move.length_m + BEHIND_M))
+
+    def _take_outputs(self, distance: float) -> Floats:
+        """Return outputs that wait for a move as events at a distance on it; their payload is carried from now on."""
+        outputs, self._pending = [output for _, output in self._pending], []
+        if any(output.before_m > 0.0 for output in outputs):
+            raise ProgramError('before_m of an output needs a move right before it')
+        for output in outputs:
+            if output.payload_kg is not None:
+                self.payload = output.payload_kg
+        return event_rows([Event(distance, OUTPUTS.index(o.name), o.value, o.payload_kg) for o in outputs])
+
+    def _append(self, planned: PlannedMove, events: Floats) -> None:
+        """Append a move with more events behind those that it has."""
+        move = replace(planned.move, events=np.vstack([planned.move.events, events]))
+        self._planned.append(replace(planned, move=move))
+
+
+def _name(statement: Statement) -> str:
+    return {
+        MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Cubic: 'cubic', Dwell: 'dwell', Output: 'output'
+    }[type(statement)]  # fmt: skip
+
+
+def _end_of(statement: Statement, here: Floats) -> Floats:
+    """Return where a robot stands behind a statement."""
+    if isinstance(statement, MoveSB):
+        for target in statement.through:
+            here = _resolve(target, here)
+        return here
+    return here if isinstance(statement, Dwell | Output) else _resolve(statement.to, here)
+
+
+def _resolve(target: Target, here: Floats) -> Floats:
+    return here + np.array(target.point_m) if target.relative else np.array(target.point_m)
+
+
+def _line_of(here: Floats, statement: MoveL) -> tuple[Curve, MoveKind]:
+    return curves.line(here, _resolve(statement.to, here)), MoveKind.LINE
+
+
+def _arc_of(here: Floats, statement: MoveC) -> tuple[Curve, MoveKind]:
+    return curves.arc(here, _resolve(statement.via, here), _resolve(statement.to, here)), MoveKind.ARC
+
+
+def _spline_of(here: Floats, statement: MoveSB) -> tuple[Curve, MoveKind]:
+    points = [here]
+    for target in statement.through:
+        points.append(_resolve(target, points[-1]))
+    return curves.spline(np.array(points)), MoveKind.SPLINE
+
+
+_CURVES: dict[type, Callable[..., tuple[Curve, MoveKind]]] = {
+    MoveL: _line_of,
+    MoveC: _arc_of,
+    MoveSB: _spline_of,
+}

@@ -1,0 +1,87 @@
+"""How moves heat the motors: the rms current at any rate, and the largest override within the limits of the motors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.motion.execution import RATE_MAX
+from delta3_pacdrive.motion.path_dynamics import PathDynamics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class ThermalLoad:
+    """What the rms current of the motors at any rate needs: integrals per motor, (3,) each [A^2 s], and times [s].
+
+    Dwells are apart, because a program whose moves are slowed down dwells no longer.
+    """
+
+    moving: Floats
+    mixed: Floats
+    standing: Floats
+    duration_s: float
+    dwelling: Floats
+    dwell_s: float
+    rate_max: float  # at which every motor still keeps its limits
+
+    def times(self, count: float) -> 'ThermalLoad':
+        """Return the effort of doing it ``count`` times."""
+        return ThermalLoad(
+            count * self.moving,
+            count * self.mixed,
+            count * self.standing,
+            count * self.duration_s,
+            count * self.dwelling,
+            count * self.dwell_s,
+            self.rate_max,
+        )
+
+    def __add__(self, other: 'ThermalLoad') -> 'ThermalLoad':
+        """Return the effort of doing one after the other."""
+        return ThermalLoad(
+            self.moving + other.moving,
+            self.mixed + other.mixed,
+            self.standing + other.standing,
+            self.duration_s + other.duration_s,
+            self.dwelling + other.dwelling,
+            self.dwell_s + other.dwell_s,
+            min(self.rate_max, other.rate_max),
+        )
+
+    def rms(self, rate: float, override: float = 1.0) -> Floats:
+        """Rms current [A] of each motor, (3,), with moves planned at a rate and everything driven at an override."""
+        r = rate * override
+        square = r**4 * self.moving + 2.0 * r**2 * self.mixed + self.standing
+        # a rate of 0 is the limit of slowness: then no dwell counts beside the moves
+        dwells = rate if self.duration_s > 0.0 else 1.0
+        square = np.maximum(square, 0.0) + dwells * self.dwelling
+        return np.asarray(np.sqrt(square / (self.duration_s + dwells * self.dwell_s)))
+
+
+def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters: Parameters) -> ThermalLoad:
+    """Sum up a timed motion; ``weights`` (n,) are the times for which its samples stand [s]."""
+    standing = d.standing_current_a
+    moving = d.motor_current_a - standing
+    motor = parameters.motor
+    w = weights[:, None]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        room = np.maximum(motor.peak_current_a - np.abs(standing), 1e-12) / np.abs(moving)
+        speed = motor.max_speed_rad_s / np.abs(d.motor_speed_rad_s)
+        volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)
+    rate_max = min(float(np.sqrt(room).min()), float(speed.min()), float(np.sqrt(volts).min()), RATE_MAX)
+    return ThermalLoad(
+        (w * moving**2).sum(axis=0),
+        (w * moving * standing).sum(axis=0),
+        (w * standing**2).sum(axis=0),
+        duration_s,
+        np.zeros(3),
+        0.0,
+        max(rate_max, 1.0),
+    )
+
+
+def dwell_load(d: PathDynamics, time_s: float) -> ThermalLoad:
+    """Return what it takes to stand for a time [s] at the first sample."""
+    none, square = np.zeros(3), d.standing_current_a[0] ** 2 * time_s
+    return ThermalLoad(none, none, none, 0.0, square, time_s, RATE_MAX)
