@@ -90,8 +90,8 @@ def _excitation_text(result: dict[str, Any]) -> list[str]:
 
 def _excite(options: Options, path: str, settings: Any, show: 'OnProgress') -> dict[str, Any]:
     from delta3_pacdrive.analysis.estimation import measurement
+    from delta3_pacdrive.analysis.tuning.axis_excitation import SPEED_SHARE, Excitation, record
     from delta3_pacdrive.analysis.tuning.bench import Place
-    from delta3_pacdrive.analysis.tuning.oscilloscope import SPEED_SHARE, Excitation, record
     from delta3_pacdrive.analysis.tuning.run import robot_of
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import bag_trace

@@ -9,7 +9,7 @@ from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.estimation import measurement
 from delta3_pacdrive.analysis.estimation import run as estimation_run
 from delta3_pacdrive.analysis.jacobian import run as jacobian_run
-from delta3_pacdrive.analysis.tuning import oscilloscope
+from delta3_pacdrive.analysis.tuning import axis_excitation
 from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.analysis.tuning.bench import Place
 from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
@@ -94,7 +94,7 @@ def excited(monkeypatch, tmp_path):
         trace.meta['excitation'], trace.meta['robot'] = excitation, robot
         return trace
 
-    monkeypatch.setattr(oscilloscope, 'record', record)
+    monkeypatch.setattr(axis_excitation, 'record', record)
 
     def excite(*arguments):
         _, _, noise, seed = asked(tune, ['--excite', str(tmp_path / 'a.npz'), *arguments])

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.drive.mc4 import mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.drive.mc4 import mc4_begin_cycle
 from delta3_pacdrive.errors import EstimationError, RunError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Output
-from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.plant.plant import advance
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.sercos.increments import on_grid
 from delta3_pacdrive.simulation.robot import Robot
 
 if TYPE_CHECKING:
@@ -145,15 +143,26 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
     task.enable(placed.motion.enable_cycle)
     task.start(placed.motion.start_cycle)
     cycles, steps = task.last_cycle + 1, round(placed.bus.cycle_time_s / period)
-    scope = _Oscilloscope(robot, cycles * steps)
+    scope = Oscilloscope(robot, cycles * steps)
     answers = np.empty((3, 3))
     for cycle in range(cycles):
-        status = scope.run_cycle(task.command(cycle), task.control(cycle), answers, steps)
+        command, control, shafts = task.command(cycle), task.control(cycle), robot.plant.shafts()
+        status = []
+        for i, drive in enumerate(robot.drives):
+            shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+            status.append(int(mc4_begin_cycle(True, command[i], control, shaft, drive.arrays)))
+            answers[:, i] = drive.answer
+        for _ in range(steps // scope.per_exchange):
+            scope.exchange(float(robot.arrays.payload[0]))
         if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
             raise RunError(f'a drive is without torque in bus cycle {cycle}, status {status}')
         task.receive(cycle, answers[0], answers[2])
         if cycle % 50 == 0:
             on_progress('measurement', cycle, cycles)
+    signals = scope.signals() | {
+        'shaft_position': scope.found['position'],
+        'shaft_speed': scope.found['speed'],
+    }
     meta = {
         'program': planned.name,
         'checksum': parameters.checksum,
@@ -163,54 +172,7 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
         'start_cycle': placed.motion.start_cycle,
         'end_cycle': task.end_cycle,
     }
-    return Trace(np.arange(cycles * steps, dtype=np.float64) * period, scope.signals, meta)
-
-
-class _Oscilloscope:
-    """Runs the drives one period of the current loop after the other, and writes down what it sees."""
-
-    def __init__(self, robot: Robot, samples: int) -> None:
-        names = ('motor_position', 'motor_speed', 'current', 'phase_voltage', 'shaft_position', 'shaft_speed')
-        self.signals: dict[str, Floats] = {name: np.empty((samples, 3)) for name in names}
-        self._robot = robot
-        self._row = 0
-        self._per_exchange = len(robot.drives[0].currents)
-        self._currents = np.empty((self._per_exchange, 3))
-        self._brakes = np.zeros(3, dtype=np.int64)
-        self._increments_per_rad = float(robot.drives[0].constants['increments_per_rad'][0])
-
-    def run_cycle(self, motors: Floats, control: int, answers: Floats, steps: int) -> list[int]:
-        """Run one bus cycle of ``steps`` periods; fill ``answers`` and return the status words."""
-        robot = self._robot.arrays
-        shafts = robot.plant.shafts
-        status = []
-        for i, drive in enumerate(self._robot.drives):
-            shaft = shafts[i], shafts[3 + i], shafts[6 + i]
-            status.append(int(mc4_begin_cycle(True, motors[i], control, shaft, drive.arrays)))
-            answers[:, i] = drive.answer
-        for _ in range(steps // self._per_exchange):
-            for i in range(3):
-                self._run_exchange(i, shafts)
-            advance(self._currents, self._brakes, robot.payload[0], robot.plant, self._robot.plant.built)
-            self._row += self._per_exchange
-        return status
-
-    def _run_exchange(self, i: int, shafts: Floats) -> None:
-        drive, s = self._robot.drives[i], self._robot.drives[i].state[0]
-        position, speed, coupling = shafts[i], shafts[3 + i], shafts[6 + i]
-        for n in range(self._per_exchange):
-            row = self._row + n
-            self.signals['shaft_position'][row, i] = position
-            self.signals['shaft_speed'][row, i] = speed
-            self.signals['motor_position'][row, i] = on_grid(position, self._increments_per_rad)
-            self.signals['motor_speed'][row, i] = speed
-            self.signals['current'][row, i] = s['motor_current']
-            self.signals['phase_voltage'][row, i] = s['voltage']
-            # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
-            one = drive.arrays._replace(currents=drive.currents[n : n + 1])
-            self._brakes[i] = mc4_run_period((position, speed, coupling), one)
-            position, speed, coupling = s['position'], s['speed'], s['coupling']
-        self._currents[:, i] = drive.currents
+    return Trace(np.arange(cycles * steps, dtype=np.float64) * period, signals, meta)
 
 
 def with_noise(trace: Trace, parameters: Parameters, scale: float, seed: int, noise: Noise = NOISE) -> Trace:

@@ -13,7 +13,14 @@ from delta3_pacdrive.analysis.tuning.bench import Bench, Place
 from delta3_pacdrive.analysis.tuning.excitation import multisine, step
 from delta3_pacdrive.analysis.tuning.load import Load, friction_slope
 from delta3_pacdrive.analysis.tuning.loops import OUTPUTS, Entry, Shaft, linear_cascade
-from delta3_pacdrive.analysis.tuning.response import Margins, StepFigures, bandwidth, margins, step_figures
+from delta3_pacdrive.analysis.tuning.response import (
+    Margins,
+    StepFigures,
+    bandwidth,
+    decibels,
+    margins,
+    step_figures,
+)
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
@@ -270,7 +277,7 @@ def deviation(measured: Measured, linear: Complex) -> tuple[float, float, float]
     quotient = measured.values[inside] / linear[inside]
     return (
         band[1],
-        float(np.abs(20.0 * np.log10(np.abs(quotient))).max()),
+        float(np.abs(decibels(quotient)).max()),
         float(np.abs(np.degrees(np.angle(quotient))).max()),
     )
 

@@ -10,10 +10,10 @@ from scipy import optimize, signal
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.estimation import measurement
 from delta3_pacdrive.analysis.tuning import (
+    axis_excitation,
     effect,
     identification,
     measured_response,
-    oscilloscope,
     run,
     settings,
     study,
@@ -74,7 +74,7 @@ def operation(robot):
 @pytest.fixture(scope='module')
 def excited(robot):
     """Return a recording of the robot whose first axis is excited at the current set point."""
-    return oscilloscope.record(robot, oscilloscope.Excitation(Place.PLANT, 0, POSE, 5.0))
+    return axis_excitation.record(robot, axis_excitation.Excitation(Place.PLANT, 0, POSE, 5.0))
 
 
 def test_current_loop_is_the_product_of_its_parts(robot):
@@ -253,7 +253,7 @@ def test_recorded_excitation_of_the_robot_shows_the_loops_of_its_modes(name, exc
 
 
 def test_position_set_point_opens_the_position_loop(robot, operation):
-    trace = oscilloscope.record(robot, oscilloscope.Excitation(Place.POSITION, 0, POSE, 5.0))
+    trace = axis_excitation.record(robot, axis_excitation.Excitation(Place.POSITION, 0, POSE, 5.0))
     one = measured_response.identify(trace, 1, robot, operation)[0]
     assert one.name == 'position'
     inside = one.measured.frequencies_hz > 5.0
@@ -308,7 +308,7 @@ def test_bus_recording_shows_the_set_point_delay(robot, operation):
 
 def test_elastic_gears_show_their_resonance_in_a_recording(operation):
     rich = load_parameters('rich')
-    trace = oscilloscope.record(rich, oscilloscope.Excitation(Place.PLANT, 0, POSE, 5.0))
+    trace = axis_excitation.record(rich, axis_excitation.Excitation(Place.PLANT, 0, POSE, 5.0))
     one = measured_response.identify(trace, 1, rich, operation)[0].measured
     peak = one.frequencies_hz[np.argmax(np.where(one.frequencies_hz > 100.0, np.abs(one.values), 0.0))]
     # 180 to 200 Hz, as the stiffness was chosen; lines are spaced by a seventh

@@ -12,23 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.analysis.tuning.analysis import RATE_SHARE
 from delta3_pacdrive.analysis.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, add_set_point
 from delta3_pacdrive.analysis.tuning.excitation import multisine
-from delta3_pacdrive.drive.arrays import STATE, DriveState
+from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
-from delta3_pacdrive.drive.mc4 import mc4_run_period
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.increments import on_grid
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from delta3_pacdrive.analysis.tuning.excitation import Multisine
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
@@ -38,6 +35,11 @@ PERIOD_S, LOWEST_HZ = 0.5, 4.0
 HIGHEST_HZ = {Place.PLANT: 1500.0, Place.POSITION: 700.0}
 RMS = {Place.PLANT: 0.2, Place.POSITION: 0.03}  # A, rad
 ADDED = {Place.PLANT: 'current_added', Place.POSITION: 'position_added'}
+REFERENCES = {
+    'position_reference': 'reference',
+    'speed_reference': 'speed_reference',
+    'current_reference': 'current_reference',
+}
 SPEED_SHARE = 0.5  # of the speed of the bench: the robot has less room
 
 
@@ -125,7 +127,6 @@ class _TurningRobot:
         self._robot, self._excitation, self._parameters = Robot(parameters), excitation, parameters
         self._commands = np.array(self._robot.encoder_positions())
         self._per_cycle = round(parameters.bus.cycle_time_s / parameters.drive.current_period_s)
-        self._per_exchange = len(self._robot.drives[0].currents)
         self._speed = 0.0
         self._step = 0
 
@@ -141,27 +142,31 @@ class _TurningRobot:
 
     def run(self, added: Floats, on_progress: OnProgress = silent) -> dict[str, Floats]:
         """Add a set point, one value per current-loop period; return the signals, each of shape (samples, 3)."""
-        states: NDArray[Any] = np.empty((len(added), 3), dtype=STATE)
-        before: NDArray[Any] = np.empty((len(added), 3), dtype=STATE)
-        currents = np.zeros((self._per_exchange, 3))
-        for k in range(0, len(added), self._per_exchange):
-            shafts = self._robot.plant.shafts()
+        scope = Oscilloscope(self._robot, len(added), list(REFERENCES.values()))
+        chosen, cycle_s = self._excitation, self._parameters.bus.cycle_time_s
+
+        def add(i: int, row: int, state: Any) -> tuple[tuple[str, float], ...]:
+            value = float(added[row]) if i == chosen.axis else 0.0
+            return add_set_point(chosen.place, value, state, cycle_s)
+
+        for k in range(0, len(added), scope.per_exchange):
             if self._step % self._per_cycle == 0:
-                self._begin_cycle(shafts)
-            released = []
-            for i, drive in enumerate(self._robot.drives):
-                pieces = added[k : k + self._per_exchange] if i == self._excitation.axis else None
-                rows = slice(k, k + self._per_exchange)
-                shaft = shafts[i], shafts[3 + i], shafts[6 + i]
-                released.append(self._exchange(drive, shaft, pieces, before[rows, i], states[rows, i]))
-                currents[:, i] = drive.currents
-            self._robot.plant.advance(currents, released)
-            self._step += self._per_exchange
+                self._begin_cycle()
+            scope.exchange(add=add)
+            self._step += scope.per_exchange
             if k % 2048 == 0:
                 on_progress('excitation', k, len(added))
-        return self._signals(before, states, added)
+        all_added = np.zeros((len(added), 3))
+        all_added[:, chosen.axis] = added
+        return {
+            'motor_command': scope.found['command'],
+            **scope.signals(),
+            **{name: scope.left[field] for name, field in REFERENCES.items()},
+            ADDED[chosen.place]: all_added,
+        }
 
-    def _begin_cycle(self, shafts: list[float]) -> None:
+    def _begin_cycle(self) -> None:
+        shafts = self._robot.plant.shafts()
         for i, drive in enumerate(self._robot.drives):
             drive.begin_cycle(
                 float(self._commands[i]), CONTROL_ENABLE, shafts[i], shafts[3 + i], shafts[6 + i]
@@ -169,45 +174,3 @@ class _TurningRobot:
             if drive.fault:
                 raise RunError(f'{DRIVES[i]} of the robot: {fault_text(drive.fault)}')
         self._commands += self._speed * self._parameters.bus.cycle_time_s
-
-    def _exchange(
-        self,
-        drive: Any,
-        shaft: tuple[float, float, float],
-        added: Floats | None,
-        before: NDArray[Any],
-        states: NDArray[Any],
-    ) -> bool:
-        """Run a drive from one exchange to the next; what it finds and leaves in each period goes to the arrays."""
-        row = drive.state[0]
-        position, speed, coupling = shaft
-        brake = 0
-        for n in range(self._per_exchange):
-            before[n] = row
-            before[n]['position'], before[n]['speed'], before[n]['coupling'] = position, speed, coupling
-            value = 0.0 if added is None else float(added[n])
-            undo = add_set_point(self._excitation.place, value, row, self._parameters.bus.cycle_time_s)
-            # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
-            one = drive.arrays._replace(currents=drive.currents[n : n + 1])
-            brake = mc4_run_period((position, speed, coupling), one)
-            for name, change in undo:
-                row[name] -= change
-            states[n] = row
-            position, speed, coupling = (float(row[name]) for name in ('position', 'speed', 'coupling'))
-        return bool(brake)
-
-    def _signals(self, before: NDArray[Any], states: NDArray[Any], added: Floats) -> dict[str, Floats]:
-        per_rad = float(self._robot.drives[0].constants['increments_per_rad'][0])
-        all_added = np.zeros((len(added), 3))
-        all_added[:, self._excitation.axis] = added
-        return {
-            'motor_command': np.array(before['command']),
-            'motor_position': np.array(on_grid(before['position'], per_rad)),
-            'motor_speed': np.array(before['speed']),
-            'current': np.array(before['motor_current']),
-            'phase_voltage': np.array(before['voltage']),
-            'position_reference': np.array(states['reference']),
-            'speed_reference': np.array(states['speed_reference']),
-            'current_reference': np.array(states['current_reference']),
-            ADDED[self._excitation.place]: all_added,
-        }

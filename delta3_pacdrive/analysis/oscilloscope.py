@@ -1,0 +1,98 @@
+"""The oscilloscopes of a robot's drives: what they find and what they leave in every period of the current loop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.drive.mc4 import mc4_run_period
+from delta3_pacdrive.sercos.increments import on_grid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.simulation.robot import Robot
+
+    Changes = Sequence[tuple[str, float]]
+    Add = Callable[[int, int, Any], Changes]
+
+FOUND = ('position', 'speed', 'command', 'motor_current', 'voltage')
+
+
+class Oscilloscope:
+    """Runs drives and plant of a robot period by period, and records states of the drives.
+
+    Parameters
+    ----------
+    robot
+        Has begun its bus cycle whenever an exchange begins one.
+    samples
+        Periods of the current loop that are recorded.
+    left
+        Fields of a drive's state that are recorded at the end of each period.
+
+    Attributes
+    ----------
+    found, left
+        Fields at the start and at the end of each period, shapes (samples, 3). The shaft at the start of an exchange is
+        that of the plant, later that of the drive itself.
+    per_exchange
+        Periods from one exchange to the next.
+
+    """
+
+    def __init__(self, robot: Robot, samples: int, left: Sequence[str] = ()) -> None:
+        self._robot = robot
+        self.found: dict[str, Floats] = {name: np.empty((samples, 3)) for name in FOUND}
+        self.left: dict[str, Floats] = {name: np.empty((samples, 3)) for name in left}
+        self.per_exchange = len(robot.drives[0].currents)
+        self._row = 0
+
+    def exchange(self, payload_kg: float | None = None, add: Add = lambda i, row, state: ()) -> None:
+        """Run drives and plant from one exchange to the next.
+
+        Parameters
+        ----------
+        payload_kg
+            That the controller has gripped; None: as before.
+        add
+            Is called before each period with the number of the drive, that of the sample, and the state of the drive,
+            which it may change; returns the fields and what is to be taken away from them after the period.
+
+        """
+        shafts = self._robot.plant.shafts()
+        currents, released = np.empty((self.per_exchange, 3)), []
+        for i, drive in enumerate(self._robot.drives):
+            released.append(self._run(i, drive, (shafts[i], shafts[3 + i], shafts[6 + i]), add))
+            currents[:, i] = drive.currents
+        self._robot.plant.advance(currents, released, payload_kg)
+        self._row += self.per_exchange
+
+    def _run(self, i: int, drive: Any, shaft: tuple[float, float, float], add: Add) -> bool:
+        state, brake = drive.state[0], 0
+        for n in range(self.per_exchange):
+            row = self._row + n
+            for name, values in self.found.items():
+                values[row, i] = state[name]
+            self.found['position'][row, i], self.found['speed'][row, i] = shaft[:2]
+            undo = add(i, row, state)
+            # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
+            brake = mc4_run_period(shaft, drive.arrays._replace(currents=drive.currents[n : n + 1]))
+            for name, change in undo:
+                state[name] -= change
+            for name, values in self.left.items():
+                values[row, i] = state[name]
+            shaft = float(state['position']), float(state['speed']), float(state['coupling'])
+        return bool(brake)
+
+    def signals(self) -> dict[str, Floats]:
+        """Return what the drives measure, by the names of signals."""
+        per_rad = float(self._robot.drives[0].constants['increments_per_rad'][0])
+        return {
+            'motor_position': np.asarray(on_grid(self.found['position'], per_rad)),
+            'motor_speed': self.found['speed'],
+            'current': self.found['motor_current'],
+            'phase_voltage': self.found['voltage'],
+        }
