@@ -13,6 +13,10 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # shells start what runs in the background so; the programs that are tested would ignore Ctrl-C, too
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# The matrices are small: threads of the linear algebra would wait for each other, on processors that others need.
+# Read when numpy is imported, which is later.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=100)
 settings.load_profile('facts')
 
