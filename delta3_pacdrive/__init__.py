@@ -118,9 +118,9 @@ def load_trace(path: str | Path) -> Trace:
         There is no such recording, or it cannot be read.
 
     """
-    from delta3_pacdrive.recording import bag_trace
+    from delta3_pacdrive.recording import trace_file
 
-    return bag_trace.load(path)
+    return trace_file.load(path)
 
 
 def simulate(program: Program | str | Path, parameters: Parameters | None = None) -> Trace:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -83,7 +83,7 @@ def record(
                 notes.append(
                     f'the bag of the {who} lacks {missing} messages: the machine was too busy to record them'
                 )
-            traces[who] = bag_trace.load(bag)
+            traces[who] = trace_file.load(bag)
     except BaseException:
         for who in robots:
             shutil.rmtree(bag_of(who, folder), ignore_errors=True)

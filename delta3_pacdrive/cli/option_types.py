@@ -52,7 +52,7 @@ def integer_within(low: int, high: int) -> Callable[[str], int]:
 
 def trace_file(text: str) -> str:
     """Take the name of a trace to be written: its ending says how."""
-    from delta3_pacdrive.recording.bag_trace import suffix_refusal
+    from delta3_pacdrive.recording.trace_file import suffix_refusal
 
     if refusal := suffix_refusal(text):
         raise argparse.ArgumentTypeError(f'cannot write {text}: {refusal}')

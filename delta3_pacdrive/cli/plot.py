@@ -62,9 +62,9 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
-    from delta3_pacdrive.recording import bag_trace
+    from delta3_pacdrive.recording import trace_file
 
-    trace = bag_trace.load(options.recording)
+    trace = trace_file.load(options.recording)
     period, starts = trace.meta.get('cycle_time_s'), trace.meta.get('starts', [])
     if len(starts) > 1 and period:
         told = ', '.join(f'{(start - trace.meta["start_cycle"]) * period:g}' for start in starts)
@@ -79,7 +79,7 @@ def run(options: Options) -> int:
     run_figures.draw(trace, folder, options.signals)
     trace.meta['plotted'] = origin.lines()
     data = folder.path / 'signals.csv'
-    bag_trace.save(_written(trace, windowed, options.signals), data)
+    trace_file.save(_written(trace, windowed, options.signals), data)
     folder.add(data)
     folder.page(f'Figures of {options.recording}')
     if options.json:

@@ -25,7 +25,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import arrival
     from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.recording import bag_trace
+    from delta3_pacdrive.recording import trace_file
 
     announce_compilation(options.parameters)
     robot = core.load(options.parameters)
@@ -40,7 +40,7 @@ def run(options: Options) -> int:
     if options.trace:
         origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
         trace.meta['provenance'] = origin.lines()
-        bag_trace.save(trace, options.trace)
+        trace_file.save(trace, options.trace)
     stopped, figures = trace.meta['stopped'], trace.meta['figures']
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')

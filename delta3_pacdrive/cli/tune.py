@@ -94,7 +94,7 @@ def _excite(options: Options, path: str, settings: Any, show: 'OnProgress') -> d
     from delta3_pacdrive.analysis.tuning.bench import Place
     from delta3_pacdrive.analysis.tuning.run import robot_of
     from delta3_pacdrive.errors import TraceError
-    from delta3_pacdrive.recording import bag_trace
+    from delta3_pacdrive.recording import trace_file
 
     folder = Path(path).parent
     if not folder.is_dir():
@@ -110,7 +110,7 @@ def _excite(options: Options, path: str, settings: Any, show: 'OnProgress') -> d
     trace = record(robot, excitation, show)
     trace = measurement.with_noise(trace, robot, options.noise, options.seed)
     show('writing', 0, 0)
-    bag_trace.save(trace, path)
+    trace_file.save(trace, path)
     return {
         'ok': True,
         'file': path,

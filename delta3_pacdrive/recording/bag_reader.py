@@ -35,7 +35,7 @@ COURSE_ROW = 6  # numbers that tell a start of a program from a change of its co
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag that is known to be one of a robot.
+    """The bag is known to be one of a robot.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ def _information(path: Path, left: Iterable[Recovered]) -> dict[str, Any]:
 
 
 class Courses:
-    """Notes the bus cycles at which programs started."""
+    """The courses of a bag tell the bus cycles at which programs started."""
 
     def __init__(self, typestore: Typestore) -> None:
         self._typestore = typestore

@@ -31,7 +31,7 @@ _MESSAGE = struct.Struct('<HIQQ')
 
 @dataclass
 class Channel:
-    """A topic of a file, the type of its messages, and how many of them are left."""
+    """A channel is a topic of a file; it knows how many of its messages are left."""
 
     topic: str
     msgtype: str
@@ -40,7 +40,7 @@ class Channel:
 
 @dataclass
 class Recovered:
-    """What is left of a file.
+    """The file was read up to its cut, and this is left of it.
 
     Attributes
     ----------
@@ -62,11 +62,11 @@ class Recovered:
 
 
 class _DamagedError(Exception):
-    """A record is none."""
+    """What should be a record is none."""
 
 
 class _Scan:
-    """Walks over the records of a file, and of its chunks."""
+    """The scan walks over the records of a file, and of its chunks."""
 
     def __init__(self, take: Callable[[Channel, bytes], None] | None) -> None:
         self.found = Recovered()

@@ -11,7 +11,6 @@ import numpy as np
 
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
-from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.recording.trace import Trace
@@ -32,56 +31,11 @@ if TYPE_CHECKING:
         NDArray[np.int64], Floats
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
-SUFFIXES = ('.npz', '.csv')  # of trace files
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
 TELEGRAMS = {telegram.topic: telegram for telegram in CARRIED}
 TYPES = {topic: telegram.type for topic, telegram in TELEGRAMS.items()}
 SHAFTS = telegrams.SHAFTS.topic
 _LOG = logging.getLogger(__name__)
-
-
-def load(path: str | Path) -> Trace:
-    """Read a trace file (``.npz``, ``.csv``) or the folder of a bag.
-
-    Raises
-    ------
-    TraceError
-        There is no such recording, or it cannot be read.
-
-    """
-    path = Path(path)
-    try:
-        folder, there = path.is_dir(), path.exists()
-    except OSError as error:  # a name that is too long, a folder that may not be entered
-        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
-    if folder:
-        return read_bag(path)
-    if not there:
-        raise TraceError(f'there is no recording {path}')
-    if path.suffix.lower() == '.csv':
-        return trace_csv.read(path)
-    if path.suffix.lower() != '.npz':
-        raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
-    return Trace.load(path)
-
-
-def save(trace: Trace, path: str | Path) -> None:
-    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError for any other end."""
-    if refusal := suffix_refusal(path):
-        raise TraceError(f'cannot write trace {path}: {refusal}')
-    if Path(path).suffix.lower() == '.csv':
-        trace_csv.write(trace, path)
-    else:
-        trace.save(path)
-
-
-def suffix_refusal(path: str | Path) -> str | None:
-    """Return why no trace can be written to a file of this name, None if one can."""
-    suffix = Path(path).suffix
-    if suffix.lower() in SUFFIXES:
-        return None
-    told = f'ends in {suffix}' if suffix else 'has no ending'
-    return f'the name {told}, but must end in {" or ".join(SUFFIXES)}'
 
 
 def missing(path: Path) -> dict[str, int]:
@@ -212,7 +166,7 @@ def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
 
 
 class _Column:
-    """Takes the messages of one topic as bytes; keeps stamps and numbers."""
+    """A column takes the messages of one topic as bytes and keeps stamps and numbers."""
 
     def __init__(self, telegram: Telegram, typestore: Typestore) -> None:
         self._width = sum(telegram.lengths)

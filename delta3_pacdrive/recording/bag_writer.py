@@ -45,7 +45,7 @@ _INFINITE = QosTime(9223372036, 854775807)
 
 
 class _WholeChunks:
-    """A file that takes what is written into memory, and all of it, or nothing, to the disk.
+    """The file takes what is written into memory, and all of it, or nothing, to the disk.
 
     It stands in for the buffered file of ``rosbags``, which keeps half of a chunk when the disk is full.
     """
@@ -91,7 +91,7 @@ class _WholeChunks:
 
 @dataclass(frozen=True)
 class _Mark:
-    """A state of the bag to which it can go back: whole chunks on the disk."""
+    """The bag can go back to a mark: whole chunks on the disk."""
 
     size: int
     chunks: int
@@ -101,7 +101,7 @@ class _Mark:
 
 
 class BagWriter:
-    """Writes a new bag. ``stopped`` says why nothing is written any more, '' while it is.
+    """The writer makes a new bag. ``stopped`` says why nothing is written any more, '' while it is.
 
     ``custom`` is the custom data of its metadata. ``at_stop`` returns, from the reason, what replaces it in a bag whose
     writing stops: there may be no room for it later.
@@ -308,7 +308,7 @@ class BagWriter:
 
 
 class _Plain(yaml.SafeDumper):
-    """Writes what stands in two places twice, without anchors."""
+    """The dumper writes what stands in two places twice, without anchors."""
 
     def ignore_aliases(self, _: Any) -> bool:
         """Return that nothing is referred to."""

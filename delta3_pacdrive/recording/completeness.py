@@ -5,7 +5,7 @@ from delta3_pacdrive.sercos.telegram_codec import STAMP
 
 
 class Completeness:
-    """Counts the messages of a topic, and those that are missing since it was heard first.
+    """A listener counts the messages of a topic, and those that are missing since it was heard first.
 
     ``starts`` are the bus times [ns] at which cyclic operation began; the listener adds to them when it learns of one.
     Nothing is missing before a start. What was published before the listener joined is not missing either: who has

@@ -18,7 +18,7 @@ Write = Callable[[int, bytes], None]  # takes the time [ns] at which a message w
 
 
 class Recording:
-    """Writes what a robot publishes into a new folder, and counts what is missing.
+    """A recording writes what a robot publishes into a new folder, and counts what is missing.
 
     Parameters
     ----------

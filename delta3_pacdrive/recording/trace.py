@@ -14,7 +14,7 @@ from delta3_pacdrive.numerics.types import Floats
 
 @dataclass(frozen=True)
 class Trace:
-    """Signals of a run.
+    """A trace holds the signals of a run.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ INSTANCE_DIGITS = 8
 
 
 class Participant:
-    """Announces one participant, for latecomers as well.
+    """A participant announces itself, for latecomers as well.
 
     Attributes
     ----------

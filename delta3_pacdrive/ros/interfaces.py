@@ -46,7 +46,7 @@ _ARRAYS = ('position', 'velocity', 'effort')
 
 @dataclass(frozen=True)
 class Delivery:
-    """How the messages of a topic reach their readers, and why so.
+    """Messages of a topic reach their readers in this way, for this reason.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ DELIVERIES = (CYCLIC, CYCLIC_NEWEST, LATCHED, LATCHED_FROM_MANY, PLAN, REQUEST, 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic, or one for each axis.
+    """A row of the table stands for one topic, or for one of each axis.
 
     Attributes
     ----------
@@ -422,7 +422,7 @@ ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topi
 
 @dataclass(frozen=True)
 class Service:
-    """A service; ``needs_control`` says that a client is refused while an operator has control of the robot."""
+    """A row of the table stands for one service; who ``needs_control`` is refused while somebody else has it."""
 
     name: str
     type: type

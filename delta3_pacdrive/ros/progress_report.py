@@ -41,7 +41,7 @@ def read_progress(text: str) -> dict[str, Any] | None:
 
 
 class ProgressReport:
-    """Publishes when it is told to.
+    """The report is published when it is told to be.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
 class Output:
-    """A publisher that knows whether somebody listens, told by the middleware when that changes.
+    """The publisher knows whether somebody listens; the middleware tells when that changes.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Output:
 
 
 class TelegramOutput(Output):
-    """An output of fixed layout, packed only if somebody listens."""
+    """The output has a fixed layout and is packed only if somebody listens."""
 
     def __init__(self, node: Node, topic: Topic) -> None:
         super().__init__(node, topic)

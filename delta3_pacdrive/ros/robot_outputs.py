@@ -36,7 +36,7 @@ from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
 class RobotOutputs:
-    """Outputs of one transformation task.
+    """The outputs carry out the actions of one transformation task.
 
     Parameters
     ----------

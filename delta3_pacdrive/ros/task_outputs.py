@@ -21,7 +21,7 @@ ACYCLIC = (ACYCLIC_SEC, 0)
 
 
 class TaskOutputs:
-    """``following_error``, ``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states``, ``motion/master``."""
+    """The task tells following errors, places of the TCP, joint states and the virtual master."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
         self._answers = [

@@ -35,7 +35,7 @@ def read_header(data: bytes) -> tuple[int, int, str]:
 
 
 class Message(NamedTuple):
-    """A message of any layout that holds what telegrams hold."""
+    """A message of any layout holds what telegrams hold."""
 
     sec: int
     nanosec: int
@@ -72,7 +72,7 @@ def _blocks(telegram: Telegram) -> tuple[list[tuple[bytes, int]], bytes]:
 
 
 class TelegramCodec:
-    """Packs and unpacks one telegram.
+    """The codec packs and unpacks one telegram.
 
     Parameters
     ----------

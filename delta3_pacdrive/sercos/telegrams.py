@@ -28,7 +28,7 @@ _SESSIONS = 1 << 16
 
 
 class Telegram(NamedTuple):
-    """A message that has the same names and lengths in every cycle.
+    """A telegram has the same names and lengths in every cycle.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ MASTER = Telegram.triple('motion/master', VECTOR)
 
 
 class DriveWords(NamedTuple):
-    """Words of an MDT for one drive."""
+    """An MDT tells a drive these words."""
 
     phase: Phase
     control: int
@@ -81,7 +81,7 @@ class DriveWords(NamedTuple):
 
 
 class BrakeOutput(NamedTuple):
-    """Words of a motor current."""
+    """A motor current tells the plant these words."""
 
     released: bool
     payload_kg: float

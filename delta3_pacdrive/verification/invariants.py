@@ -24,7 +24,7 @@ MEMORY_CYCLES = 100_000  # below which a growth says nothing
 
 
 class Invariants:
-    """The rules that telegrams are held against.
+    """Telegrams are held against these rules.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ EXPLANATION_S = 0.1  # bus time in which the master asks the drives for the numb
 
 
 class AutomatedOperator:
-    """An operator in the process that brought the robot up; subclasses look at what the robot publishes.
+    """The operator lives in the process that brought the robot up; subclasses look at what the robot publishes.
 
     Attributes
     ----------

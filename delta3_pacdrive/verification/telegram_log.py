@@ -29,7 +29,7 @@ CODECS = {
 
 @dataclass(frozen=True)
 class Telegrams:
-    """Telegrams of one topic, in the order in which they came.
+    """The telegrams of one topic stand in the order in which they came.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def read_telegrams(
 
 
 class TelegramLog:
-    """A log that reads all cyclic telegrams of a robot, and keeps them from ``begin`` to ``end``.
+    """The log reads all cyclic telegrams of a robot, and keeps them from ``begin`` to ``end``.
 
     Parameters
     ----------

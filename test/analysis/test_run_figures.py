@@ -14,7 +14,7 @@ from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
 PROMISED = {
@@ -48,7 +48,7 @@ def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_pat
 
 def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None:
     trace.save(tmp_path / 'run.npz')
-    loaded = bag_trace.load(tmp_path / 'run.npz')
+    loaded = trace_file.load(tmp_path / 'run.npz')
     np.testing.assert_array_equal(loaded.time_s, trace.time_s)
     assert loaded.signals.keys() == trace.signals.keys()
     for name, values in trace.signals.items():
@@ -66,7 +66,7 @@ def test_what_is_plotted_stands_beside_the_pictures_and_says_where_it_comes_from
     assert origin['command'] == f'delta3 simulate --trace {file} --json'
     assert main(['plot', str(file), '--output', str(tmp_path / 'figures'), '--json']) == 0
     files = json.loads(capsys.readouterr().out)['files']
-    data, run = bag_trace.load(files[-1]), bag_trace.load(file)
+    data, run = trace_file.load(files[-1]), trace_file.load(file)
     assert data.meta['provenance'] == origin
     assert data.meta['plotted']['parameters'] == run.meta['checksum'] == parameters.load().checksum
     assert all(Path(picture).read_bytes().count(b'delta3 plot') == 1 for picture in files[:-1])
@@ -80,7 +80,7 @@ def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> No
     (tmp_path / 'text.npz').write_text('no trace')
     (tmp_path / 'empty_folder').mkdir()
     with pytest.raises(TraceError) as refusal:
-        bag_trace.load(tmp_path / name)
+        trace_file.load(tmp_path / name)
     assert name in str(refusal.value)
     assert '\n' not in str(refusal.value)
 
@@ -97,14 +97,14 @@ def test_a_trace_that_would_not_be_what_its_name_says_is_refused_by_name(
         assert f'cannot write {path}: the name ' in (told := capsys.readouterr().err)
         assert 'must end in .npz or .csv' in told
     with pytest.raises(TraceError, match=r'must end in \.npz or \.csv'):
-        bag_trace.save(Trace(np.zeros(1), {}), path)
+        trace_file.save(Trace(np.zeros(1), {}), path)
     assert not list(tmp_path.iterdir())
 
 
 def test_an_ending_in_capitals_is_the_same_ending(trace: Trace, tmp_path: Path) -> None:
     for name in ('RUN.NPZ', 'RUN.CSV'):
-        bag_trace.save(trace, tmp_path / name)
-        assert bag_trace.load(tmp_path / name).time_s.tobytes() == trace.time_s.tobytes()
+        trace_file.save(trace, tmp_path / name)
+        assert trace_file.load(tmp_path / name).time_s.tobytes() == trace.time_s.tobytes()
 
 
 # windows and signals
@@ -211,7 +211,7 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
         'signals.csv',
         'index.html',
     }
-    data = bag_trace.load(folder / 'signals.csv')
+    data = trace_file.load(folder / 'signals.csv')
     assert set(data.signals) == {'current', 'coupling_torque'}
     assert data.time_s[[0, -1]] == pytest.approx([500.22, 500.42])  # bus time
     assert len(data.time_s) == 201

@@ -14,7 +14,7 @@ from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.analysis.tuning.bench import Place
 from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
 REPORT = {'ok': True}
@@ -195,7 +195,7 @@ def test_the_trace_of_a_simulation_is_the_file_that_was_asked_for(name, tmp_path
     arguments = [str(program), '--trace', str(tmp_path / name), '--exchange-period', '250e-6', '--json']
     assert simulate.main(arguments) == 0
     result = json.loads(capsys.readouterr().out)
-    trace = bag_trace.load(tmp_path / name)
+    trace = trace_file.load(tmp_path / name)
     assert len(trace.time_s) == result['cycles']
     assert trace.meta['exchange_period_s'] == 250e-6
     # the packaged robot, the packaged cycle of 1 ms

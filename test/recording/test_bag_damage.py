@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bags import CYCLES, META, RUN, TORQUE_CONSTANT, TYPES, assert_holds, messages, record, refusal
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import bag_trace, trace_file
 from delta3_pacdrive.recording.bag_writer import BagWriter
 from delta3_pacdrive.recording.signals import SIGNALS
 
@@ -26,7 +26,7 @@ from delta3_pacdrive.recording.signals import SIGNALS
 )
 def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
     bag = record(tmp_path / 'bag', messages())
-    assert_holds(bag_trace.load(bag))
+    assert_holds(trace_file.load(bag))
     damage(bag)
     assert expected in refusal(bag)
 
@@ -45,7 +45,7 @@ def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
 def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
     bag = record(tmp_path / 'bag', messages())
     damage(bag / 'metadata.yaml')
-    trace = bag_trace.load(bag)
+    trace = trace_file.load(bag)
     assert_holds(trace)
     assert trace.meta == META  # the file keeps it too, and nothing is missing
 
@@ -61,14 +61,14 @@ def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
     left = sum(end <= size for end in whole)
     if left < len(TYPES):
         try:  # not one cycle is whole: it is refused, or holds the topics that are left
-            trace = bag_trace.load(bag)
+            trace = trace_file.load(bag)
         except TraceError:
             refusal(bag)
         else:
             assert trace.time_s.tolist() == [0.0]
             assert set(trace.signals) < set(SIGNALS)
         return
-    trace = bag_trace.load(bag)
+    trace = trace_file.load(bag)
     assert_holds(trace, range(left // len(TYPES)))
     if left < len(whole):
         assert f'{len(whole) - left} of {len(whole)} messages are missing' in trace.meta['cut']
@@ -84,7 +84,7 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
     (bag / 'metadata.yaml').unlink()
     content = (bag / 'bag.mcap').read_bytes()
     (bag / 'bag.mcap').write_bytes(content[: content.find(messages()[-1][1])])
-    trace = bag_trace.load(bag)
+    trace = trace_file.load(bag)
     assert trace.meta['cycle_time_s'] == 1e-3  # from the stamps
     assert trace.meta['gear_ratio'] == robot.dynamics.gear_ratio
     for words in ('cut off', 'those of the packaged parameters', 'it ends at bus time'):
@@ -98,7 +98,7 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
 def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
     bag = record(tmp_path / 'bag', messages(), meta=None)
     (bag / 'metadata.yaml').unlink()
-    assert len(bag_trace.load(bag).time_s) == CYCLES
+    assert len(trace_file.load(bag).time_s) == CYCLES
     assert bag_trace.cut(bag) == (
         'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
     )
@@ -113,7 +113,7 @@ def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
     writer.flush()
     for i, (topic, data) in enumerate(messages(range(5, 8))):
         writer.write(topics[topic], 1000 + i, data)  # these wait in memory
-    trace = bag_trace.load(tmp_path / 'bag')
+    trace = trace_file.load(tmp_path / 'bag')
     assert_holds(trace, range(5))
     assert 'what was not yet on the disk is missing' in trace.meta['cut']
     assert f'{5 * len(TYPES)} messages are left' in caplog.text
@@ -140,4 +140,4 @@ def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
     document['rosbag2_bagfile_information']['custom_data'] = custom
     (bag / 'metadata.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
     assert bag_trace.cut(bag) == 'the recorder stopped writing: no space left on device'
-    assert_holds(bag_trace.load(bag))
+    assert_holds(trace_file.load(bag))

@@ -23,7 +23,7 @@ from bags import (
     refusal,
 )
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import bag_trace, trace_file
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
@@ -55,7 +55,7 @@ def test_a_recording_longer_than_a_batch_is_read_whole_and_once(batch, tmp_path,
 
 @pytest.mark.parametrize('storage', StoragePlugin)
 def test_either_storage_of_rosbag2_is_read(storage, tmp_path):
-    assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), storage=storage)))
+    assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), storage=storage)))
 
 
 @pytest.mark.parametrize('first', [0, 1, 5])
@@ -232,13 +232,13 @@ def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
 
 @pytest.mark.parametrize('namespace', ['/', '', '/cell2/', '/hall/cell2/', '/tcp/', '/sercos/'])
 def test_one_robot_is_found_in_any_namespace(namespace, tmp_path):
-    assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), namespace=namespace)))
+    assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), namespace=namespace)))
 
 
 def test_other_topics_beside_the_robot_do_not_matter(tmp_path):
     others = dict.fromkeys(('camera/command', 'axis1/motor_current', 'the_following_error'), JOINT_STATE)
     arrivals = [*((topic, b'noise') for topic in others), *messages()]
-    assert_holds(bag_trace.load(record(tmp_path / 'bag', arrivals, types=TYPES | others)))
+    assert_holds(trace_file.load(record(tmp_path / 'bag', arrivals, types=TYPES | others)))
 
 
 def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):
@@ -250,7 +250,7 @@ def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):
 
 def test_a_robot_that_was_never_heard_is_none(tmp_path):
     types = TYPES | {f'cell2/{topic}': kind for topic, kind in TYPES.items()}
-    assert_holds(bag_trace.load(record(tmp_path / 'bag', messages(), types=types)))
+    assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), types=types)))
 
 
 def test_a_topic_of_another_type_is_named(tmp_path):
@@ -270,9 +270,9 @@ def test_a_bag_of_something_else_is_told_what_was_expected(tmp_path):
 
 def test_metadata_of_the_recorder_comes_back_without_cycles_that_it_did_not_know(tmp_path):
     known = META | {'start_cycle': 2, 'end_cycle': 6, 'lost': {}}
-    assert bag_trace.load(record(tmp_path / 'known', messages(), known)).meta == known
+    assert trace_file.load(record(tmp_path / 'known', messages(), known)).meta == known
     unknown = META | {'start_cycle': -1, 'end_cycle': None}
-    assert bag_trace.load(record(tmp_path / 'unknown', messages(), unknown)).meta == META
+    assert trace_file.load(record(tmp_path / 'unknown', messages(), unknown)).meta == META
 
 
 @pytest.mark.parametrize(
@@ -327,7 +327,7 @@ WITH_COURSES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
 def test_a_program_starts_where_its_course_says(courses, starts, start, tmp_path):
     meta = META | {'start_cycle': 120}  # as the parameters have it, of another time
     arrivals = courses + messages(range(2, CYCLES))
-    trace = bag_trace.load(record(tmp_path / 'bag', arrivals, meta, types=WITH_COURSES, namespace='/cell2/'))
+    trace = trace_file.load(record(tmp_path / 'bag', arrivals, meta, types=WITH_COURSES, namespace='/cell2/'))
     assert trace.meta['starts'] == starts
     assert trace.meta['start_cycle'] == start
 
@@ -342,7 +342,7 @@ def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, f
         content[place] = data.draw(st.integers(0, 255))
     (bag / file).write_bytes(content)
     try:
-        trace = bag_trace.load(bag)
+        trace = trace_file.load(bag)
     except TraceError:
         refusal(bag)
     else:

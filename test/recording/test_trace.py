@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bags import CYCLES, META, RUN, assert_holds, messages, record, refusal
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
@@ -21,9 +21,9 @@ def saved(path):
 
 
 def test_a_bag_saved_as_a_trace_is_the_same_recording(tmp_path):
-    trace = bag_trace.load(record(tmp_path / 'bag', messages()))
+    trace = trace_file.load(record(tmp_path / 'bag', messages()))
     trace.save(tmp_path / 'bag.npz')
-    back = bag_trace.load(tmp_path / 'bag.npz')
+    back = trace_file.load(tmp_path / 'bag.npz')
     assert_holds(back)
     assert back.meta == trace.meta
 
@@ -38,7 +38,7 @@ def test_changed_bytes_of_a_trace_file_change_no_number(tmp_path_factory, data):
     content[place] ^= data.draw(st.integers(1, 255))
     path.write_bytes(content)
     try:
-        trace = bag_trace.load(path)
+        trace = trace_file.load(path)
     except TraceError:
         refusal(path)
     else:
@@ -70,7 +70,7 @@ def bare_array():
 def test_an_archive_of_the_right_form_is_a_trace(tmp_path):
     path = tmp_path / 'run.npz'
     path.write_bytes(archive(tcp_error=np.ones((3, 3))))
-    assert bag_trace.load(path)['tcp_error'].tolist() == [[1.0] * 3] * 3
+    assert trace_file.load(path)['tcp_error'].tolist() == [[1.0] * 3] * 3
 
 
 OTHER_FORMS = [

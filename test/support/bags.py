@@ -8,7 +8,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from delta3_pacdrive.errors import Delta3Error, TraceError
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
 
@@ -101,7 +101,7 @@ def assert_holds(trace, cycles=range(CYCLES), signals=SIGNALS):
 def refusal(path):
     """Return the one sentence in which a recording is refused; it names the recording."""
     with pytest.raises(TraceError) as caught:
-        bag_trace.load(path)
+        trace_file.load(path)
     sentence = str(caught.value)
     assert isinstance(caught.value, Delta3Error)
     assert str(path) in sentence

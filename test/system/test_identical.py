@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
@@ -95,7 +95,7 @@ def _assert_same_where_recorded(simulated: Trace, recorded: Trace, cycle_time_s:
 def _run(delta3: Runner, bag: Path, *options: str, program: str = 'experiment1') -> tuple[Trace, dict]:
     done = delta3('run', program, '--json', '--bag', bag, *options)
     assert done.returncode == 0, done.stderr
-    return bag_trace.load(bag), json.loads(done.stdout)
+    return trace_file.load(bag), json.loads(done.stdout)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == f'error: {simulated.meta["stopped"]}'
     assert '8171' in done.stderr
-    recorded = bag_trace.load(tmp_path / 'bag')
+    recorded = trace_file.load(tmp_path / 'bag')
     common = _assert_same_where_recorded(simulated, recorded, robot.bus.cycle_time_s)
     # everything is on record, until all drives are without torque
     assert np.abs(simulated['current'][common[-1]]).max() == 0.0

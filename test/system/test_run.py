@@ -108,9 +108,9 @@ def test_interrupt_stops_every_process_and_leaves_a_readable_bag(
     assert errors.strip().endswith('error: interrupted')
     assert duration < END_DEADLINE_S
     assert processes() == []
-    from delta3_pacdrive.recording import bag_trace
+    from delta3_pacdrive.recording import trace_file
 
-    assert len(bag_trace.load(bag).time_s) > 100
+    assert len(trace_file.load(bag).time_s) > 100
 
 
 @pytest.mark.parametrize('victim', ['plant', 'mc4_drive_2', 'transformation_task'])
@@ -145,9 +145,9 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     result = json.loads(output)
     assert result['ok'] is True
     assert any(note.startswith('recorder was killed by SIGKILL') for note in result['notices'])
-    from delta3_pacdrive.recording import bag_trace
+    from delta3_pacdrive.recording import trace_file
 
-    assert 100 < len(bag_trace.load(bag).time_s) < result['cycles']
+    assert 100 < len(trace_file.load(bag).time_s) < result['cycles']
 
 
 def test_a_second_robot_in_the_same_namespace_is_refused_and_the_first_runs_on(

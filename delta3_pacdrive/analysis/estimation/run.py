@@ -25,7 +25,7 @@ from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.recording.bag_trace import load, save
+from delta3_pacdrive.recording.trace_file import load, save
 
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.estimation.problem import Model

@@ -23,7 +23,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import sample_plan
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.recording import bag_trace
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def load(text: str, robot: Parameters, signals: Signals) -> Motion:
     """
     if is_recording(text):
         path = Path(text)
-        trace = bag_trace.load(path)
+        trace = trace_file.load(path)
         return of_trace(trace, robot, signals, path.stem)
     name = program_name(text)
     program, thesis = programs.load(name, robot.motion), EXPERIMENTS.get(Path(name).stem)

@@ -28,7 +28,7 @@ from delta3_pacdrive.analysis.tuning.study import Results, Settings, SweepPoint,
 from delta3_pacdrive.errors import RunError, TuningError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.recording.bag_trace import load as load_trace
+from delta3_pacdrive.recording.trace_file import load as load_trace
 
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.study import OnProgress

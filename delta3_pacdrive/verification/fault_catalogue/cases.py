@@ -11,7 +11,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 
 
 class State(StrEnum):
-    """What the robot does when the fault occurs."""
+    """The robot is in this state when the fault occurs."""
 
     DISABLED = 'disabled'  # brakes applied
     ENABLING = 'enabling'  # in torque, the brakes about to open
@@ -25,7 +25,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Case:
-    """A fault in a state.
+    """A fault occurs in a state.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Case:
 
 @dataclass
 class Outcome:
-    """What became of a case.
+    """A case came to this.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class _Row:
-    """A fault, what it leads to, and in which states it leads to something else."""
+    """A fault leads to the same in all states, but for some."""
 
     fault: dict[str, Any]
     expected: str = ''

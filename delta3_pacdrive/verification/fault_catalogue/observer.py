@@ -25,7 +25,7 @@ CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot
 
 
 class FaultObserver(AutomatedOperator):
-    """An operator who watches a robot of separate processes around one fault.
+    """The operator watches a robot of separate processes around one fault.
 
     Parameters
     ----------

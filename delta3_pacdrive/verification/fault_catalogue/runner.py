@@ -68,7 +68,7 @@ def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
 
 
 class Catalogue(FaultObserver):
-    """An operator who runs the cases of the catalogue on a robot that is up.
+    """The operator runs the cases of the catalogue on a robot that is up.
 
     Parameters
     ----------

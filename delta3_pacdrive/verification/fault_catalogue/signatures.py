@@ -17,7 +17,7 @@ COUPLING = slice(6, 9)  # of the shafts
 
 @dataclass(frozen=True)
 class AxisRecord:
-    """One axis in the bus cycles since the fault in which both its shaft and its answer are known."""
+    """The record holds the bus cycles since the fault in which both shaft and answer of the axis are known."""
 
     read: Floats  # position that the drive told [rad]
     torque: Floats  # that the drive told [N m]

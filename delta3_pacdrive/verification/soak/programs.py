@@ -20,7 +20,7 @@ OF_THE_ROBOT = [name for name, kind in KINDS.items() if kind.target != Target.NO
 
 @dataclass(frozen=True)
 class Drawn:
-    """One program.
+    """A program was drawn by its number.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ VIOLATIONS_SHOWN = 10
 
 @dataclass
 class Violation:
-    """What must never be and was.
+    """Something that must never be was.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Violation:
 
 @dataclass
 class Figures:
-    """What a soak did.
+    """These figures say what a soak did.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class _Counters:
-    """Lost telegrams so far, in one session of the bus."""
+    """Drives and master have counted these lost telegrams so far, in one session of the bus."""
 
     session: bytes
     at: int
@@ -105,7 +105,7 @@ class _Counters:
 
 
 class Soak(AutomatedOperator):
-    """An operator who runs random programs with faults on a robot that is up.
+    """The operator runs random programs with faults on a robot that is up.
 
     Parameters
     ----------

@@ -1,0 +1,54 @@
+"""Traces by the name of a file or folder: trace files (``.npz``, ``.csv``), and bags."""
+
+from pathlib import Path
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.bag_trace import read_bag
+from delta3_pacdrive.recording.trace import Trace
+
+SUFFIXES = ('.npz', '.csv')  # of trace files
+
+
+def load(path: str | Path) -> Trace:
+    """Read a trace file (``.npz``, ``.csv``) or the folder of a bag.
+
+    Raises
+    ------
+    TraceError
+        There is no such recording, or it cannot be read.
+
+    """
+    path = Path(path)
+    try:
+        folder, there = path.is_dir(), path.exists()
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
+    if folder:
+        return read_bag(path)
+    if not there:
+        raise TraceError(f'there is no recording {path}')
+    if path.suffix.lower() == '.csv':
+        return trace_csv.read(path)
+    if path.suffix.lower() != '.npz':
+        raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
+    return Trace.load(path)
+
+
+def save(trace: Trace, path: str | Path) -> None:
+    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError for any other end."""
+    if refusal := suffix_refusal(path):
+        raise TraceError(f'cannot write trace {path}: {refusal}')
+    if Path(path).suffix.lower() == '.csv':
+        trace_csv.write(trace, path)
+    else:
+        trace.save(path)
+
+
+def suffix_refusal(path: str | Path) -> str | None:
+    """Return why no trace can be written to a file of this name, None if one can."""
+    suffix = Path(path).suffix
+    if suffix.lower() in SUFFIXES:
+        return None
+    told = f'ends in {suffix}' if suffix else 'has no ending'
+    return f'the name {told}, but must end in {" or ".join(SUFFIXES)}'
