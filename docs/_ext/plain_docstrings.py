@@ -11,7 +11,7 @@ def prepare(app: Sphinx, what: str, name: str, thing: object, options: object, l
     literal = False
     for number, line in enumerate(lines):
         if what == 'module' and line.startswith(' ') and not literal and not lines[number - 1].strip():
-            result += ['::', '']
+            result += [f'.. code-block:: {"python" if "import " in line else "text"}', '']
             literal = True
         elif line.strip() and not line.startswith(' '):
             literal = False
