@@ -1,0 +1,102 @@
+"""Facts about how a command is declared: what is typed reaches it, what it does not obey is refused by name."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from delta3_pacdrive import simulation
+from delta3_pacdrive.cli import progress
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.option_types import finite_number
+from delta3_pacdrive.numerics import kernel
+
+ACTIONS = {'go': 'start', 'stop': 'end'}
+
+
+@dataclass
+class Options(JsonOptions):
+    action: str = argument('one of the actions below', choices=ACTIONS, metavar='ACTION')
+    inputs: list[str] = argument('numbers', default=(), nargs='*', metavar='INPUT')  # noqa: RUF009 (declared by a call)
+    speed: float = option('how fast', 'V', default=0.0, type=finite_number, only=('go',))
+    pose: tuple[float, float] | None = option('where', ('X', 'Y'), nargs=2, type=float)
+    changes: list[str] | None = option('what', 'NAME', names=('--set', '-s'), action='append')  # noqa: RUF009
+    now: bool = flag('at once', only=('go', 'stop', 'wait'))
+
+    def check(self):
+        return self.refusal(self.action)
+
+
+def command(seen=None):
+    def run(options):
+        if seen is not None:
+            seen.append(options)
+        return 3
+
+    return Command('try', 'Tries.', Options, run, ACTIONS, mixed=True)
+
+
+def read(*arguments):
+    return command().read(arguments)
+
+
+def test_a_command_runs_with_its_options_and_returns_its_status():
+    seen = []
+    assert (
+        command(seen)(['go', '1', '--set', 'a', '2', '-s', 'b', '--now', '--speed', '-1e-3', '--json']) == 3
+    )
+    (options,) = seen
+    assert (options.action, options.inputs, options.changes) == ('go', ['1', '2'], ['a', 'b'])
+    assert (options.speed, options.now, options.json, options.pose) == (-1e-3, True, True, None)
+    assert options.command_line == 'delta3 try go 1 --set a 2 -s b --now --speed -1e-3 --json'
+
+
+@pytest.mark.parametrize('text', ['-1', '-.5', '-1e3', '-2.5E-7', '-inf'])
+def test_a_negative_number_is_no_option(text):
+    assert read('go', text).inputs == [text]
+    assert read('go', '--pose', text, text).pose == [float(text)] * 2
+
+
+def test_what_is_given_is_what_is_not_as_it_is_by_default():
+    assert read('go').given() == ['ACTION']
+    assert read('go', '--speed', '0').given() == ['ACTION']
+    assert read('go', '1', '--speed', '2', '-s', 'x').given() == ['ACTION', 'INPUT', '--speed', '--set']
+
+
+def test_an_option_that_an_action_does_not_obey_is_refused_by_name(capsys):
+    with pytest.raises(SystemExit) as end:
+        read('stop', '--speed', '1')
+    assert end.value.code == 2
+    assert '--speed is for go, not for stop' in capsys.readouterr().err
+    assert read('stop', '--now').now
+
+
+def test_several_actions_that_obey_an_option_are_listed():
+    options = read('go', '--now')
+    assert options.refusal('rest') == '--now is for go, stop and wait, not for rest'
+    assert options.unobeyed('wait') == []
+
+
+def test_the_help_tells_actions_and_the_defaults_that_say_something():
+    text = command().parser().format_help()
+    for line in ('  go    start', '  stop  end', 'how fast (default: 0.0)'):
+        assert line in text
+    assert text.count('(default') == 1
+    assert text.index('--now') < text.index('--json')
+
+
+def test_completion_offers_options_choices_and_programs():
+    words = command().words()
+    assert {'go', 'stop', '--set', '-s', '--json', '--help', 'experiment1'} <= set(words)
+
+
+@pytest.mark.parametrize(('done', 'told'), [(0, True), (1, False)])
+def test_that_the_kernels_of_the_built_robot_compile_is_told(done, told, monkeypatch, capsys):
+    loaded = []
+    monkeypatch.setattr(kernel, 'all_compiled', lambda: True)
+    monkeypatch.setattr(kernel, 'compiled', lambda: simulation.KERNELS + done)
+    monkeypatch.setattr(simulation, 'load_kernels', loaded.append)
+    progress.announce_compilation('rich')
+    assert (progress.COMPILING_BUILT in capsys.readouterr().err) == told
+    assert len(loaded) == told
+    progress.announce_compilation()
+    assert not capsys.readouterr().err
