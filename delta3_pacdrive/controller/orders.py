@@ -153,7 +153,7 @@ class Orders:
         return origin
 
     def take_row(self, label: str, row: Any) -> None:
-        """Take a row of a plan, to be checked later; raises TelegramError if it is a stranger's."""
+        """Take a row of a plan, to be checked later; raises TelegramError if it is of another writer or session."""
         origin = self._origin(label)
         if origin.kind == REVOKE:
             self._revoke(origin)
@@ -197,7 +197,7 @@ class Orders:
         return None
 
     def take_course(self, label: str, row: Any) -> None:
-        """Carry a change of course out or refuse it; raises TelegramError if it is a stranger's."""
+        """Carry a change of course out or refuse it; raises TelegramError if it is of another writer or session."""
         origin = self._origin(label)
         if not self._changes.is_new(f'{origin.planner} {origin.session}', origin.number):
             raise TelegramError(f'change {origin.number} of this planner was heard before')

@@ -84,7 +84,7 @@ def check_arms(
 
 
 def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> None:
-    """Refuse a move from a stranger whose path leaves the workspace or the range of the arms; raises ProgramError."""
+    """Refuse a foreign move whose path leaves the workspace or the range of the arms; raises ProgramError."""
     distance = np.linspace(move.master[0, 1], move.length_m, REACH_SAMPLES)
     position = sample_path(distance, move.segments)[:, 0]
     check_workspace(distance, position, parameters, returning)
@@ -96,7 +96,7 @@ def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> 
 
 
 def check_speed(move: Move, rate: float, parameters: Parameters) -> float:
-    """Refuse a move from a stranger in which a motor turns too fast at a rate; raises ProgramError.
+    """Refuse a move of a foreign writer in which a motor turns too fast at a rate; raises ProgramError.
 
     Returns the largest rate at which it would not be refused.
     """

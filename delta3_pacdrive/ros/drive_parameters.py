@@ -14,7 +14,7 @@ WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in ro
 
 
 class DriveParameters:
-    """Of one drive: what ROS sets is written into the register, which knows what is allowed, and the other way round.
+    """The parameters of one drive, as ROS sets them and as the register, which knows what is allowed, holds them.
 
     Parameters
     ----------

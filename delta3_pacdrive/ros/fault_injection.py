@@ -1,4 +1,4 @@
-"""Injected faults on the graph: the master's desk that accepts them, and what every node does about its own.
+"""Injected faults on the graph: the transformation task accepts them, and every node carries out its own.
 
 Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
 in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
@@ -31,8 +31,8 @@ LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard
 REQUEST_MAX = 10_000  # characters
 
 
-class FaultDesk:
-    """Accepts faults and tells all nodes.
+class FaultInjection:
+    """The transformation task accepts faults by it, and tells all nodes.
 
     Parameters
     ----------

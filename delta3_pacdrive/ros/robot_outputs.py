@@ -28,7 +28,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.motion.execution import Course
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.ros import interfaces
-from delta3_pacdrive.ros.fault_injection import FaultDesk
+from delta3_pacdrive.ros.fault_injection import FaultInjection
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.service_channel import Answer, ServiceError
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
@@ -60,7 +60,7 @@ class RobotOutputs:
         node: Node,
         state: RobotState,
         task: Transformation,
-        faults: FaultDesk,
+        faults: FaultInjection,
         drives: ServiceRequests,
         cycles: Clock,
     ) -> None:

@@ -18,7 +18,7 @@ from delta3_pacdrive.faults.fault import TASK, Fault
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import hear_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver
-from delta3_pacdrive.ros.fault_injection import FaultDesk, Faults
+from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
 from delta3_pacdrive.ros.interfaces import MDT, PHASE, second_writer
 from delta3_pacdrive.ros.operator_services import OperatorServices
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
@@ -89,7 +89,7 @@ class TransformationTaskNode(PollingNode):
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(self, clock, factor > 0.0, controller.statistics, controller.take)
         offer_service_requests(self, self._requests)
-        self._injection = FaultDesk(
+        self._injection = FaultInjection(
             self, cycle_time_s, self._bus.closed, lambda: controller.next_cycle, lambda: self._bus.session
         )
         self._actions = RobotOutputs(
