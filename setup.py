@@ -34,7 +34,7 @@ TEST = [
     'mypy>=2.4',
     'pytest>=7.4.4',
     'pytest-timeout>=2.2',
-    'pytest-xdist>=3.5',
+    'pytest-xdist>=3.8',
     'ruff>=0.17.5',
     'types-PyYAML>=6.0.12',
 ]
