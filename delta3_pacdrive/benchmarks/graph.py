@@ -111,7 +111,8 @@ def _measure_machine(seconds: float) -> dict[str, Any]:
 
 
 def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
-    from delta3_pacdrive.bringup.bringup import Bringup, Options
+    from delta3_pacdrive.bringup.bringup import Bringup
+    from delta3_pacdrive.bringup.options import Options
 
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
         bringup = Bringup(

@@ -6,7 +6,8 @@ from typing import Any
 
 from std_msgs.msg import String
 
-from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.controller.messages import Origin, Status
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, MOTION_PLAN, STATUS

@@ -14,7 +14,7 @@ KERNEL_THREAD = 0x00200000  # flag of threads of the kernel, which look after th
 FLAGS, USER, SYSTEM, POLICY = 6, 11, 12, 38
 
 
-class Strain:
+class CpuLoadMonitor:
     """Looks at the processor time of all real-time threads of the machine every ``LOOK_S``."""
 
     def __init__(self, processes: Path = Path('/proc')) -> None:

@@ -1,4 +1,4 @@
-"""Child processes of a bring-up: forked from a parent that has everything loaded, so that they are up at once.
+"""ManagedProcess processes of a bring-up: forked from a parent that has everything loaded, so that they are up at once.
 
 Once the parent takes part in the graph it has threads and must not fork any more: a child that is started again then
 begins as a new interpreter, ``python -m delta3_pacdrive.bringup.processes NAME PARENT LOG SCHEDULE MODULE ARGUMENTS``.
@@ -20,7 +20,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 @dataclass
-class Child:
+class ManagedProcess:
     """One child process.
 
     Attributes
@@ -66,14 +66,16 @@ class Child:
         return f'{self.name} {how}' + (f': {error.removeprefix("error: ")}' if error else '')
 
 
-def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Schedule.ORDINARY) -> Child:
+def spawn(
+    name: str, main: Callable[[], int], log: Path, schedule: Schedule = Schedule.ORDINARY
+) -> ManagedProcess:
     """Fork a child that runs ``main`` in a process group of its own and dies with its parent."""
     sys.stdout.flush()
     sys.stderr.flush()
     parent = os.getpid()
     pid = os.fork()
     if pid:
-        return Child(name, pid, log)
+        return ManagedProcess(name, pid, log)
     status = 1
     try:
         _become_child(name, parent, log)
@@ -89,11 +91,11 @@ def spawn(name: str, main: Callable[[], int], log: Path, schedule: Schedule = Sc
         os._exit(status)
 
 
-def respawn(name: str, module: str, arguments: list[str], log: Path, schedule: Schedule) -> Child:
+def respawn(name: str, module: str, arguments: list[str], log: Path, schedule: Schedule) -> ManagedProcess:
     """Start a child whose main function is that of a module."""
     me = [sys.executable, '-P', '-m', 'delta3_pacdrive.bringup.processes']
     own = [name, str(os.getpid()), str(log), schedule.name, module]
-    return Child(name, os.posix_spawn(sys.executable, [*me, *own, *arguments], os.environ), log)
+    return ManagedProcess(name, os.posix_spawn(sys.executable, [*me, *own, *arguments], os.environ), log)
 
 
 def main() -> int:
@@ -117,7 +119,7 @@ def _become_child(name: str, parent: int, log: Path) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
 
 
-def end_all(children: list[Child]) -> list[str]:
+def end_all(children: list[ManagedProcess]) -> list[str]:
     """Interrupt all children, kill those that stay longer than their patience; return the names of the killed."""
     for child in children:
         child.send(signal.SIGINT)

@@ -78,7 +78,7 @@ def prefer(schedule: Schedule) -> None:
             os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
 
 
-def relent(pid: int) -> None:
+def drop_real_time(pid: int) -> None:
     """Schedule all threads of a process like any other process."""
     with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
         for thread in Path(f'/proc/{pid}/task').iterdir():

@@ -2,6 +2,7 @@
 
 import math
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ def show_run(display: Progress, progress: dict[str, Any]) -> None:
 
 def refuse_second(options: NodeOptions) -> None:
     """Raise RunError if the namespace has a robot, before anything that takes long is loaded."""
-    from delta3_pacdrive.bringup.lock import only_one
+    from delta3_pacdrive.bringup.environment import only_one
 
     with only_one(_namespace(options)):
         pass
@@ -62,6 +63,7 @@ def _namespace(options: NodeOptions) -> str:
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    started_s = time.monotonic()
     refuse_second(options)
     # ROS and numba are imported after the options are known to be good
     from delta3_pacdrive.analysis.provenance import digest
@@ -70,7 +72,7 @@ def run(options: Options) -> int:
 
     announce_compilation(options.parameters)
     program = programs.find(options.program).absolute()
-    bringup = Bringup(bringup_options(options, options, program))
+    bringup = Bringup(bringup_options(options, options, program), started_s)
     with Progress(quiet=options.json) as display:
         result = bringup.run(lambda progress: show_run(display, progress))
     if options.json:
@@ -91,9 +93,9 @@ def run(options: Options) -> int:
 
 def bringup_options(graph: GraphOptions, robot: RobotOptions, program: Path | None) -> Any:
     """Return the options of a bring-up from those of the command line."""
-    from delta3_pacdrive.bringup import bringup
+    from delta3_pacdrive.bringup.options import Options as BringupOptions
 
-    return bringup.Options(
+    return BringupOptions(
         program=program,
         parameters=Path(robot.parameters) if robot.parameters else None,
         namespace=_namespace(graph),

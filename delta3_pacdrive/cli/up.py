@@ -1,6 +1,7 @@
 """``delta3 up``: bring a robot up and keep it up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
 
 import sys
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,11 +44,12 @@ class _Announcement:
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    started_s = time.monotonic()
     refuse_second(options)
     from delta3_pacdrive.bringup.bringup import Bringup
 
     announce_compilation(options.parameters)
-    bringup = Bringup(bringup_options(options, options, None))
+    bringup = Bringup(bringup_options(options, options, None), started_s)
     with Progress(quiet=options.json) as display:
         result = bringup.run(_Announcement(display, bringup, options.json).show)
     if options.json:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from delta3_pacdrive.bringup import cpu_load
-from delta3_pacdrive.bringup.cpu_load import LOOK_S, SHARE, Strain
+from delta3_pacdrive.bringup.cpu_load import LOOK_S, SHARE, CpuLoadMonitor
 
 TICKS = os.sysconf('SC_CLK_TCK')
 CORES = len(os.sched_getaffinity(0))
@@ -42,7 +42,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
     return Machine(tmp_path, monkeypatch)
 
 
-def cores_after(machine: Machine, looks: Strain, *spent: float, **more: int) -> float:
+def cores_after(machine: Machine, looks: CpuLoadMonitor, *spent: float, **more: int) -> float:
     """Let threads spend time between two looks; return what the second one says."""
     for number in range(len(spent)):
         machine.thread(number, 5.0, **more)
@@ -55,7 +55,9 @@ def cores_after(machine: Machine, looks: Strain, *spent: float, **more: int) -> 
 
 def test_real_time_work_of_several_robots_adds_up(machine: Machine) -> None:
     each = 0.6 * CORES * LOOK_S
-    assert cores_after(machine, Strain(machine.folder), each, each) == pytest.approx(1.2 * CORES, abs=0.02)
+    assert cores_after(machine, CpuLoadMonitor(machine.folder), each, each) == pytest.approx(
+        1.2 * CORES, abs=0.02
+    )
 
 
 @pytest.mark.parametrize('more', [{'policy': 2}, {'in_the_kernel': True}])
@@ -63,22 +65,24 @@ def test_work_that_takes_turns_and_work_in_the_kernel_count_as_well(
     more: dict[str, int], machine: Machine
 ) -> None:
     spent = 1.2 * CORES * LOOK_S
-    assert cores_after(machine, Strain(machine.folder), spent, **more) == pytest.approx(1.2 * CORES, abs=0.02)
+    assert cores_after(machine, CpuLoadMonitor(machine.folder), spent, **more) == pytest.approx(
+        1.2 * CORES, abs=0.02
+    )
 
 
 def test_real_time_work_below_the_limit_is_no_strain(machine: Machine) -> None:
-    assert cores_after(machine, Strain(machine.folder), 0.98 * SHARE * CORES * LOOK_S) == 0.0
+    assert cores_after(machine, CpuLoadMonitor(machine.folder), 0.98 * SHARE * CORES * LOOK_S) == 0.0
 
 
 @pytest.mark.parametrize('more', [{'policy': 0}, {'flags': 0x00200000}])
 def test_ordinary_work_and_the_kernels_own_threads_do_not_count(
     more: dict[str, int], machine: Machine
 ) -> None:
-    assert cores_after(machine, Strain(machine.folder), 2.0 * CORES * LOOK_S, **more) == 0.0
+    assert cores_after(machine, CpuLoadMonitor(machine.folder), 2.0 * CORES * LOOK_S, **more) == 0.0
 
 
 def test_a_thread_that_is_new_has_not_spent_its_life_since_the_last_look(machine: Machine) -> None:
-    looks = Strain(machine.folder)
+    looks = CpuLoadMonitor(machine.folder)
     assert looks.excess() == 0.0
     machine.now_s += LOOK_S
     machine.thread(7, 1000.0)

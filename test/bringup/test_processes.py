@@ -11,9 +11,10 @@ pytest.importorskip(
     'rclpy', reason='processes of a robot need the ROS wheels (extra "ros") or a sourced ROS 2'
 )
 
-from delta3_pacdrive.bringup.bringup import Bringup, Options
-from delta3_pacdrive.bringup.lock import only_one
-from delta3_pacdrive.bringup.processes import Child, end_all
+from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.environment import only_one
+from delta3_pacdrive.bringup.options import Options
+from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
 from delta3_pacdrive.errors import ParameterError, RunError
 
 
@@ -63,7 +64,7 @@ def started(way):
 
 
 def child_of(process, tmp_path, name, patience_s=1.0):
-    return Child(name, process.pid, tmp_path / 'log', patience_s)
+    return ManagedProcess(name, process.pid, tmp_path / 'log', patience_s)
 
 
 def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path):
@@ -93,7 +94,7 @@ def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path
 )
 def test_an_ending_is_told_with_the_last_error(status, printed, sentence, tmp_path):
     (tmp_path / 'log').write_text(printed)
-    assert Child('plant', 0, tmp_path / 'log', status=status).ending() == sentence
+    assert ManagedProcess('plant', 0, tmp_path / 'log', status=status).ending() == sentence
 
 
 # scheduling

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from delta3_pacdrive.bringup.scheduling import real_time_is_permitted, relent
+from delta3_pacdrive.bringup.scheduling import drop_real_time, real_time_is_permitted
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -332,7 +332,7 @@ def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) 
                 os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(1))
         except PermissionError:
             pytest.skip('real-time scheduling is not permitted here')
-        relent(process.pid)
+        drop_real_time(process.pid)
         assert [os.sched_getscheduler(thread) for thread in threads] == [os.SCHED_OTHER] * 2
     finally:
         process.kill()

@@ -9,7 +9,7 @@ from std_msgs.msg import String
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
-from delta3_pacdrive.bringup.processes import Child
+from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, TASK, UNIT_ROBOT
 from delta3_pacdrive.ros.fault_injection import read_schedule
 from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, FAULT_SCHEDULE
@@ -86,7 +86,7 @@ class FaultObserver(AutomatedOperator):
         self.operator.enable(False)
         self.wait(lambda: not self.fresh()['in_torque'], 'brakes')
 
-    def _child(self, target: str) -> Child:
+    def _child(self, target: str) -> ManagedProcess:
         return next(child for child in self._bringup.processes() if child.name == CHILDREN[target])
 
     def _counters(self, case: Case) -> tuple[int, int]:

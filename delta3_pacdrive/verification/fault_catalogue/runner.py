@@ -11,7 +11,8 @@ import numpy as np
 
 from delta3_pacdrive import dynamics
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.numerics.types import Floats

@@ -9,7 +9,8 @@ from itertools import count
 import psutil
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.bringup.bringup import Bringup, Options
+from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.errors import Delta3Error, ProgramError
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES

@@ -1,0 +1,62 @@
+"""What a bring-up has of the machine: one robot in a namespace of a domain, and a folder for logs.
+
+Light, so that a second bring-up is refused at once.
+"""
+
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+
+from delta3_pacdrive.errors import RunError, shown
+
+LOGS = 'delta3_logs_'  # beginning of the names of folders for logs, the process number follows
+
+
+@contextmanager
+def only_one(namespace: str) -> Iterator[None]:
+    """Hold the lock; raises RunError if another process of this user does, or if there can be none of that name."""
+    domain = os.environ.get('ROS_DOMAIN_ID', '0')
+    name = f'delta3_pacdrive_{os.getuid()}_domain{domain}_{namespace.strip("/").replace("/", ".")}.lock'
+    path = Path(tempfile.gettempdir()) / name
+    try:
+        file = path.open('w')
+    except OSError as error:
+        raise RunError(f'namespace {shown(namespace)} is not valid: {error.strerror}') from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunError(f'a robot is already up in namespace {namespace} of domain {domain}') from None
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _remove_left_logs() -> None:
+    """Remove the logs of bring-ups that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f'{LOGS}*_*'):
+        number = folder.name.removeprefix(LOGS).partition('_')[0]
+        if number.isdecimal() and not psutil.pid_exists(int(number)):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def log_folder(folder: Path | None) -> Iterator[Path]:
+    """Give the folder for logs, one that vanishes if none is asked for; raises RunError."""
+    if folder is None:
+        _remove_left_logs()
+        with tempfile.TemporaryDirectory(prefix=f'{LOGS}{os.getpid()}_') as temporary:
+            yield Path(temporary)
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f'cannot write logs into {folder}: {error.strerror}') from error
+    yield folder

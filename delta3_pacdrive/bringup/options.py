@@ -1,0 +1,53 @@
+"""What a bring-up is asked for, and whether that can be done."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
+from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.program import Program
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a bring-up is asked for; without a program the robot stays up for moves, until it is interrupted."""
+
+    program: Path | None
+    parameters: Path | None = None
+    namespace: str = '/'
+    real_time_factor: float = 1.0
+    bag: Path | None = None
+    single_process: bool = False
+    exchange_period_s: float | None = None
+    real_time_priority: bool = True
+    logs: Path | None = None  # where the processes' logs are kept; None: nowhere
+
+
+def check_options(
+    options: Options,
+) -> tuple[core.Parameters, Program | None, program_planner.Planned | None]:
+    """Read and check everything before the first process starts."""
+    robot = core.load(options.parameters)
+    if options.exchange_period_s is not None:
+        robot = robot.replace(bus__exchange_period_s=options.exchange_period_s)
+    if robot.motion.enable_cycle < 0 or robot.motion.start_cycle < 0:
+        raise ParameterError('a bring-up needs motion.enable_cycle and motion.start_cycle of at least 0')
+    try:
+        validate_namespace(options.namespace)
+    except InvalidNamespaceException as error:
+        raise RunError(
+            f'namespace {options.namespace!r} is not valid: {str(error).splitlines()[0]}'
+        ) from None
+    if options.bag is not None and options.bag.exists():
+        raise RunError(f'cannot record into {options.bag}: it exists already')
+    if options.program is None:
+        return robot, None, None
+    program = programs.load(options.program, robot.motion)
+    robot = simulation.placed(robot, program)
+    return robot, program, program_planner.plan(program, robot.motion.home_m, robot)
