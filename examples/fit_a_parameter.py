@@ -21,10 +21,12 @@ torque = (motor.torque_constant_n_m_a * trace['current'][moving]).ravel()
 found, *_ = np.linalg.lstsq(matrix, torque, rcond=None)
 
 p = robot.dynamics
-truth = p.plate_total_mass_kg, motor.static_friction_n_m, motor.viscous_friction_n_m_s_rad
-for name, value, true in zip(
-    ('m_nt [kg]', 'F_s [N m]', 'F_v [N m s/rad]'), found[[1, 3, 4]], truth, strict=True
-):
+truth = {
+    'm_nt [kg]': p.plate_total_mass_kg,
+    'F_s [N m]': motor.static_friction_n_m,
+    'F_v [N m s/rad]': motor.viscous_friction_n_m_s_rad,
+}
+for (name, true), value in zip(truth.items(), found[[1, 3, 4]], strict=True):
     print(f'{name:16} {value:.5f}, in the robot {true:.5f} ({100 * (value / true - 1):+.2f} %)')
 print(f'residual: {np.std(matrix @ found - torque):.4f} N m of {np.std(torque):.4f} N m')
 print('with intervals, and what the signals do not show: delta3 estimate')

@@ -10,9 +10,8 @@ robot = d3.load_parameters()
 side = np.linspace(-0.9, 0.9, 181)
 points = np.stack([*np.meshgrid(side, side), np.full((side.size, side.size), HEIGHT_M)], axis=-1)
 
-theta = d3.kinematics.inverse(
-    points, robot, unreachable='nan'
-)  # (181, 181, 3), nan where an arm is too short
+# shape (181, 181, 3), nan where an arm is too short
+theta = d3.kinematics.inverse(points, robot, unreachable='nan')
 reached = np.isfinite(theta).all(axis=-1)
 inside = reached & (np.hypot(points[..., 0], points[..., 1]) <= robot.kinematics.workspace_diameter_m / 2)
 error_m = np.abs(d3.kinematics.forward(theta[inside], robot) - points[inside]).max()

@@ -18,11 +18,7 @@ for name, trace in traces.items():
     true = largest_mm(trace['tcp_true'] - trace['tcp_actual'])  # what only an external measurement shows
     print(f'{name:8} error seen by the drives {seen:.3f} mm, TCP beside where they think it is {true:.3f} mm')
 
-errors = ROBOTS['built'].rich
-print(
-    'lengths of the built arms:',
-    ', '.join(f'{1e3 * error:+.2f} mm' for error in errors.forearm_error_m),
-    'of l_B',
-)
+errors_mm = ', '.join(f'{1e3 * error:+.2f}' for error in ROBOTS['built'].rich.forearm_error_m)
+print(f'its forearms differ from l_B by {errors_mm} mm')
 peaks = {name: np.abs(trace['current']).max() for name, trace in traces.items()}
 print(f'largest current: {peaks["nominal"]:.2f} A nominal, {peaks["built"]:.2f} A built')

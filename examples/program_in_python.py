@@ -11,10 +11,8 @@ moves = [{'move_l': {'to_m': centre}}]
 for angle in 2 * np.pi * np.arange(PETALS) / PETALS:
     out = np.array([np.cos(angle), np.sin(angle), 0.0])
     aside = 0.5 * np.array([-np.sin(angle), np.cos(angle), 0.0])
-    for via, to in (
-        (out / 2 + aside, out),
-        (out / 2 - aside, 0 * out),
-    ):  # half a circle there, half a circle back
+    # half a circle there, half a circle back
+    for via, to in ((out / 2 + aside, out), (out / 2 - aside, 0 * out)):
         via_m, to_m = (centre + RADIUS_M * np.stack([via, to])).tolist()
         moves.append({'move_c': {'via_m': via_m, 'to_m': to_m}})
 
@@ -25,9 +23,8 @@ document = {  # the keys are those of a program file
     'moves': moves,
 }
 robot = d3.load_parameters()
-program = d3.load_program(
-    document, robot
-)  # checked as a file is; a mistake raises ProgramError with its place
+# checked as a file is; a mistake raises ProgramError with its place
+program = d3.load_program(document, robot)
 trace = d3.simulate(program, robot)
 
 speed = np.linalg.norm(np.diff(trace['tcp_command'], axis=0), axis=1) / trace.meta['cycle_time_s']

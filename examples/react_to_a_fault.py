@@ -3,9 +3,8 @@
 from delta3_pacdrive.ros.robot_client import operating
 
 PROGRAM = 'moves: [move_l: {to_m: [0.2, 0.0, -0.8], speed_m_s: 0.2}, move_l: {to_m: [0.0, 0.0, -0.75]}]'
-FAULT = (
-    '{fault: drop_mdt, axis: axis2, cycles: 2, after_s: 0.3}'  # a drive stops at the second telegram in a row
-)
+# a drive gives up when two telegrams in a row are lost
+FAULT = '{fault: drop_mdt, axis: axis2, cycles: 2, after_s: 0.3}'
 
 
 def reason(robot):
@@ -26,8 +25,7 @@ with operating('') as robot:  # waits are bounded; a refusal is an exception wit
     print(robot.enable(True))
     robot.wait_until(lambda: robot.progress['in_torque'], 'torque')
     print(robot.call('resume'))  # straight back to where the program was stopped, then on
-    changes = robot.state_changes
-    robot.wait_until(lambda: robot.state_changes > changes + 1 or robot.state == 'idle', 'end of the program')
-    robot.wait_until(lambda: robot.progress['finished'], 'news')
+    robot.wait_until(lambda: robot.state == 'moving', 'motion')
+    robot.wait_until(lambda: robot.state == 'idle' and robot.progress['finished'], 'end of the program')
     print(f'{robot.state} at x = {robot.progress["tcp_m"][0]:.3f} m')
     robot.release_control()

@@ -19,9 +19,8 @@ print('signals:', ', '.join(trace.signals))
 error = np.linalg.norm(trace['tcp_error'], axis=1)
 worst = int(error.argmax())
 x, y, z = trace['tcp_command'][worst]
-print(
-    f'largest TCP error {1e3 * error[worst]:.3f} mm at {trace.time_s[worst]:.3f} s, ({x:.3f}, {y:.3f}, {z:.3f}) m'
-)
+place = f'{trace.time_s[worst]:.3f} s, ({x:.3f}, {y:.3f}, {z:.3f}) m'
+print(f'largest TCP error {1e3 * error[worst]:.3f} mm at {place}')
 
 lag = np.degrees(np.abs(trace['following_error'])).max(axis=0)
 print('largest following error:', ', '.join(f'axis{n} {value:.4f} deg' for n, value in enumerate(lag, 1)))
