@@ -248,12 +248,12 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
         'apply_cycles': cycles(motor.brake_apply_s) + 1,
         'stop_cycles_max': cycles(drive.stop_time_max_s),
     }
-    rich = parameters.rich.effects
-    if rich.sensors:
-        values['encoder_noise'] = rich.encoder_noise_rad
-        values['encoder_error'] = rich.encoder_error_rad
-        values['encoder_periods'] = rich.encoder_periods
-        values['current_noise'] = rich.current_noise_a
+    effects = parameters.rich.effects
+    if effects.sensors:
+        values['encoder_noise'] = effects.encoder_noise_rad
+        values['encoder_error'] = effects.encoder_error_rad
+        values['encoder_periods'] = effects.encoder_periods
+        values['current_noise'] = effects.current_noise_a
     record = np.zeros(1, CONSTANTS)
     for name, value in values.items():
         record[name] = value

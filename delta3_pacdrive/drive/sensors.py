@@ -53,10 +53,10 @@ def _seed(axis: int, sensor: str, seed: int) -> int:
 
 def calibrate(axis: int, parameters: Parameters, state: NDArray[Any]) -> None:
     """Give the record of a drive the sensors of its axis, 0 to 2: ideal ones, or those of ``parameters.rich``."""
-    rich = parameters.rich.effects
+    effects = parameters.rich.effects
     state['current_gain'] = 1.0
-    if rich.sensors:
-        state['current_gain'] += rich.current_gain_error[axis]
-        state['current_offset'] = rich.current_offset_a[axis]
-        state['current_seed'] = _seed(axis, 'current', rich.sensor_seed)
-        state['encoder_seed'] = _seed(axis, 'encoder', rich.sensor_seed)
+    if effects.sensors:
+        state['current_gain'] += effects.current_gain_error[axis]
+        state['current_offset'] = effects.current_offset_a[axis]
+        state['current_seed'] = _seed(axis, 'current', effects.sensor_seed)
+        state['encoder_seed'] = _seed(axis, 'encoder', effects.sensor_seed)

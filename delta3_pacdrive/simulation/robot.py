@@ -64,6 +64,29 @@ def robot_cycle(motors, control, payload_kg, robot, built):
         advance(robot.currents, robot.brakes, robot.payload[0], robot.plant, built)
 
 
+@kernel
+def run_commands(commands, control, robot, built, answers):
+    """Run one bus cycle for each row of commands.
+
+    Parameters
+    ----------
+    commands
+        Motor shafts [rad] of the MDT, shape (cycles, 3).
+    control
+        Control word S-0-0134 of all MDT; the payload stays as it is.
+    robot, built
+        As in ``robot_cycle``.
+    answers
+        Takes the AT, shape (cycles, 3, 3): position [rad], speed [rad/s] and torque [N m] by axis.
+
+    """
+    for k in range(commands.shape[0]):
+        robot_cycle(commands[k], control, robot.payload[1], robot, built)
+        for row in range(3):
+            for i in range(3):
+                answers[k, row, i] = robot.answers[row, i]
+
+
 class Robot:
     """A robot is what the bus meets: plant and drives, one exchange after the other.
 
@@ -103,6 +126,28 @@ class Robot:
         """Motor shaft positions [rad] as the encoders read them."""
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
+
+    def run(self, commands: Floats, control: int) -> Floats:
+        """Run a bus cycle for each row of commands.
+
+        Parameters
+        ----------
+        commands
+            Motor shafts [rad] of the MDT, shape (cycles, 3).
+        control
+            Control word S-0-0134 of all MDT.
+
+        Returns
+        -------
+        Floats
+            The AT, shape (cycles, 3, 3): position [rad], speed [rad/s] and torque [N m] by axis.
+
+        """
+        self.arrays.received[:] = 1
+        answers = np.empty((len(commands), 3, 3))
+        commands = np.ascontiguousarray(commands, dtype=np.float64)
+        run_commands(commands, control, self.arrays, self.plant.built, answers)
+        return answers
 
     def cycle(
         self,

@@ -13,6 +13,7 @@ from delta3_pacdrive.errors import ProgramError, RunError, TraceError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation import run
 from delta3_pacdrive.simulation.robot import Robot
 
@@ -189,6 +190,17 @@ def test_the_robot_stands_still_while_it_is_not_enabled(robot):
         assert len(standing.cycle(commands, 0, answers)) == 3
     assert standing.plant.shafts()[:6] == start
     assert not answers[2].any()
+
+
+def test_many_bus_cycles_at_once_have_the_bits_of_one_after_the_other(robot):
+    at_once, one_by_one, answers = Robot(robot), Robot(robot), np.empty((3, 3))
+    commands = np.array(at_once.encoder_positions()) + np.linspace(0.0, 0.02, 300)[:, None]
+    expected = []
+    for row in commands:
+        one_by_one.cycle(row, CONTROL_ENABLE, answers)
+        expected.append(answers.copy())
+    assert at_once.run(commands, CONTROL_ENABLE).tobytes() == np.array(expected).tobytes()
+    assert at_once.plant.state.tobytes() == one_by_one.plant.state.tobytes()
 
 
 def test_a_trace_survives_its_file_to_the_last_bit(trace, tmp_path):

@@ -69,7 +69,7 @@ class Replay:
         """Return motor_position [rad], motor_speed [rad/s] and current [A] of the cycles, shapes (n, 3)."""
         whole = {**self._known, **values}
         parameters = with_values(self._parameters, {symbol: whole[symbol] for symbol in OF_MOTOR})
-        robot, answers = Robot(parameters), np.empty((3, 3))
+        robot = Robot(parameters)
         # masses come in by their sums: one of them may be negative for a while, where only sums can be seen
         record = robot.plant.arrays.inertia
         arm, plate, moment = base_constants(whole, parameters)
@@ -84,12 +84,8 @@ class Replay:
             drive.configure(self._parameters)
             if self._ideal:
                 drive.constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
-        for _ in range(STANDING_CYCLES):
-            robot.cycle(self._commands[0], CONTROL_ENABLE, answers)
-        out = np.empty((len(self._commands), 3, 3))
-        for k, commands in enumerate(self._commands):
-            robot.cycle(commands, CONTROL_ENABLE, answers)
-            out[k] = answers
+        robot.run(np.tile(self._commands[0], (STANDING_CYCLES, 1)), CONTROL_ENABLE)
+        out = robot.run(self._commands, CONTROL_ENABLE)
         out[:, 2] /= self._parameters.motor.torque_constant_n_m_a
         return {name: out[:, i] for i, name in enumerate(('motor_position', 'motor_speed', 'current'))}
 
