@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from delta3_pacdrive.ros.interface_tables import markdown, rst, service_table, topic_table
 from delta3_pacdrive.ros.interfaces import (
@@ -144,3 +144,37 @@ def test_a_name_with_axis_n_stands_for_three() -> None:
     assert isinstance(topic, Topic)
     assert topic.names == tuple(f'sercos/at/{axis}' for axis in DRIVES)
     assert topic.of('axis2') == 'sercos/at/axis2'
+
+
+def test_any_client_may_ask_for_reliable_delivery_of_any_topic() -> None:
+    for topic in TOPICS:
+        assert topic.delivery.publisher.reliability == ReliabilityPolicy.RELIABLE, topic.name
+
+
+def test_no_reader_asks_for_what_the_writer_does_not_offer() -> None:
+    for topic in TOPICS:
+        offered = topic.delivery.publisher
+        for asked in (topic.delivery.subscription, topic.delivery.recorder):
+            latched = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            assert not latched or offered.durability == DurabilityPolicy.TRANSIENT_LOCAL, topic.name
+
+
+def test_latecomers_hear_states_and_never_an_order() -> None:
+    latched = {
+        topic.name
+        for topic in TOPICS
+        if topic.delivery.publisher.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    }
+    assert {
+        topic.name for topic in TOPICS if topic.name.rpartition('/')[2] in ('state', 'status', 'phase')
+    } <= latched
+    assert latched.isdisjoint(topic.name for topic in TOPICS if not topic.writers)
+    assert latched.isdisjoint(
+        {'motion/plan', 'motion/change', 'faults/schedule', 'control/request', 'unit_robot/request'}
+    )
+
+
+def test_a_recorder_may_lag_by_seconds_of_what_comes_in_every_cycle() -> None:
+    for topic in RECORDED:
+        if topic.cyclic:
+            assert topic.delivery.recorder.depth >= 1000, topic.name
