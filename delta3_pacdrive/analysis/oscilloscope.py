@@ -22,7 +22,7 @@ FOUND = ('position', 'speed', 'command', 'motor_current', 'voltage')
 
 
 class Oscilloscope:
-    """Runs drives and plant of a robot period by period, and records states of the drives.
+    """The oscilloscope runs drives and plant of a robot period by period, and records states of the drives.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ PACKAGES = ('numpy', 'scipy', 'numba')
 
 @dataclass(frozen=True)
 class Provenance:
-    """How an output came about.
+    """Provenance says how an output came about.
 
     Attributes
     ----------

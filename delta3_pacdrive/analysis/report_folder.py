@@ -34,7 +34,7 @@ ROWS_SHOWN = 12  # of a table, on the page
 
 @dataclass(frozen=True)
 class Table:
-    """A table to be written; a cell without a value, None or nan, stays empty.
+    """A table is written as CSV; a cell without a value, None or nan, stays empty.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Table:
 
 
 class ReportFolder:
-    """A folder for the results of one command.
+    """A report folder takes the results of one command.
 
     Attributes
     ----------

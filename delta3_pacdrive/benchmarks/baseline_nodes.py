@@ -45,7 +45,7 @@ def _cycle(message: Any) -> int:
 
 
 class BaselineDrive(Node):
-    """Answers each MDT and shaft message with an AT and a current message."""
+    """The drive answers each MDT and shaft message with an AT and a current message."""
 
     def __init__(self, axis: str, **options: Any) -> None:
         super().__init__(f'baseline_{axis}', **options)
@@ -79,7 +79,7 @@ class BaselineDrive(Node):
 
 
 class BaselinePlant(Node):
-    """Answers three current messages with one shaft message."""
+    """The plant answers three current messages with one shaft message."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('baseline_plant', **options)
@@ -108,7 +108,7 @@ class BaselinePlant(Node):
 
 
 class BaselineMaster(Node):
-    """Sends MDTs on the clock, takes the answers and publishes the telemetry."""
+    """The master sends MDTs on the clock, takes the answers and publishes the telemetry."""
 
     def __init__(self, cycles: int, report: Callable[[dict[str, Any]], None], **options: Any) -> None:
         super().__init__('baseline_master', **options)

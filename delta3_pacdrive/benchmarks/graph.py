@@ -58,7 +58,7 @@ def measure(
 
 
 class _Meter:
-    """Processor time and memory of processes between two looks."""
+    """The meter takes processor time and memory of processes between two looks."""
 
     def __init__(self, pids: dict[str, int]) -> None:
         import psutil

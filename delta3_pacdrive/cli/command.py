@@ -229,7 +229,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Help(argparse.HelpFormatter):
-    """Shows the defaults that say something, and leaves lists of actions as they are."""
+    """The help shows the defaults that say something, and leaves lists of actions as they are."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         hidden = action.default is None or action.default is False

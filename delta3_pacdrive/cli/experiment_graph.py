@@ -93,7 +93,7 @@ def record(
 
 @dataclass(frozen=True)
 class Graph:
-    """Runs a program by the nodes of both robots, recorded into bags in a folder."""
+    """The graph runs a program by the nodes of both robots, recorded into bags in a folder."""
 
     folder: Path
     real_time_factor: float

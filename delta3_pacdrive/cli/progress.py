@@ -9,7 +9,7 @@ COMPILING_BUILT = 'compiling the kernels of the built robot, once for this versi
 
 
 class Progress:
-    """A line that tells what goes on; silent where nobody looks.
+    """The display is a line that tells what goes on; it is silent where nobody looks.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ class Options(GraphOptions, RobotOptions):
 
 
 class _Announcement:
-    """Says once that the robot is ready, then leaves the line to the display."""
+    """The announcement says once that the robot is ready, then leaves the line to the display."""
 
     def __init__(self, display: Progress, bringup: Any, quiet: bool) -> None:
         self._display, self._bringup, self._quiet = display, bringup, quiet

@@ -45,7 +45,7 @@ SAMPLE_S = 1e-3
 
 @dataclass(frozen=True)
 class Design:
-    """An exciting program and what it is worth.
+    """A design is an exciting program, and what it is worth.
 
     Attributes
     ----------

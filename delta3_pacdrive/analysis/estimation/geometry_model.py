@@ -22,7 +22,7 @@ POSES_MAX = 1000
 
 
 class GeometryModel:
-    """Positions of the TCP that do not fit the arm angles.
+    """The model compares measured positions of the TCP with those that the arm angles allow.
 
     Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). The three gaps e_i = |s_i| - l_B become the
     error of the position by S^-1, the rows of S being the directions s_i/|s_i|: to first order the error of the

@@ -24,7 +24,7 @@ VARIANCE_SHARE = 0.5  # that one direction contributes to the variances of at le
 
 
 class Verdict(Enum):
-    """What the signals tell about a quantity."""
+    """A verdict says what the signals tell about a quantity."""
 
     IDENTIFIABLE = 'identifiable'
     INVISIBLE = 'no effect on the signals'
@@ -34,7 +34,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What the signals tell about one quantity.
+    """A finding says what the signals tell about one quantity, and why.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Collinearity:
-    """Quantities that signals can hardly tell apart, and the condition index of their direction."""
+    """Collinear quantities are those that signals can hardly tell apart; their direction has a condition index."""
 
     symbols: tuple[str, ...]
     condition_index: float
@@ -73,7 +73,7 @@ class Collinearity:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What the signals tell about all free quantities.
+    """The analysis says what the signals tell about all free quantities.
 
     Attributes
     ----------

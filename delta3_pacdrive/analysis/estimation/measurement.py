@@ -28,7 +28,7 @@ MARGIN_S = 0.02  # kept before and after the motion
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of white, normally distributed sensor noise per sample: our choice, typical of the kind.
+    """Sensor noise is white and normally distributed; its standard deviations per sample are chosen as typical.
 
     The current sensor resolves about a thousandth of the peak current; a good SinCos encoder a few increments of
     2^19 per revolution; the speed is the encoder's difference over some loop periods; a laser tracker. The voltage is

@@ -28,7 +28,7 @@ STEPS_PER_TIME_CONSTANT = 10.0  # a winding must be sampled this often in its L/
 
 
 class WindingModel:
-    """Current of the winding from the voltage of its phase and the speed of the shaft.
+    """The model computes the current of the winding from the voltage of its phase and the speed of the shaft.
 
     I(t + T) = I_f + (I(t) - I_f) exp(-T R/L),  I_f = (v - K_m/3 w)/(R/2), with v and w held through a period T: an
     output error, the current is simulated from its first sample on and compared with the measured one.
@@ -74,7 +74,7 @@ class WindingModel:
 
 
 class TorqueModel:
-    """Balance of torques of the three shafts, as the current it asks for.
+    """The model balances the torques of the three shafts, and compares the current that they ask for.
 
     K_m I = (I_b Y_1 + m_nt Y_2 + m_br r_Gb Y_3)/k_r + F_v w + F_s tanh(w/w_s), Y of ``dynamics.regressor``: linear in
     the masses and inertias. Both sides pass the same filter without phase, which leaves the band of the motion;

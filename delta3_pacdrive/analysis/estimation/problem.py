@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Block:
-    """A signal that is compared.
+    """A block is a signal that is compared.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Block:
 
 
 class Model(Protocol):
-    """Residuals of one trace, for all quantities by symbol."""
+    """A model gives the residuals of one trace, for all quantities by symbol."""
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -72,7 +72,7 @@ class Model(Protocol):
 
 
 class Problem:
-    """Free quantities and the models of all traces.
+    """A problem joins the free quantities and the models of all traces.
 
     Vectors of values are in SI. ``scales`` [SI] are what changes are compared with, from the values of the parameters
     that are known beforehand; jacobians are per scale.

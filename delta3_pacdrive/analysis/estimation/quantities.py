@@ -21,7 +21,7 @@ SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # the same for offsets that should
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number to be estimated.
+    """A quantity is one number to be estimated.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ FRAME = ('x_0', 'y_0', 'z_0', 'r_x', 'r_y', 'r_z')
 
 @dataclass(frozen=True)
 class Group:
-    """A set of quantities that one kind of data shows: what is free by default, and what may be freed."""
+    """A group holds the quantities that one kind of data shows: free by default, or to be freed."""
 
     name: str
     free: tuple[str, ...]
@@ -202,7 +202,7 @@ def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: fl
 
 @dataclass(frozen=True)
 class Combination:
-    """A function of quantities that signals may show although they do not show each of them."""
+    """A combination is a function of quantities that signals may show although they do not show each of them."""
 
     symbol: str
     unit: str

@@ -28,7 +28,7 @@ IDEAL_INCREMENTS = 2.0**40  # per revolution: an encoder without steps that anyt
 
 
 class Replay:
-    """Signals of the closed loop for other parameters of motor and masses, from the commands of a trace.
+    """The replay runs the closed loop with other parameters of motor and masses, on the commands of a trace.
 
     The model stands at the first command until its loops are at rest, then it takes the commands of the trace, from
     five cycles before the motion on.
@@ -91,7 +91,7 @@ class Replay:
 
 
 class ReplayModel:
-    """Current of a recording less that of the replay: for signals once per bus cycle.
+    """The model compares the current of a recording with that of the replay: for signals once per bus cycle.
 
     Everything that the drives do between two samples is simulated, so that the phase in which the samples catch the
     current's ripple does no harm.

@@ -35,7 +35,7 @@ QUIET = 0.7  # of the sensors' noise: residuals below it show something else
 
 @dataclass(frozen=True)
 class Iterate:
-    """An accepted step: its number, the values [SI] and half the weighted sum of squares."""
+    """An iterate is an accepted step: its number, the values [SI] and half the weighted sum of squares."""
 
     number: int
     x: Floats
@@ -44,7 +44,7 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Whiteness:
-    """How independent the residuals of one signal are.
+    """Whiteness tells how independent the residuals of one signal are.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Whiteness:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A quantity, or a combination, with its 95 % interval [SI]; ``verdict`` says whether the number means anything."""
+    """An estimate is a quantity or a combination with its 95 % interval [SI]; the verdict says if it means anything."""
 
     symbol: str
     unit: str
@@ -77,7 +77,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of an estimation.
+    """A fit is the result of an estimation.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from delta3_pacdrive.analysis.inputs import is_recording
 
 @dataclass(frozen=True)
 class Settings:
-    """What an estimation depends on, apart from the contents of its files.
+    """The settings are what an estimation depends on, apart from the contents of its files.
 
     Attributes
     ----------

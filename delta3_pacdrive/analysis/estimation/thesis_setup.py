@@ -55,7 +55,7 @@ SIGNALS = ('motor_position', 'motor_speed', 'current')
 
 @dataclass(frozen=True)
 class Quotient:
-    """Difference quotients of the current over one quantity at one step.
+    """A quotient is the change of the current by one step of one quantity, over the step.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Quotient:
 
 @dataclass(frozen=True)
 class Attempt:
-    """An estimation with the usual settings.
+    """An attempt is an estimation with the usual settings.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class ThesisStudy:
-    """All that explains the outcome of chapter 9.
+    """The study holds all that explains the outcome of chapter 9.
 
     Attributes
     ----------

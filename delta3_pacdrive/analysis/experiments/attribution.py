@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Effect:
-    """Something that the thesis leaves out.
+    """An effect is something that the thesis leaves out.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ EXPLAINED = tuple(
 
 @dataclass(frozen=True)
 class Outcome:
-    """A number of a run, and what each effect has to do with it [SI].
+    """An outcome is a number of a run [SI], and what each effect has to do with it.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Attribution:
-    """What explains the difference of a robot from its model.
+    """An attribution says what explains the difference of a robot from its model.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A signal that is compared.
+    """A quantity is a signal that is compared.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Run:
-    """Signals of one run from shortly before its program to shortly after.
+    """A run holds the signals from shortly before its program to shortly after.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Statistics:
-    """One signal of model and robot in numbers, in the unit that people read.
+    """Statistics are one signal of model and robot in numbers, in the unit that people read.
 
     ``*_max`` are largest absolute values, ``deviation`` is robot - model, percentages are of ``peak``: the largest
     excursion of the model over all columns of the signal, from its start for positions, else from zero.
@@ -175,7 +175,7 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Model and robot over the same bus cycles of the program."""
+    """A comparison holds model and robot over the same bus cycles of the program."""
 
     model: Run
     robot: Run

@@ -30,7 +30,7 @@ OTHER = 'other parameters'
 
 @dataclass(frozen=True)
 class Conclusion:
-    """One claim of 11.1.4, and whether this run bears it out."""
+    """A conclusion is one claim of 11.1.4, and whether this run bears it out."""
 
     claim: str
     holds: bool

@@ -29,7 +29,7 @@ Graph = Callable[
 
 @dataclass
 class Study:
-    """An experiment in a folder; with a ``graph`` both robots run as nodes, too, and these runs are compared."""
+    """The study is an experiment in a folder; with a ``graph`` both robots run as nodes, which are compared."""
 
     settings: Settings
     folder: Path

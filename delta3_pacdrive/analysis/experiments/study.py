@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Settings:
-    """What an experiment depends on, apart from the contents of its files.
+    """The settings are what an experiment depends on, apart from the contents of its files.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Results:
-    """What an experiment finds: the comparison, what explains it (None: not looked for), and notes in sentences."""
+    """The results are the comparison, what explains it (None: not looked for), and notes in sentences."""
 
     number: int
     program: str

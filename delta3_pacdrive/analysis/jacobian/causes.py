@@ -26,7 +26,7 @@ PRINTED_JACOBIAN_DOT = '(4.15) as printed, + Sdot J'
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause, and the largest deviations [%] that it makes by itself."""
+    """A cause makes, by itself, these largest deviations [%]."""
 
     name: str
     quantity: str

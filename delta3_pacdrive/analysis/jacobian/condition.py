@@ -37,7 +37,7 @@ BAND = (5.0, 50.0, 95.0)  # percentiles
 
 @dataclass(frozen=True)
 class Sweep:
-    """Deviations per millimetre over the workspace and beyond, up to its singularities.
+    """A sweep holds deviations per millimetre over the workspace and beyond, up to its singularities.
 
     Attributes
     ----------

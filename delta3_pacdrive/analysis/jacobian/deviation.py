@@ -22,7 +22,7 @@ IDLE = 0.01  # a joint whose largest value is a smaller share of the fastest joi
 
 @dataclass(frozen=True)
 class Deviation:
-    """Deviation of computed from recorded values, sample by sample.
+    """The deviation is that of computed from recorded values, sample by sample.
 
     Attributes
     ----------

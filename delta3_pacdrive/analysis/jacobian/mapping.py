@@ -36,7 +36,7 @@ LENGTHS = {
 
 
 class Pose(StrEnum):
-    """Where the Jacobian takes angles and position from."""
+    """The pose says where the Jacobian takes angles and position from."""
 
     RECORDED = 'recorded'  # both as they are recorded (11.2)
     FORWARD = 'forward'  # the position by forward kinematics of the angles (4.5, last sentence)
@@ -45,7 +45,7 @@ class Pose(StrEnum):
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Joint velocities [rad/s] and accelerations [rad/s^2]; shapes (n, 3)."""
+    """Joint motion is velocities [rad/s] and accelerations [rad/s^2]; shapes (n, 3)."""
 
     velocity: Floats
     acceleration: Floats

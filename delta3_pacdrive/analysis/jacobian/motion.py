@@ -36,7 +36,7 @@ MOVING_RAD_S = 1e-3  # what the fastest joint must reach
 
 
 class Signals(StrEnum):
-    """Which signals of TCP and joints are compared."""
+    """The signals are those of TCP and joints that are compared."""
 
     COMMAND = 'command'  # set points of both
     ACTUAL = 'actual'  # encoders and motor speeds; the TCP by forward kinematics of the encoders
@@ -45,7 +45,7 @@ class Signals(StrEnum):
 
 @dataclass(frozen=True)
 class Thesis:
-    """What 11.2 tells of an experiment: its number, its first figure, its largest deviation of a joint velocity."""
+    """The thesis (11.2) tells of an experiment: number, first figure, largest deviation of a joint velocity."""
 
     number: int
     first_figure: int
@@ -62,7 +62,7 @@ EXPERIMENTS = {
 
 @dataclass(frozen=True)
 class Motion:
-    """A trajectory, sample by sample; arrays (n, 3).
+    """A motion is a trajectory, sample by sample; arrays (n, 3).
 
     Attributes
     ----------

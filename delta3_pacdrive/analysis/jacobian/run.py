@@ -24,7 +24,7 @@ ERROR_MAX_M = 0.1  # beyond that it is another robot, or millimetres were meant
 
 @dataclass
 class Study:
-    """The Jacobian experiments in a folder."""
+    """The study is the Jacobian experiments in a folder."""
 
     settings: Settings
     folder: Path

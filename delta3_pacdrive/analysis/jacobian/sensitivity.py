@@ -28,7 +28,7 @@ ERROR_MAX = 1.0  # of a length, that is looked for
 
 @dataclass(frozen=True)
 class Share:
-    """Largest and rms deviation that 1 mm makes, of the joint's peak, and the largest momentary one [%/mm]."""
+    """A share is what 1 mm makes [%/mm]: largest and rms deviation of the joint's peak, largest momentary one."""
 
     of_peak: float
     of_peak_rms: float
@@ -37,7 +37,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What an error of one length makes of one trajectory.
+    """A sensitivity says what an error of one length makes of one trajectory.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ ERRORS_M = {'R_A': 0.035}
 
 @dataclass(frozen=True)
 class Settings:
-    """What a study depends on, apart from the contents of its files.
+    """The settings are what a study depends on, apart from the contents of its files.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Trial:
-    """One trajectory with everything that is computed of it.
+    """A trial is one trajectory with everything that is computed of it.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Results:
-    """What a study finds: of each trajectory, and of poses from the middle of the workspace to its singularities."""
+    """The results are those of each trajectory, and of poses from the middle of the workspace to its singularities."""
 
     trials: list[Trial]
     sweep: Sweep

@@ -43,7 +43,7 @@ PERIODS = 4  # of a multisine; the first one is left to settle
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop of the cascade: where it is cut, where it is excited and how hard.
+    """A loop of the cascade is cut at one place, and excited at one with some strength.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ CASCADE_PERIOD_S, CASCADE_LOWEST_HZ, CASCADE_HIGHEST_HZ, CASCADE_RMS_A = 0.5, 4.
 
 @dataclass(frozen=True)
 class Step:
-    """A step response, as a share of the step: of the drive on the bench, and of the linear loop."""
+    """A step response is a share of the step: that of the drive on the bench, and that of the linear loop."""
 
     time_s: Floats
     drive: Floats
@@ -114,7 +114,7 @@ class Step:
 
 @dataclass(frozen=True)
 class LoopResult:
-    """A loop with one set of gains.
+    """The result is that of a loop with one set of gains.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class LoopResult:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """At what the loops are looked at.
+    """The operating point is where the loops are looked at.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ SPEED_SHARE = 0.5  # of the speed of the bench: the robot has less room
 
 @dataclass(frozen=True)
 class Excitation:
-    """What is excited.
+    """An excitation says what is excited, and how.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def _meta(parameters: Parameters, excitation: Excitation, sine: Multisine) -> di
 
 
 class _TurningRobot:
-    """Three drives on the plant whose shafts turn evenly, period by period."""
+    """The robot turns its three shafts evenly, period by period."""
 
     def __init__(self, parameters: Parameters, excitation: Excitation) -> None:
         self._robot, self._excitation, self._parameters = Robot(parameters), excitation, parameters

@@ -39,7 +39,7 @@ ENABLING_CYCLES_MAX = 2000
 
 
 class Place(StrEnum):
-    """Where a set point is added, and which loops are closed meanwhile."""
+    """The place is where a set point is added; it says which loops are closed meanwhile."""
 
     CURRENT = 'current'  # current loop alone, the shaft is held
     SPEED = 'speed'  # velocity loop and what is inside it
@@ -50,7 +50,7 @@ class Place(StrEnum):
 
 @dataclass(frozen=True)
 class Run:
-    """What the oscilloscope of a drive saw.
+    """A run is what the oscilloscope of a drive saw.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> P
 
 
 class Bench:
-    """One drive and its load, in torque and turning; ``run`` may be called again and again, each goes on.
+    """The test bench has one drive and its load, in torque and turning; each ``run`` goes on where the last one ended.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Effect:
-    """A program with one set of gains; the figures are None where a drive tripped.
+    """The effect of gains on a program is in these figures, which are None where a drive tripped.
 
     Attributes
     ----------

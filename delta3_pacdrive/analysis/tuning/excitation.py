@@ -23,7 +23,7 @@ LINES_PER_DECADE = 16
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of sines of equal size that repeats.
+    """A multisine is a sum of sines of equal size that repeats.
 
     Attributes
     ----------

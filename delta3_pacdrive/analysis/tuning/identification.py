@@ -29,7 +29,7 @@ QUIET = 1e-12  # of the strongest line, below which an input is not excited
 
 @dataclass(frozen=True)
 class Measured:
-    """A frequency response.
+    """A measured frequency response has a coherence, and so an error.
 
     Attributes
     ----------

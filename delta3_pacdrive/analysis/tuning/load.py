@@ -26,7 +26,7 @@ RADII, DIRECTIONS, HEIGHTS = 7, 12, 6  # of the grid over the workspace
 
 @dataclass(frozen=True)
 class Load:
-    """What one drive moves, motor side.
+    """The load is what one drive moves, motor side.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Modes:
-    """How the three drives move the arms in a pose.
+    """The modes say how the three drives move the arms in a pose.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Entry(StrEnum):
-    """Where the input of the linear cascade enters."""
+    """The entry is where the input of the linear cascade enters."""
 
     # instead of a signal, which cuts the loops around it
     CURRENT_ERROR = 'current error'
@@ -56,7 +56,7 @@ OUTPUTS = (
 
 @dataclass(frozen=True)
 class Shaft:
-    """What turns, motor side.
+    """The shaft is what turns, motor side.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
 
 
 class _Period:
-    """One current-loop period; every signal is a row: its weights on the states at the start, and on the input."""
+    """In a current-loop period every signal is a row: its weights on the states at the start, and on the input."""
 
     def __init__(self, parameters: Parameters, shaft: Shaft, entry: Entry, n: int) -> None:
         identity = np.eye(len(_STATES) + 1)

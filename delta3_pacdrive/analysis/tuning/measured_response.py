@@ -41,7 +41,7 @@ COMMAND = 'command'
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """A frequency response of a recording.
+    """The response is one that a recording shows, beside the linear one.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ HALF_POWER = math.sqrt(0.5)
 
 @dataclass(frozen=True)
 class Margins:
-    """How far an open loop L is from instability; None where it has no such crossing.
+    """Margins say how far an open loop L is from instability; None where it has no such crossing.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Margins:
 
 @dataclass(frozen=True)
 class StepFigures:
-    """A response to a step of height 1.
+    """The figures describe a response to a step of height 1.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the tr
 
 @dataclass
 class Study:
-    """A tuning in a folder.
+    """The study is a tuning in a folder.
 
     Raises
     ------

@@ -54,7 +54,7 @@ NAMES = _names()
 
 @dataclass(frozen=True)
 class Setting:
-    """One value: ``name`` is a field of the group drive, or an IDN of ``ACTION_TIMES``."""
+    """A setting is one value; its name is a field of the group drive, or an IDN of ``ACTION_TIMES``."""
 
     name: str
     value: float

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a tuning depends on, apart from the contents of its files.
+    """The settings are what a tuning depends on, apart from the contents of its files.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Variant:
-    """The robot with one set of gains.
+    """A variant is the robot with one set of gains.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One value of a sweep.
+    """A point is one value of a sweep.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class SweepPoint:
 
 @dataclass(frozen=True)
 class Results:
-    """What a tuning finds.
+    """The results are what a tuning finds.
 
     Attributes
     ----------
