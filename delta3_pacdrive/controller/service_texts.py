@@ -1,4 +1,4 @@
-"""Requests to the service channels of the drives as text, and their answers in sentences.
+"""Requests to the service channels of the drives as text, and their answers: a word for the outcome, and a sentence.
 
 A request may begin with a mark of the asker's own choice, and its answer begins with the same: "#3fa9 axis1 read
 S-0-0104" is answered with "#3fa9 accepted: axis1: ...".
@@ -12,6 +12,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, format_idn, parse_idn
 
 _MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
+ACCEPTED, REFUSED = 'accepted', 'refused'
 OPERATIONS = {operation.name.lower(): operation for operation in Operation}
 
 
@@ -19,6 +20,17 @@ def split_mark(text: str) -> tuple[str, str]:
     """Return (mark such as "#3fa9", the rest) of a request or an answer; the mark is empty without one."""
     match = _MARK.match(text)
     return (match[1].rstrip(), match[2]) if match else ('', text)
+
+
+def answer_text(accepted: bool, sentence: str) -> str:
+    """Return an answer as it is published."""
+    return f'{ACCEPTED if accepted else REFUSED}: {sentence}'
+
+
+def parse_answer(text: str) -> tuple[bool, str]:
+    """Return (whether the request was accepted, sentence) of an answer; what is none refuses."""
+    word, _, sentence = text.partition(': ')
+    return word == ACCEPTED, sentence
 
 
 def parse_request(text: str) -> tuple[int, Access]:
@@ -44,11 +56,10 @@ def _number(text: str) -> float:
         raise TelegramError(f'{shown(text)} is no number') from None
 
 
-def sentence(index: int, access: Access, answer: Answer) -> str:
+def outcome(index: int, access: Access, answer: Answer) -> str:
     """Say what became of an access."""
     if answer.error:
-        return f'refused: {DRIVES[index]}: {refusal(access, answer)}'
+        return answer_text(False, f'{DRIVES[index]}: {refusal(access, answer)}')
     row = TABLE[access.idn]
-    if access.operation == Operation.COMMAND:
-        return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name}: done'
-    return f'accepted: {DRIVES[index]}: {format_idn(access.idn)} {row.name} = {value_text(row, answer.value)}'
+    result = ': done' if access.operation == Operation.COMMAND else f' = {value_text(row, answer.value)}'
+    return answer_text(True, f'{DRIVES[index]}: {format_idn(access.idn)} {row.name}{result}')

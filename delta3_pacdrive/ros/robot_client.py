@@ -17,7 +17,7 @@ from std_msgs.msg import Header, String
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller import messages
 from delta3_pacdrive.controller.messages import QueueReport, Reply, Request
-from delta3_pacdrive.controller.service_texts import split_mark
+from delta3_pacdrive.controller.service_texts import parse_answer, split_mark
 from delta3_pacdrive.errors import (
     Code,
     ProgramError,
@@ -282,10 +282,10 @@ class OperatorNode(PollingNode):
         self._service_answers.clear()
         self._request.publish(String(data=f'{mark} {request}'))
         self.wait_until(lambda: mark in self._service_answers, 'answer of the service channel')
-        verdict, _, text = self._service_answers[mark].partition(': ')
-        if verdict == 'refused':
-            raise ProgramError(text)
-        return text
+        accepted, sentence = parse_answer(self._service_answers[mark])
+        if not accepted:
+            raise ProgramError(sentence)
+        return sentence
 
     def inject(self, fault: str) -> str:
         """Inject a fault, in YAML as in program files; raises ProgramError if it is refused."""

@@ -8,7 +8,7 @@ Everybody hears every answer.
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from delta3_pacdrive.controller.service_texts import parse_request, sentence, split_mark
+from delta3_pacdrive.controller.service_texts import answer_text, outcome, parse_request, split_mark
 from delta3_pacdrive.errors import Delta3Error
 from delta3_pacdrive.ros.interfaces import SERVICE_ANSWER, SERVICE_REQUEST
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
@@ -26,8 +26,8 @@ def offer_service_requests(node: Node, requests: ServiceRequests) -> None:
 
         try:
             index, access = parse_request(request)
-            requests.ask(index, access, lambda index, answer: say(sentence(index, access, answer)))
+            requests.ask(index, access, lambda index, answer: say(outcome(index, access, answer)))
         except Delta3Error as error:
-            say(f'refused: {error}')
+            say(answer_text(False, str(error)))
 
     SERVICE_REQUEST.subscription(node, receive)
