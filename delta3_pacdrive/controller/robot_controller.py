@@ -16,7 +16,8 @@ from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_actions import Said
 from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.controller.transformation import FOLLOWING_ERROR, TCP_ACTUAL, Transformation
+from delta3_pacdrive.controller.task_arrays import FOLLOWING_ERROR, TCP_ACTUAL
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, Reason, UnreachableError
 from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
 from delta3_pacdrive.faults.schedule import Schedule

@@ -2,184 +2,37 @@
 
 In each cycle the plan gives the TCP, inverse kinematics the arm angles, the gear the motor shafts (thesis 6, 7). What
 the drives answer serves only the following error and supervision, never the next command: cycles may be outstanding.
-
-Arguments of the kernels here:
-
-``cycle``
-    Number of a bus cycle.
-``task``, ``s``
-    ``TaskArrays`` and the record ``STATE`` in them.
-``tables``
-    The plan: a ``motion.plan.Tables``.
-``number``, ``over``
-    Number of the move that is driven, and whether the program is over.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.task_arrays import (
+    ANSWER_COLUMNS,
+    SETTLE_CYCLES,
+    STATE,
+    TaskArrays,
+    answer_cycle,
+    command_cycle,
+    task_constants,
+)
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.kinematics import arm_angles, geometry, plate_position
+from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
-from delta3_pacdrive.motion.execution import Course, MasterState, Timeline, course_at
-from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, Tables, plan_path_at
+from delta3_pacdrive.motion.execution import Course, MasterState, Timeline
+from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import rest
-from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.increments import on_grid
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, payload_on_grid
 
-HISTORY = 64  # cycles of commands kept for the answers that are still on their way
-SETTLE_CYCLES = 100  # after the end of a program, before the final position is taken
 DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
-
-STATE = np.dtype(
-    [
-        ('start_cycle', 'i8'),
-        ('end_cycle', 'i8'),
-        ('move', 'i8'),
-        ('master', 'f8'),  # [m]
-        ('master_speed', 'f8'),  # [m/s]
-        ('event', 'i8'),  # next of the present move
-        ('outputs', 'i8'),  # bit n = output n
-        ('payload', 'f8'),  # gripped [kg]
-        ('tcp', 'f8', (3,)),  # commanded [m]
-        ('tcp_history', 'f8', (HISTORY, 3)),
-        ('theta_history', 'f8', (HISTORY, 3)),
-        # actual arm angles of the two cycles before
-        ('theta_before', 'f8', (3,)),
-        ('theta_before_that', 'f8', (3,)),
-        # figures of the run, from the start of the program to SETTLE_CYCLES after its end
-        ('measured_cycles', 'i8'),
-        ('error_max', 'f8'),
-        ('error_square_sum', 'f8'),
-        ('following_error_max', 'f8'),
-        ('current_peak', 'f8', (3,)),
-        ('current_square_sum', 'f8', (3,)),
-        ('final_tcp', 'f8', (3,)),
-    ],
-    align=True,
-)
-
-CONSTANTS = np.dtype(
-    [
-        ('gear_ratio', 'f8'),
-        ('increments_per_rad', 'f8'),
-        ('cycle_time', 'f8'),
-        ('extrapolation', 'f8'),  # [cycles], of the actual value (7.3)
-        ('set_point_delay', 'f8'),  # [cycles], of the actual TCP behind the command
-        ('torque_constant', 'f8'),
-    ],
-    align=True,
-)
-
-
-class TaskArrays(NamedTuple):
-    """These are the arrays of the task that the compiled code works on; its timeline has ``course`` to ``tables``."""
-
-    course: NDArray[Any]  # motion.execution.COURSE
-    table: Floats  # (rows, 5) master phases of the course
-    tables: Tables  # the plan
-    motors: Floats  # (3,) motor commands [rad]
-    answer: Floats  # (ANSWER_COLUMNS,) of the last cycle that was evaluated
-    state: NDArray[Any]  # STATE
-    constants: NDArray[Any]  # CONSTANTS
-    geometry: NDArray[Any]  # kinematics.GEOMETRY
-
-
-# columns of the answer of one cycle
-THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
-ANSWER_COLUMNS = 15
-
-
-@kernel
-def command_cycle(cycle, task):
-    """Fill the motor commands [rad] of a bus cycle in the ``TaskArrays``; nan where the TCP is out of reach."""
-    s, c, course, tables = task.state[0], task.constants[0], task.course, task.tables
-    if cycle >= s.start_cycle:
-        time = (cycle - course[0].cycle) * c.cycle_time
-        number, s.master, s.master_speed, _ = course_at(time, s.move, course, task.table, tables)
-        _switch_outputs(number, cycle >= s.end_cycle and course[0].held == 0, tables, s)
-        p = plan_path_at(s.master, number, tables)
-        for axis in range(3):
-            s.tcp[axis] = p[axis]
-    theta = arm_angles(triple(s.tcp), task.geometry[0])
-    row = cycle % HISTORY
-    for i in range(3):
-        s.tcp_history[row, i] = s.tcp[i]
-        s.theta_history[row, i] = theta[i]
-        task.motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
-
-
-@kernel
-def _switch_outputs(number, over, tables, s):
-    """Carry out every event that the master has passed, in order; all that are left when a move is over."""
-    while True:
-        move = tables.moves[tables.order[s.move]]
-        while s.event < move.events:
-            row = move.first_event + s.event
-            if s.move == number and not over and tables.events[row, 0] > s.master:
-                return
-            bit = int(tables.events[row, 1])
-            if bit >= 0:
-                s.outputs &= ~(1 << bit)
-                if tables.events[row, 2] != 0.0:
-                    s.outputs |= 1 << bit
-            if tables.events[row, 3] >= 0.0:
-                s.payload = tables.events[row, 3]
-            s.event += 1
-        if s.move >= number:
-            return
-        s.move += 1
-        s.event = 0
-
-
-@kernel
-def answer_cycle(cycle, positions, torques, task):
-    """Fill ``answer`` of the ``TaskArrays``: forward kinematics and errors of a bus cycle.
-
-    ``positions`` [rad] and ``torques`` [N m] are those of the motor shafts as the drives answered, shapes (3,).
-    """
-    s, c, out = task.state[0], task.constants[0], task.answer
-    theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
-    p = plate_position(theta, task.geometry[0])
-    row = cycle % HISTORY
-    # the command that the actual position answers to, on the chord between two commands
-    whole = math.floor(c.set_point_delay)
-    share = c.set_point_delay - whole
-    newer = max(cycle - int(whole), 0) % HISTORY
-    older = max(cycle - int(whole) - 1, 0) % HISTORY
-    error_square = 0.0
-    for i in range(3):
-        out[i] = theta[i]
-        out[3 + i] = p[i]
-        out[6 + i] = s.tcp_history[row, i]
-        before = s.theta_before[i]
-        extrapolated = before + c.extrapolation * (before - s.theta_before_that[i])
-        out[9 + i] = s.theta_history[row, i] - extrapolated
-        due = (1.0 - share) * s.tcp_history[newer, i] + share * s.tcp_history[older, i]
-        out[12 + i] = due - p[i]
-        error_square += out[12 + i] * out[12 + i]
-        s.theta_before_that[i] = before
-        s.theta_before[i] = theta[i]
-    if s.start_cycle <= cycle < s.end_cycle + SETTLE_CYCLES:
-        s.measured_cycles += 1
-        s.error_square_sum += error_square
-        s.error_max = max(s.error_max, math.sqrt(error_square))
-        for i in range(3):
-            current = torques[i] / c.torque_constant
-            s.current_peak[i] = max(s.current_peak[i], abs(current))
-            s.current_square_sum[i] += current * current
-            s.following_error_max = max(s.following_error_max, abs(out[9 + i]))
-            s.final_tcp[i] = p[i]
 
 
 @dataclass(frozen=True)
@@ -201,13 +54,6 @@ class Transformation:
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus
         self._parameters = parameters
-        constants = np.zeros(1, CONSTANTS)
-        constants['gear_ratio'] = parameters.dynamics.gear_ratio
-        constants['increments_per_rad'] = bus.increments_per_rev / math.tau
-        constants['cycle_time'] = bus.cycle_time_s
-        constants['extrapolation'] = parameters.following_error_delay_cycles
-        constants['set_point_delay'] = parameters.set_point_delay_cycles
-        constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
         self.state: NDArray[Any] = np.zeros(1, STATE)
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
@@ -221,7 +67,7 @@ class Transformation:
             self.motors,
             self.answer,
             self.state,
-            constants,
+            task_constants(parameters),
             geometry(parameters.kinematics),
         )
         self._coming: Course | None = None

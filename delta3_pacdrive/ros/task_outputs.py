@@ -2,13 +2,7 @@
 
 from rclpy.node import Node
 
-from delta3_pacdrive.controller.transformation import (
-    FOLLOWING_ERROR,
-    TCP_ACTUAL,
-    TCP_COMMAND,
-    TCP_ERROR,
-    THETA,
-)
+from delta3_pacdrive.controller.task_arrays import FOLLOWING_ERROR, TCP_ACTUAL, TCP_COMMAND, TCP_ERROR, THETA
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import interfaces

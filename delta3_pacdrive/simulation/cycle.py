@@ -24,7 +24,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_stop
-from delta3_pacdrive.controller.transformation import Transformation, answer_cycle, command_cycle
+from delta3_pacdrive.controller.task_arrays import answer_cycle, command_cycle
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant

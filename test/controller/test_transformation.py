@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.controller.transformation import (
+from delta3_pacdrive.controller.task_arrays import (
     FOLLOWING_ERROR,
     HISTORY,
     SETTLE_CYCLES,
@@ -15,8 +15,8 @@ from delta3_pacdrive.controller.transformation import (
     TCP_COMMAND,
     TCP_ERROR,
     THETA,
-    Transformation,
 )
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters, simulation
-from delta3_pacdrive.controller.transformation import SETTLE_CYCLES, Transformation
+from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 

@@ -8,7 +8,7 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.controller.transformation import SETTLE_CYCLES
+from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
