@@ -16,6 +16,7 @@ from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bag_recovery import recover
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
+from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.trace import reason
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     Take = Callable[[bytes], None]
 
+TYPES = {telegram.topic: telegram.type for telegram in CARRIED}
 COURSE = 'motion/course'
 COURSE_ROW = 6  # numbers that tell a start of a program from a change of its course
 
@@ -56,33 +58,28 @@ class Bag:
     read: Callable[[Mapping[str, Take]], None]
 
     @staticmethod
-    def of(
-        channels: Iterable[Connection | Channel], types: Mapping[str, str], meta: dict[str, Any], read: Any
-    ) -> Bag:
+    def of(channels: Iterable[Connection | Channel], meta: dict[str, Any], read: Any) -> Bag:
         """Return the bag with these topics; raises TraceError."""
-        names = _cyclic_topics(channels, types)
+        names = _cyclic_topics(channels)
         topic, name = next(iter(names.items()))
         return Bag(names, topic.removesuffix(name), meta, read)
 
 
-def open_bag(path: Path, types: Mapping[str, str]) -> Bag:
-    """Look at the topics and the metadata of a bag, whole or cut; raises TraceError.
-
-    ``types`` are those of the cyclic topics, by relative name.
-    """
+def open_bag(path: Path) -> Bag:
+    """Look at the topics and the metadata of a bag, whole or cut; raises TraceError."""
     if not path.is_dir():
         raise TraceError('there is no such folder')
     files = sorted(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
     if not files and not (path / 'metadata.yaml').exists():
         raise TraceError('it is no bag, metadata.yaml is missing')
     try:
-        return _open_whole(path, types)
+        return _open_whole(path)
     except TraceError:
         raise
     except Exception as error:  # what readers and decompressors trip over in a damaged file is not bounded
         if any(file.suffix == '.db3' for file in files) or not files:
             raise _damage(error) from error
-        return _open_cut(path, files, types, error)
+        return _open_cut(path, files, error)
 
 
 def _damage(error: Exception) -> TraceError:
@@ -93,7 +90,7 @@ class _NotClosedError(Exception):
     """Nobody has closed the bag: what its metadata counts is not what it holds."""
 
 
-def _open_whole(path: Path, types: Mapping[str, str]) -> Bag:
+def _open_whole(path: Path) -> Bag:
     """Look at a bag with index and metadata; raises TraceError, and whatever the readers trip over."""
     with Reader(path) as reader:
         custom = reader.storage.metadata.custom
@@ -115,10 +112,10 @@ def _open_whole(path: Path, types: Mapping[str, str]) -> Bag:
         except Exception as error:
             raise _damage(error) from error
 
-    return Bag.of(channels, types, meta, read)
+    return Bag.of(channels, meta, read)
 
 
-def _open_cut(path: Path, files: list[Path], types: Mapping[str, str], error: Exception) -> Bag:
+def _open_cut(path: Path, files: list[Path], error: Exception) -> Bag:
     """Look at what is left of a bag; raises TraceError."""
     try:
         left = [recover(file) for file in files]
@@ -153,7 +150,7 @@ def _open_cut(path: Path, files: list[Path], types: Mapping[str, str], error: Ex
         for file in files:
             recover(file, take)
 
-    return Bag.of(channels, types, meta, read)
+    return Bag.of(channels, meta, read)
 
 
 def _missing(information: Mapping[str, Any], counted: int, left: Iterable[Recovered]) -> str:
@@ -215,17 +212,17 @@ class Courses:
         return sorted(self._starts)
 
 
-def _cyclic_topics(connections: Iterable[Connection | Channel], types: Mapping[str, str]) -> dict[str, str]:
+def _cyclic_topics(connections: Iterable[Connection | Channel]) -> dict[str, str]:
     """Return the relative names of the cyclic topics of the one robot, by topic."""
     names: dict[str, str] = {}
     robots: set[str] = set()
     for connection in connections:
         topic = '/' + connection.topic.lstrip('/')
-        name = next((name for name in types if topic.endswith('/' + name)), None)
+        name = next((name for name in TYPES if topic.endswith('/' + name)), None)
         if name is None or not connection.msgcount:
             continue
-        if connection.msgtype != types[name]:
-            raise TraceError(f'{topic} is of type {connection.msgtype}, not {types[name]}')
+        if connection.msgtype != TYPES[name]:
+            raise TraceError(f'{topic} is of type {connection.msgtype}, not {TYPES[name]}')
         names[connection.topic] = name
         robots.add(topic.removesuffix('/' + name) or '/')
     if not names:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
 TELEGRAMS = {telegram.topic: telegram for telegram in CARRIED}
-TYPES = {topic: telegram.type for topic, telegram in TELEGRAMS.items()}
 SHAFTS = telegrams.SHAFTS.topic
 _LOG = logging.getLogger(__name__)
 
@@ -67,7 +66,7 @@ def _about(path: Path) -> dict[str, Any]:
     from delta3_pacdrive.recording.bag_reader import open_bag
 
     try:
-        return open_bag(path, TYPES).meta
+        return open_bag(path).meta
     except (OSError, TraceError) as error:
         raise TraceError(f'cannot read recording {path}: {error}') from error
 
@@ -110,7 +109,7 @@ def _read_bag(path: Path) -> Trace:
 
     from delta3_pacdrive.recording.bag_reader import COURSE, Courses, open_bag
 
-    bag = open_bag(path, TYPES)
+    bag = open_bag(path)
     typestore = get_typestore(Stores.ROS2_JAZZY)
     columns = {
         name: _Column(telegram, typestore)
