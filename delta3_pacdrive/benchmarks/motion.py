@@ -6,7 +6,19 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
 from delta3_pacdrive.benchmarks.case import in_child, times_text
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.curves import Curve
+from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.move_planner import MovePlanner
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.plan import sample_plan
 
 ROUNDS = 40
 PLANS_PER_S = 20.0
@@ -14,9 +26,6 @@ PLANS_PER_S = 20.0
 
 def measure(seconds: float | None) -> dict[str, Any]:
     """Measure planning, cost per cycle, errors and cycle times; and a robot for some seconds, None: without one."""
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
-
     robot = core.load()
     simulation.rehearse(robot)
     result: dict[str, Any] = {
@@ -59,8 +68,6 @@ def _statements() -> dict[str, dict[str, Any]]:
 
 
 def _timed(action: Callable[[], Any], rounds: int = ROUNDS) -> dict[str, float]:
-    import numpy as np
-
     action()
     spent = []
     for _ in range(rounds):
@@ -74,9 +81,6 @@ START = (0.0, 0.0, -0.80)
 
 
 def _planning_times(robot: Any) -> dict[str, dict[str, float]]:
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
-
     times = {}
     for name, statement in _statements().items():
         program = programs.parse({'moves': [statement]}, robot.motion)
@@ -87,10 +91,6 @@ def _planning_times(robot: Any) -> dict[str, dict[str, float]]:
 
 def _cycle_costs(robot: Any) -> dict[str, dict[str, float]]:
     """Cost of a command: plan, path and inverse kinematics of three arms."""
-    from delta3_pacdrive.controller.transformation import Transformation
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
-
     costs = {}
     for name, statement in _statements().items():
         program = programs.parse({'moves': [statement]}, robot.motion)
@@ -108,12 +108,6 @@ def _cycle_costs(robot: Any) -> dict[str, dict[str, float]]:
 
 def _errors(robot: Any) -> dict[str, float]:
     """Deviation of paths from the true circle and from their points, and of the cruise from its speed."""
-    import numpy as np
-
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
-    from delta3_pacdrive.motion.path import sample_path
-    from delta3_pacdrive.motion.plan import sample_plan
 
     def plan(statement: dict[str, Any], start: Any) -> Any:
         return program_planner.plan(programs.parse({'moves': [statement]}, robot.motion), start, robot).plan
@@ -138,9 +132,6 @@ def _errors(robot: Any) -> dict[str, float]:
 
 def _packaging(robot: Any) -> dict[str, Any]:
     """Time of the packaging cycle beside the bounds that leave out jerk, or all but the motors."""
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
-
     result: dict[str, Any] = {}
     for name in ('packaging', 'packaging_stops'):
         program = programs.load(name, robot.motion)
@@ -156,14 +147,6 @@ def _packaging(robot: Any) -> dict[str, Any]:
 
 def _bounds(robot: Any) -> dict[str, float]:
     """Shortest times [s] of the rounded half cycle: as planned, without limit of jerk, and with the motors alone."""
-    import numpy as np
-
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
-    from delta3_pacdrive.motion.curves import Curve
-    from delta3_pacdrive.motion.limits import Limits
-    from delta3_pacdrive.motion.move_planner import MovePlanner
-
     program = programs.load('packaging', robot.motion)
     moves = program_planner.plan(program, program.start_m or START, robot).plan.moves
     move = max(moves, key=lambda one: one.length_m)
@@ -188,10 +171,6 @@ def _toppra(curve: Any, limits: Any, robot: Any) -> dict[str, float]:
         import toppra.constraint
     except ImportError:
         return {}
-    import numpy as np
-
-    from delta3_pacdrive.motion.path import sample_path
-
     toppra.setup_logging('ERROR')
     s = np.linspace(0.0, curve.length_m, 401)
     path = toppra.SplineInterpolator(s, sample_path(s, curve.segments)[:, 0])
@@ -216,10 +195,7 @@ def _under_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
 
 
 def _measure_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
-    from delta3_pacdrive import parameters as core
     from delta3_pacdrive.benchmarks.planning_load import measure
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
 
     robot = core.load()
     statement = _statements()['MoveSB, 100 points']

@@ -5,17 +5,24 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from delta3_pacdrive import dynamics, kinematics, simulation
+from delta3_pacdrive import parameters as core
 from delta3_pacdrive.benchmarks.case import program_file
+from delta3_pacdrive.benchmarks.mujoco_model import mujoco_xml
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.plant import Plant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
 
 REAL_TIME_FACTOR_AIM = 100.0
 START_AIM_S = 2.0
@@ -28,12 +35,6 @@ PUSH_N_M = (6.0, -2.0, 0.0)
 
 def measure_simulation(seconds: float) -> dict[str, Any]:
     """Measure the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
-    import tempfile
-
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.motion import program_file as programs
-
     robot = core.load()
     simulation.rehearse(robot)
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
@@ -59,11 +60,6 @@ def measure_simulation(seconds: float) -> dict[str, Any]:
 
 def measure_kinematics() -> dict[str, Any]:
     """Measure the speed of array kinematics on one core."""
-    import numpy as np
-
-    from delta3_pacdrive import kinematics
-    from delta3_pacdrive import parameters as core
-
     robot = core.load()
     k = robot.kinematics
     generator = np.random.default_rng(1)
@@ -103,11 +99,6 @@ def _start_s() -> float:
 
 def _exchange_difference(robot: Parameters) -> dict[str, float]:
     """TCP of the default exchange period against that of the exact reference."""
-    import numpy as np
-
-    from delta3_pacdrive import simulation
-    from delta3_pacdrive.motion import program_file as programs
-
     once = programs.load('experiment1', robot.motion)
     normal = simulation.run(once, robot)
     exact = simulation.run(once, robot.replace(bus__exchange_period_s=125e-6))
@@ -120,11 +111,6 @@ def _exchange_difference(robot: Parameters) -> dict[str, float]:
 
 def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
     """Step costs of the mechanism alone, pushed from rest, and where its TCP is in the end; empty without MuJoCo."""
-    import numpy as np
-
-    from delta3_pacdrive import dynamics, kinematics
-    from delta3_pacdrive.benchmarks.mujoco_model import mujoco_xml
-
     free = robot.replace(motor__static_friction_n_m=0.0, motor__viscous_friction_n_m_s_rad=0.0)
     step_s = free.drive.current_period_s
     steps = round(FALL_S / step_s)
@@ -155,10 +141,6 @@ def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
 
 def _own_mechanism(robot: Parameters, torque: Floats, steps: int) -> tuple[float, Floats]:
     """Median processor time [s] of the steps, and the TCP after them."""
-    import numpy as np
-
-    from delta3_pacdrive.plant.plant import Plant
-
     current = torque / (robot.dynamics.gear_ratio * robot.motor.torque_constant_n_m_a)
     currents = np.tile(current, (steps, 1))
     spent = []

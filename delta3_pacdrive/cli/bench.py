@@ -1,6 +1,8 @@
 """``delta3 bench``: figures of the robot, each beside what it is measured against. Never a test."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from delta3_pacdrive.benchmarks import graph
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
@@ -43,20 +45,26 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.benchmarks import motion, simulation
 
-    seconds = SECONDS if options.seconds is None else options.seconds
-    show, result = {
-        'graph': lambda: (graph.show, graph.measure(seconds, options.case, options.scheduling, options.json)),
-        'motion': lambda: (motion.show, motion.measure(None if options.no_graph else seconds)),
-        'simulate': lambda: (simulation.show_simulation, simulation.measure_simulation(seconds)),
-        'kinematics': lambda: (simulation.show_kinematics, simulation.measure_kinematics()),
-    }[options.what]()
+    show, result = _measured(options, SECONDS if options.seconds is None else options.seconds)
     if options.json:
         print_json(result, options, core.load())
     else:
         show(result)
     return 0
+
+
+def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], dict[str, Any]]:
+    """Return the result, and what prints it; the graph is measured before anything heavy is loaded here."""
+    if options.what == 'graph':
+        return graph.show, graph.measure(seconds, options.case, options.scheduling, options.json)
+    from delta3_pacdrive.benchmarks import motion, simulation
+
+    if options.what == 'motion':
+        return motion.show, motion.measure(None if options.no_graph else seconds)
+    if options.what == 'simulate':
+        return simulation.show_simulation, simulation.measure_simulation(seconds)
+    return simulation.show_kinematics, simulation.measure_kinematics()
 
 
 main = Command(
