@@ -24,7 +24,7 @@ PAGES = [
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
 ROBOT = re.compile(
-    r'^(\$ )?(delta3 (up|run|move|record|soak|drive \d|faults (?!list)|bench graph|experiment .*--graph)|ros2 )',
+    r'^(\$ )?(delta3 (up|run|move|record|soak|drive \d|faults (?!list)|experiment .*--graph)|ros2 )',
     re.M,
 )
 BLOCK = re.compile(
