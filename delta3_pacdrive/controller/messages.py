@@ -6,13 +6,16 @@ requests it is, so that what is heard a second time, out of a recording for exam
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Self, get_args, get_type_hints
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Self, TypeVar, get_args, get_type_hints
 
 from delta3_pacdrive.errors import Code, TelegramError, shown
 
 TEXT_MAX = 100  # characters of a name
+SENDERS_MAX = 64  # who are remembered
 COUNT_MAX = 2**53  # beyond it numbers in JSON are not exact
+
+Value = TypeVar('Value')
 
 
 @dataclass(frozen=True)
@@ -256,49 +259,43 @@ def verdict_of(origin: Origin, code: Code | str, sentence: str) -> Verdict:
     return Verdict(origin.session, origin.planner, origin.number, not code, str(code), sentence)
 
 
-@dataclass
+class Recent(dict[str, Value]):
+    """What is known of senders, of so many of them; the one noted least recently is forgotten first."""
+
+    def __init__(self, senders_max: int) -> None:
+        super().__init__()
+        self._senders_max = senders_max
+
+    def note(self, sender: str, value: Value) -> None:
+        """Take note of the newest about a sender."""
+        self.pop(sender, None)
+        self[sender] = value
+        if len(self) > self._senders_max:
+            del self[next(iter(self))]
+
+
 class Numbering:
-    """Whether numbered messages of senders are new; a number counts once, and only upwards.
+    """Numbered messages of senders, each of which counts once, and only upwards."""
 
-    Attributes
-    ----------
-    senders_max
-        How many senders are remembered; the one heard least recently is forgotten first.
-
-    """
-
-    senders_max: int = 64
-    _newest: dict[str, int] = field(default_factory=dict)
+    def __init__(self, senders_max: int = SENDERS_MAX) -> None:
+        self._newest: Recent[int] = Recent(senders_max)
 
     def is_new(self, sender: str, number: int) -> bool:
         """Take note of a number; False if this one or a later one was heard before."""
-        newest = self._newest.pop(sender, -1)
-        self._newest[sender] = max(newest, number)
-        while len(self._newest) > self.senders_max:
-            del self._newest[next(iter(self._newest))]
+        newest = self._newest.get(sender, -1)
+        self._newest.note(sender, max(newest, number))
         return number > newest
 
 
-@dataclass
 class LastReplies:
-    """The last reply to each operator, for whoever asks again because he has not heard it.
+    """The last reply to each operator, for whoever asks again because he has not heard it."""
 
-    Attributes
-    ----------
-    operators_max
-        How many operators are remembered; the one answered least recently is forgotten first.
-
-    """
-
-    operators_max: int = 64
-    _replies: dict[str, Reply] = field(default_factory=dict)
+    def __init__(self, operators_max: int = SENDERS_MAX) -> None:
+        self._replies: Recent[Reply] = Recent(operators_max)
 
     def keep(self, reply: Reply) -> None:
         """Take note of a reply."""
-        self._replies.pop(reply.operator, None)
-        self._replies[reply.operator] = reply
-        if len(self._replies) > self.operators_max:
-            del self._replies[next(iter(self._replies))]
+        self._replies.note(reply.operator, reply)
 
     def to(self, request: Request) -> Reply | None:
         """Return the reply that a request has had already, if it was the last one."""
