@@ -86,7 +86,9 @@ class PlantClock:
         waiting = self._currents[index]
         if exchange >= self.exchange and exchange not in waiting:
             waiting[exchange] = released, payload, values
-            self._advance()
+            first, second, third = self._currents
+            if (exchange in first and exchange in second and exchange in third) or self.powerless:
+                self._advance()
         return True
 
     def silent(self) -> list[int]:
