@@ -226,9 +226,14 @@ def test_every_drive_tells_its_state_by_sercos_names(graph: Any) -> None:
     arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
     cell = Cell(graph)
     names = {node.get_fully_qualified_name() for node in cell.drives}
-    graph.spin_until(lambda: names <= {array.status[0].name for array in arrays}, 'diagnostics of all drives')
-    status = next(array.status[0] for array in arrays if array.status[0].name in names)
-    facts = {item.key: item.value for item in status.values}
-    assert facts['state'] == 'ENABLED'
+    newest: dict[str, Any] = {}
+
+    def enabled() -> bool:
+        newest.update({array.status[0].name: array.status[0] for array in arrays})
+        told = [{item.key: item.value for item in newest[name].values} for name in names & newest.keys()]
+        return [facts['state'] for facts in told] == ['ENABLED'] * 3
+
+    graph.spin_until(enabled, 'diagnostics of all drives')
+    facts = {item.key: item.value for item in newest[min(names)].values}
     assert (facts['S-0-0134 control word'], facts['S-0-0135 status word']) == ('e000', 'c008')
     assert (facts['S-0-0011 class 1 diagnostic'], facts['S-0-0029 MDT losses']) == ('0000', '0')
