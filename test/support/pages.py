@@ -4,10 +4,10 @@ import contextlib
 import doctest
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -93,6 +93,15 @@ def environment(folder: Path) -> dict[str, str]:
         'VIRTUAL_ENV': sys.prefix,
         'AMENT_PREFIX_PATH': sys.prefix,
     }
+
+
+def copy_sources(folder: Path) -> None:
+    """Copy the sources, as a reader gets them."""
+    command = ['git', 'ls-files', '-z']
+    files = subprocess.run(command, cwd=SOURCE, capture_output=True, text=True, check=True).stdout.split('\0')
+    for name in filter(None, files):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(SOURCE / name, folder / name)
 
 
 class Terminal:
@@ -198,6 +207,8 @@ def same(expected: str, printed: str) -> bool:
 def run_page(page: Path, folder: Path) -> None:
     """Run the blocks of a page in their order."""
     variables = environment(folder)
+    if page.name == 'CONTRIBUTING.md':
+        copy_sources(folder)
     names: dict[str, Any] = {'__name__': '__main__'}
     with contextlib.ExitStack() as stack, contextlib.chdir(folder):
         shell = Terminal(folder, variables)
@@ -259,9 +270,3 @@ def run_dialogue(block: Block, names: dict[str, Any]) -> None:
     runner.run(test, out=report.append, clear_globs=False)
     names.update(test.globs)
     assert runner.summarize(verbose=False).failed == 0, ''.join(report)
-
-
-def in_a_folder(page: Path) -> None:
-    """Run a page in an empty folder."""
-    with tempfile.TemporaryDirectory(prefix='delta3-page-') as folder:
-        run_page(page, Path(folder))

@@ -1,7 +1,6 @@
 """What is installed runs: the command of the README in a copy of the sources, and single nodes by their executables."""
 
 import json
-import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -54,21 +53,12 @@ def test_the_first_commands_install_and_run_in_a_copy_of_the_sources(
     shell: Callable[..., Any], tmp_path: Path, nothing_left_behind: None
 ) -> None:
     copy = tmp_path / 'copy'
-    files = subprocess.run(
-        ['git', 'ls-files', '-z'], cwd=pages.SOURCE, capture_output=True, text=True, check=True
-    ).stdout.split('\0')
-    for name in filter(None, files):
-        (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(pages.SOURCE / name, copy / name)
+    pages.copy_sources(copy)
     done = shell(elsewhere('README.md'), cwd=copy, timeout=580.0, VIRTUAL_ENV='', PYTHONPATH='')
     assert done.returncode == 0, done.stdout + done.stderr
     assert ': done, ready after' in done.stdout
-    done = shell(
-        f'set -e\n{elsewhere("docs/get_started.md")}\ncommand -v delta3',
-        cwd=copy,
-        VIRTUAL_ENV='',
-        PYTHONPATH='',
-    )
+    lines = ['set -e', elsewhere('docs/get_started.md'), elsewhere('CONTRIBUTING.md'), 'command -v delta3']
+    done = shell('\n'.join(lines), cwd=copy, VIRTUAL_ENV='', PYTHONPATH='')
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1] == str(copy / '.venv' / 'bin' / 'delta3')
 
