@@ -107,7 +107,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
         ],
         'repeat': planned.repeat,
         'time_s': planned.plan.duration_s,
-        'override_max': planned.rate_max,
+        'override_max': planned.override_max,
         'rms_current_a': list(planned.rms_current_a),
         'notices': list(planned.notices),
         'faults': [_fault_text(fault) for fault in program.faults],

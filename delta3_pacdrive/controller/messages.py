@@ -120,7 +120,7 @@ class Status(_Message):
 
 @dataclass(frozen=True)
 class Verdict(_Message):
-    """What became of an order or a change of course of a planner, ``motion/verdict``."""
+    """What became of an order or a change of motion profile of a planner, ``motion/verdict``."""
 
     session: str
     planner: str

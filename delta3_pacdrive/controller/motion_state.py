@@ -17,7 +17,7 @@ class Event(StrEnum):
     """What happens to a motion."""
 
     START = 'start'  # a program begins
-    CHANGE = 'change'  # the master goes over to another course: override, resume
+    CHANGE = 'change'  # the master goes over to another motion profile: override, resume
     HOLD = 'hold'
     ABORT = 'abort'
     STAND = 'stand'  # the master stands on its path

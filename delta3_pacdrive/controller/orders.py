@@ -1,4 +1,4 @@
-"""The transformation task's end of what the planner orders: plans and courses in, verdicts and status out.
+"""The transformation task's end of what the planner orders: plans and motion profiles in, verdicts and status out.
 
 A plan of thousands of moves is checked in slices of time, so that bus cycles start when they are due.
 """
@@ -24,7 +24,7 @@ from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import Code, ProgramError, Reason, TelegramError, shown
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.parameters import Parameters
 
 ROWS_WAITING_MAX = 50_000  # rows of a plan that nobody has checked yet
@@ -65,7 +65,7 @@ class Orders:
         self._revoked: set[tuple[str, int]] = set()
         self.verdicts: list[tuple[str, Verdict]] = []
         self._session = self._previous = ''
-        self._serial = self._courses = 0
+        self._serial = self._profiles = 0
         self._order = 0  # the newest one that was accepted
         self._planner = ''  # whose program is loaded
         self._listened_to = ''
@@ -135,12 +135,12 @@ class Orders:
             next_cycle,
         )
 
-    def course_label(self) -> str:
-        """Return the label of the next course that is told."""
-        self._courses += 1
-        return Origin(COURSE, self._planner, self._session, self._courses).label()
+    def profile_label(self) -> str:
+        """Return the label of the next motion profile that is told."""
+        self._profiles += 1
+        return Origin(COURSE, self._planner, self._session, self._profiles).label()
 
-    # plans and courses ------------------------------------------------------------------------------------------------
+    # plans and motion profiles ----------------------------------------------------------------------------------------
 
     def _origin(self, label: str) -> Origin:
         """Return where a row comes from; raises TelegramError if that is none of this robot's planner."""
@@ -196,13 +196,13 @@ class Orders:
         self.verdicts.append(('plan', verdict_of(origin, ACCEPTED, '')))
         return None
 
-    def take_course(self, label: str, row: Any) -> None:
-        """Carry a change of course out or refuse it; raises TelegramError if it is of another writer or session."""
+    def take_profile(self, label: str, row: Any) -> None:
+        """Carry a change out or refuse it; raises TelegramError if it is of another writer or session."""
         origin = self._origin(label)
         if not self._changes.is_new(f'{origin.planner} {origin.session}', origin.number):
             raise TelegramError(f'change {origin.number} of this planner was heard before')
         try:
-            reason = self._state.change(Course.from_array(row))
+            reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:
             reason = Reason(Code.CONTENT, str(error))
         if reason is not None:

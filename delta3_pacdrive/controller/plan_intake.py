@@ -12,23 +12,23 @@ import numpy as np
 from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Numbering, Origin
 from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
 from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.program_file import FAULTS_MAX
 from delta3_pacdrive.parameters import Parameters
 
-ORDER_HEADER = 2  # start cycle (-1: as soon as possible), rate; behind it the numbers of the moves
+ORDER_HEADER = 2  # start cycle (-1: as soon as possible), override; behind it the numbers of the moves
 NUMBERS_MAX = 20_000_000  # of all moves of a plan: 160 MB
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at a rate."""
+    """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at an override."""
 
     plan: Plan
     cycle: float
-    rate: float
+    override: float
     faults: tuple[Fault, ...]
 
 
@@ -51,7 +51,7 @@ class PlanIntake:
         """Forget what has come of an order."""
         self._number = -1
         self._builder = PlanBuilder()
-        self._rates: list[float] = []  # at which a motor would reach its limit in each move
+        self._overrides: list[float] = []  # at which a motor would reach its limit in each move
         self._faults: list[Fault] = []
         self._error: Reason | None = None
         self.checked = 0
@@ -98,24 +98,24 @@ class PlanIntake:
         if self._builder.numbers + len(row) > NUMBERS_MAX:
             raise ProgramError(f'the plan has more than {NUMBERS_MAX} numbers')
         check_reach(move, self._robot, returning=number == 0)
-        self._rates.append(check_speed(move, 1.0, self._robot))
+        self._overrides.append(check_speed(move, 1.0, self._robot))
         self._builder.add(move)
 
     def _order(self, row: Any) -> Order:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError('the order of a plan must be whole numbers behind a start cycle and a rate')
-        cycle, rate = row[:ORDER_HEADER].tolist()
+        cycle, override = row[:ORDER_HEADER].tolist()
         if cycle % 1.0:
             raise ProgramError(f'an order starts in bus cycle {cycle:g}, which is no whole number')
-        if not RATE_MIN <= rate <= RATE_MAX:
+        if not OVERRIDE_MIN <= override <= OVERRIDE_MAX:
             raise ProgramError(
-                f'the rate of an order is {rate:g}, but must be between {RATE_MIN:g} and {RATE_MAX:g}'
+                f'the rate of an order is {override:g}, but must be between {OVERRIDE_MIN:g} and {OVERRIDE_MAX:g}'
             )
         if not self._builder.moves:
             raise ProgramError('an order came without moves')
         numbers = row[ORDER_HEADER:]
-        if rate > min(self._rates):
-            check_speed(self._builder.moves[int(np.argmin(self._rates))], rate, self._robot)
+        if override > min(self._overrides):
+            check_speed(self._builder.moves[int(np.argmin(self._overrides))], override, self._robot)
         # so that a move that begins beyond limits can only be driven first, and once
         self._builder.require_joined(numbers)
-        return Order(self._builder.build(numbers), cycle, rate, tuple(self._faults))
+        return Order(self._builder.build(numbers), cycle, override, tuple(self._faults))

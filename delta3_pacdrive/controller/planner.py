@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.controller.control import control_refusal
-from delta3_pacdrive.controller.course_change import Change, ChangeEvent, CourseChange
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.planner_actions import (
@@ -24,6 +23,7 @@ from delta3_pacdrive.controller.planner_actions import (
     Working,
 )
 from delta3_pacdrive.controller.planning_job import Caps, Job, Result
+from delta3_pacdrive.controller.profile_change import Change, ChangeEvent, ProfileChange
 from delta3_pacdrive.controller.program_queue import ProgramQueue
 from delta3_pacdrive.controller.program_run import (
     Order,
@@ -38,10 +38,10 @@ from delta3_pacdrive.controller.robot_state import STANDING_M
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.execution import RATE_MAX, RATE_MIN, Timeline
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN, Timeline
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.resume import left_of_plan, rejoin
+from delta3_pacdrive.motion.resume import left_of_plan, resume
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -72,7 +72,7 @@ class Planner:
         What has to be done, in this order; whoever does it takes them away.
     status
         The newest word of the transformation task, None before the first.
-    rate
+    override
         Override, 1 = as planned.
 
     """
@@ -87,10 +87,10 @@ class Planner:
         self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
         self.actions: list[Action] = []
         self.status: Status | None = None
-        self.rate = 1.0
+        self.override = 1.0
         self._now_s = 0.0
         self._heard, self._heard_s = 0, 0.0  # how many statuses came, and when the last one
-        self._serials, self._courses = Numbering(), Numbering()
+        self._serials, self._profiles = Numbering(), Numbering()
         self._here: Floats | None = None
         self._mirrored: MotionState | None = None
 
@@ -101,7 +101,7 @@ class Planner:
         self._numbers = OrderNumbers()
         self._queue = ProgramQueue(program)
         self._run = ProgramRun(self._numbers, parameters.bus.cycle_time_s)
-        self._change = CourseChange()
+        self._change = ProfileChange()
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
 
     # what is known ----------------------------------------------------------------------------------------------------
@@ -179,11 +179,11 @@ class Planner:
         if first and self._queue.program is not None and not self._starts_by_itself:
             self._requests.add(Request('', '', 0, 0, PLAN), self._now_s, 0)
 
-    def hear_course(self, origin: Origin, row: Any) -> bool:
-        """Follow the course that the task follows, its own stops included; False for what is old."""
+    def hear_profile(self, origin: Origin, row: Any) -> bool:
+        """Follow the motion profile that the task follows, its own stops included; False for what is old."""
         if self.status is None or (origin.planner, origin.session) != (self._identity, self.status.session):
             return False
-        if not self._courses.is_new(origin.session, origin.number):
+        if not self._profiles.is_new(origin.session, origin.number):
             return False
         self._run.follow(row)
         return True
@@ -222,7 +222,7 @@ class Planner:
         self._reply(reason, '')
 
     def _end_change(self, reason: Reason | None) -> None:
-        """Answer whoever waits for the verdict on a change of course, or send it again for a later cycle."""
+        """Answer whoever waits for the verdict on a change of motion profile, or send it again for a later cycle."""
         change = self._change.change
         if reason is not None and reason.code == Code.LATE and self._change.may_be_later:
             self._change.happen(ChangeEvent.MISS)
@@ -238,7 +238,7 @@ class Planner:
             reason, sentence = None, f'{sentence}, from the next program on: this one has ended'
         self._change.happen(ChangeEvent.REFUSE if reason else ChangeEvent.ACCEPT)
         if reason is None:
-            self.rate = change.rate
+            self.override = change.override
         self._reply(reason, sentence)
 
     # requests ---------------------------------------------------------------------------------------------------------
@@ -274,7 +274,7 @@ class Planner:
                 self._reply(reason, '')
             elif self._run.waits:
                 self._revoke_order(reason)
-            # a change of course that is under way is answered at once
+            # a change of motion profile that is under way is answered at once
         given_up = self._requests.withdraw(*what)
         self.actions.extend(Replied(waiting, reason, '') for waiting in given_up)
         self.actions.append(Replied(request, None, 'withdrawn'))
@@ -310,7 +310,7 @@ class Planner:
                 self._reply(reason, '')
 
     def _must_follow_first(self, request: Request) -> bool:
-        """Whether a change of course is still to take effect, on which the next one builds."""
+        """Whether a change of motion profile is still to take effect, on which the next one builds."""
         under_way = request.action == 'override' and self.motion == MotionState.MOVING
         return under_way and self._newest_cycle() < self._run.changes_from()
 
@@ -450,10 +450,12 @@ class Planner:
         program, planned = self._queue.program, self._queue.planned
         if program is None or planned is None:
             return
-        rate = min(self.rate, planned.rate_max)
-        moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / rate:.3f} s'
+        override = min(self.override, planned.override_max)
+        moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / override:.3f} s'
         sentence = f'started "{planned.name}": {moves}'
-        self._send(Order(planned.plan, program.faults, cycle, rate, planned.rate_max, program, sentence))
+        self._send(
+            Order(planned.plan, program.faults, cycle, override, planned.override_max, program, sentence)
+        )
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))
@@ -463,7 +465,7 @@ class Planner:
             refusal = self._refusal
             if refusal is not None and refusal.code == Code.DISABLED:
                 raise RefusedError(refusal)
-            self._send_change(Change(self.rate, 'resumed', lasting=False))
+            self._send_change(Change(self.override, 'resumed', lasting=False))
             return
         cut_off = self._run.cut_off
         if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
@@ -480,49 +482,49 @@ class Planner:
             program = programs.parse(document, self._robot.motion)
             way_back = program_planner.plan(program, here, self._robot, returning=True)
             moves = [*way_back.plan.moves, *moves]
-        plan, rate_max = Plan.of(moves), self._run.rate_max
-        rate = min(self.rate, rate_max)
-        sentence = f'resumed after the fault: {len(moves)} moves, {plan.duration_s / rate:.3f} s'
-        self._send(Order(plan, (), -1, rate, rate_max, self._run.program, sentence))
+        plan, override_max = Plan.of(moves), self._run.override_max
+        override = min(self.override, override_max)
+        sentence = f'resumed after the fault: {len(moves)} moves, {plan.duration_s / override:.3f} s'
+        self._send(Order(plan, (), -1, override, override_max, self._run.program, sentence))
 
     def _override(self, text: str) -> None:
         try:
             percent = float(text)
         except ValueError:
             raise ProgramError(f'override is {text!r:.40}, which is no number') from None
-        if not 100.0 * RATE_MIN <= percent <= 100.0 * RATE_MAX:
+        if not 100.0 * OVERRIDE_MIN <= percent <= 100.0 * OVERRIDE_MAX:
             raise ProgramError(
-                f'override is {percent:g} %, but must be between {100 * RATE_MIN:g} and {100 * RATE_MAX:g} %'
+                f'override is {percent:g} %, but must be between {100 * OVERRIDE_MIN:g} and {100 * OVERRIDE_MAX:g} %'
             )
-        rate, rate_max = percent / 100.0, self._run.rate_max
+        override, override_max = percent / 100.0, self._run.override_max
         under_way = self.motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
-        if under_way and rate > rate_max:
+        if under_way and override > override_max:
             raise ProgramError(
-                f'override is {percent:g} %, but the motors bear at most {100 * rate_max:.0f} % in this program'
+                f'override is {percent:g} %, but the motors bear at most {100 * override_max:.0f} % in this program'
             )
         sentence = f'override {percent:g} %'
         if self.motion == MotionState.MOVING:
-            self._send_change(Change(rate, sentence, lasting=True))
+            self._send_change(Change(override, sentence, lasting=True))
             return
-        self.rate = rate
+        self.override = override
         self._reply(None, sentence)
 
     def _send_change(self, change: Change) -> None:
-        """Plan how to go over to the plan at a rate from a bus cycle in the near future on, and send it to the task."""
+        """Plan how to go over to another override from a bus cycle in the near future on, and send it to the task."""
         timeline = self._run.timeline
-        if timeline is None or timeline.course is None:
+        if timeline is None or timeline.profile is None:
             raise ProgramError('the program that runs is not one of this planner')
         cycle = self._newest_cycle() + self._change.lead_cycles
         if self.motion == MotionState.STOPPED:
             cycle = max(cycle, timeline.end_cycle)
-        cycle = max(cycle, timeline.course.cycle + 1)
-        if not timeline.course.held and cycle >= timeline.end_cycle:
-            self.rate = change.rate
+        cycle = max(cycle, timeline.profile.cycle + 1)
+        if not timeline.profile.held and cycle >= timeline.end_cycle:
+            self.override = change.override
             self._reply(None, f'{change.sentence}, from the next program on: this one is about to end')
             return
-        course = rejoin(timeline, cycle, change.rate)
+        profile = resume(timeline, cycle, change.override)
         self._change.send(change, self._numbers.next(), self._now_s)
-        self.actions.append(Changed(self._change.number, course))
+        self.actions.append(Changed(self._change.number, profile))
 
 
 def _refused(code: Code, sentence: str) -> RefusedError:

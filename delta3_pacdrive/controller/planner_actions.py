@@ -1,4 +1,4 @@
-"""What the planner wants done: plans and courses to be sent, programs to be planned, requests to be answered."""
+"""What the planner wants done: plans and motion profiles to send, programs to plan, requests to answer."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.planning_job import Job
 from delta3_pacdrive.errors import Reason
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.motion.plan import Move
 
 
@@ -18,7 +18,7 @@ class Ordered:
     number: int
     moves: tuple[Move, ...]
     faults: tuple[Fault, ...]
-    row: tuple[float, ...]  # start cycle, rate, numbers of the moves
+    row: tuple[float, ...]  # start cycle, override, numbers of the moves
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Revoked:
 
 @dataclass(frozen=True)
 class Changed:
-    """A course goes to the transformation task."""
+    """A motion profile goes to the transformation task."""
 
     number: int
-    course: Course
+    profile: MotionProfile
 
 
 @dataclass(frozen=True)

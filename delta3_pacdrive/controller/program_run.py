@@ -9,7 +9,7 @@ from typing import Any
 
 from delta3_pacdrive.controller.planner_actions import Ordered, Revoked
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import RATE_MAX, Course, Timeline
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX, MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
 
@@ -88,7 +88,7 @@ class Order:
         What the transformation task gets.
     start_cycle
         Bus cycle of its start, -1: as soon as possible.
-    rate, rate_max
+    override, override_max
         Override of its start, and the largest that the motors bear.
     program
         What all of it is, should it be started again.
@@ -100,8 +100,8 @@ class Order:
     plan: Plan
     faults: tuple[Fault, ...]
     start_cycle: int
-    rate: float
-    rate_max: float
+    override: float
+    override_max: float
     program: Program | None
     sentence: str
 
@@ -138,10 +138,10 @@ class ProgramRun:
     since_s
         Since when its verdict is waited for.
     timeline
-        The courses that the transformation task follows; None while no program runs.
+        The motion profiles that the transformation task follows; None while no program runs.
     cut_off
         The timeline of the program that is cut off, None if none is.
-    program, rate_max
+    program, override_max
         The program that was accepted last, and the largest override that its motors bear.
 
     """
@@ -154,10 +154,10 @@ class ProgramRun:
         self.since_s = 0.0
         self._checked = 0
         self.timeline: Timeline | None = None
-        self._before: Timeline | None = None  # the same before the newest course
+        self._before: Timeline | None = None  # the same before the newest motion profile
         self.cut_off: Timeline | None = None
         self.program: Program | None = None
-        self.rate_max = RATE_MAX
+        self.override_max = OVERRIDE_MAX
 
     @property
     def waits(self) -> bool:
@@ -196,33 +196,33 @@ class ProgramRun:
         elif before is RunState.NONE and self.order is not None:
             self.timeline, self._before = Timeline(self.order.plan, self._cycle_time_s), None
         elif event is RunEvent.ACCEPT and self.order is not None:
-            self.program, self.rate_max = self.order.program, self.order.rate_max
+            self.program, self.override_max = self.order.program, self.order.override_max
         return [self._action(step.action)] if step.action else []
 
     def _action(self, kind: type[Ordered] | type[Revoked]) -> Ordered | Revoked:
         order = self.order
         if kind is Revoked or order is None:
             return Revoked(self.number)
-        row = (float(order.start_cycle), order.rate, *order.plan.tables.order.tolist())
+        row = (float(order.start_cycle), order.override, *order.plan.tables.order.tolist())
         return Ordered(self.number, order.plan.moves, order.faults, row)
 
     def follow(self, row: Any) -> None:
-        """Follow the course that the transformation task follows, its own stops included."""
+        """Follow the motion profile that the transformation task follows, its own stops included."""
         timeline = self.timeline
         if timeline is None:
             return
-        course = Course.from_array(row)
-        if timeline.course is None:
-            timeline.start(course.cycle, course.rate)
-        elif (course.cycle, course.held) != (timeline.course.cycle, timeline.course.held):
+        profile = MotionProfile.from_array(row)
+        if timeline.profile is None:
+            timeline.start(profile.cycle, profile.override)
+        elif (profile.cycle, profile.held) != (timeline.profile.cycle, timeline.profile.held):
             # a program that is held before it begins stops in the cycle of its start
-            if course.cycle < timeline.course.cycle and self._before is not None:
+            if profile.cycle < timeline.profile.cycle and self._before is not None:
                 timeline = self.timeline = self._before  # a stop came before what was to come
             self._before = timeline.copy()
-            timeline.change(course)
+            timeline.change(profile)
 
     def changes_from(self) -> int:
-        """Return the bus cycle from which on the newest change of course counts, 0 if there was none."""
-        course = self.timeline.course if self.timeline else None
-        changed = self._before is not None and self._before.course is not None
-        return course.cycle if changed and course is not None else 0
+        """Return the bus cycle from which on the newest change of motion profile counts, 0 if there was none."""
+        profile = self.timeline.profile if self.timeline else None
+        changed = self._before is not None and self._before.profile is not None
+        return profile.cycle if changed and profile is not None else 0

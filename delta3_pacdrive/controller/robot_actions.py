@@ -6,7 +6,7 @@ from typing import Any
 from delta3_pacdrive.controller.motion_state import Event, MotionState
 from delta3_pacdrive.errors import Reason
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.service_channel import Access
 
@@ -21,9 +21,9 @@ class Entered:
 
 @dataclass(frozen=True)
 class Followed:
-    """The master follows a course, or will."""
+    """The master follows a motion profile, or will."""
 
-    course: Course
+    profile: MotionProfile
 
 
 @dataclass(frozen=True)

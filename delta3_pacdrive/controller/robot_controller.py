@@ -234,7 +234,7 @@ class RobotController:
         self._look_for_drives(now_s)
         reason = self.orders.look(now_s)
         if reason is not None:
-            # nobody could change the course of the program any more
+            # nobody could change the motion profile of the program any more
             self.state.stop(f'{reason}, in bus cycle {self.answered}')
         self.state.look()
 
@@ -283,7 +283,7 @@ class RobotController:
             'remaining_s': remaining * cycle_time,
             'master_m': distance,
             'master_speed_m_s': speed,
-            'rate': 1.0 if task.course is None else task.course.rate,
+            'rate': 1.0 if task.profile is None else task.profile.override,
             'outputs': task.outputs,
             'payload_kg': task.payload,
             'following_error_rad': max(abs(value) for value in task.answer[FOLLOWING_ERROR].tolist()),

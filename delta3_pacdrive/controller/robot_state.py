@@ -24,7 +24,7 @@ from delta3_pacdrive.controller.robot_actions import (
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import Code, ProgramError, Reason, UnreachableError
-from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -95,7 +95,7 @@ class RobotState:
         self.tcp_m: Floats = task.state['tcp'][0].copy()
         self._aborting = False
         self._due = NEVER  # command cycle at which something ends
-        self._told: Course | None = None  # the course that was told last
+        self._told: MotionProfile | None = None  # the motion profile that was told last
         self._outputs, self._payload = task.outputs, task.payload
         self._reset = FaultReset()
         self._reporting: int | None = None  # drive whose report is the first cause of the fault
@@ -169,7 +169,7 @@ class RobotState:
         self.starts = max(int(order.cycle), self._bus.earliest())
         if order.faults:
             self.starts = max(self.starts, self._task.next_cycle + FAULTS_LEAD_CYCLES)
-        self._task.start(self.starts, order.rate)
+        self._task.start(self.starts, order.override)
         self._follow()
         if order.faults:
             self.actions.append(Injected(order.faults, self.starts))
@@ -190,8 +190,8 @@ class RobotState:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from where the robot stands')
         return None
 
-    def change(self, course: Course) -> Reason | None:
-        """Go over to another course: override or resume; returns why not."""
+    def change(self, profile: MotionProfile) -> Reason | None:
+        """Go over to another motion profile: override or resume; returns why not."""
         reason = self._refused(Event.CHANGE)
         if reason is None and self._aborting:
             reason = Reason(Code.STATE, 'the program is being given up')
@@ -201,19 +201,19 @@ class RobotState:
             return reason
         if self.motion == MotionState.STOPPED:
             # who stands has time: an order that came late is as good as one in time
-            course = course.at_cycle(max(course.cycle, self._bus.earliest()))
-        if course.cycle < self._task.next_cycle:
+            profile = profile.at_cycle(max(profile.cycle, self._bus.earliest()))
+        if profile.cycle < self._task.next_cycle:
             return Reason(
-                Code.LATE, f'bus cycle {course.cycle} is over, the next one is {self._task.next_cycle}'
+                Code.LATE, f'bus cycle {profile.cycle} is over, the next one is {self._task.next_cycle}'
             )
         try:
-            self._task.change(course)
+            self._task.change(profile)
         except ProgramError as error:
             return Reason(Code.CONTENT, str(error))
         self.ends = self._task.coming_last_cycle
         self._due = NEVER
-        self._told = course
-        self.actions.append(Followed(course))
+        self._told = profile
+        self.actions.append(Followed(profile))
         self._enter(Event.CHANGE)
         return None
 
@@ -222,10 +222,10 @@ class RobotState:
         return self._refused(Event.HOLD) or self._stop_on_path(Event.HOLD)
 
     def _stop_on_path(self, event: Event) -> str:
-        course = self._task.hold()
+        profile = self._task.hold()
         self._follow()
         self._enter(event)
-        return f'stops from bus cycle {course.cycle} on, in cycle {self._task.end_cycle} it stands'
+        return f'stops from bus cycle {profile.cycle} on, in cycle {self._task.end_cycle} it stands'
 
     def abort(self) -> Reason | str:
         """Stop on the path and forget the program; returns why not, or what happens."""
@@ -242,14 +242,14 @@ class RobotState:
         return sentence
 
     def _follow(self) -> None:
-        """Tell the present course, and note when it ends."""
+        """Tell the present motion profile, and note when it ends."""
         task = self._task
         self._due = task.end_cycle if task.held else NEVER
         self.ends = NEVER if task.held else task.last_cycle
-        self._tell_course()
+        self._tell_profile()
 
-    def _tell_course(self) -> None:
-        self._told = self._task.course
+    def _tell_profile(self) -> None:
+        self._told = self._task.profile
         if self._told is not None:
             self.actions.append(Followed(self._told))
 
@@ -259,8 +259,8 @@ class RobotState:
         if task.outputs != self._outputs or task.payload != self._payload:
             self._outputs, self._payload = task.outputs, task.payload
             self.actions.append(Switched(cycle))
-        if self.motion == MotionState.ERROR and task.loaded and task.course is not self._told:
-            self._tell_course()
+        if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._told:
+            self._tell_profile()
         if cycle >= self._due:
             self._due = NEVER
             if self._aborting:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.kinematics import arm_angles, plate_position
-from delta3_pacdrive.motion.execution import course_at
+from delta3_pacdrive.motion.execution import profile_at
 from delta3_pacdrive.motion.plan import Tables, plan_path_at
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
@@ -72,10 +72,10 @@ CONSTANTS = np.dtype(
 
 
 class TaskArrays(NamedTuple):
-    """These are the arrays of the task that the compiled code works on; its timeline has ``course`` to ``tables``."""
+    """These are the arrays of the task that the compiled code works on; its timeline has ``profile`` to ``tables``."""
 
-    course: NDArray[Any]  # motion.execution.COURSE
-    table: Floats  # (rows, 5) master phases of the course
+    profile: NDArray[Any]  # motion.execution.PROFILE
+    table: Floats  # (rows, 5) master phases of the motion profile
     tables: Tables  # the plan
     motors: Floats  # (3,) motor commands [rad]
     answer: Floats  # (ANSWER_COLUMNS,) of the last cycle that was evaluated
@@ -104,11 +104,11 @@ def task_constants(parameters: Parameters) -> NDArray[Any]:
 @kernel
 def command_cycle(cycle, task):
     """Fill the motor commands [rad] of a bus cycle in the ``TaskArrays``; nan where the TCP is out of reach."""
-    s, c, course, tables = task.state[0], task.constants[0], task.course, task.tables
+    s, c, profile, tables = task.state[0], task.constants[0], task.profile, task.tables
     if cycle >= s.start_cycle:
-        time = (cycle - course[0].cycle) * c.cycle_time
-        number, s.master, s.master_speed, _ = course_at(time, s.move, course, task.table, tables)
-        _switch_outputs(number, cycle >= s.end_cycle and course[0].held == 0, tables, s)
+        time = (cycle - profile[0].cycle) * c.cycle_time
+        number, s.master, s.master_speed, _ = profile_at(time, s.move, profile, task.table, tables)
+        _switch_outputs(number, cycle >= s.end_cycle and profile[0].held == 0, tables, s)
         p = plan_path_at(s.master, number, tables)
         for axis in range(3):
             s.tcp[axis] = p[axis]

@@ -24,7 +24,7 @@ from delta3_pacdrive.controller.task_arrays import (
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
-from delta3_pacdrive.motion.execution import Course, MasterState, Timeline
+from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.numerics.types import Floats
@@ -70,7 +70,7 @@ class Transformation:
             task_constants(parameters),
             geometry(parameters.kinematics),
         )
-        self._coming: Course | None = None
+        self._coming: MotionProfile | None = None
         self._cycle = 0  # of the next command
         self.loaded = False
         self.enable_cycle = self.disable_cycle = NEVER
@@ -81,7 +81,7 @@ class Transformation:
         """Let the compiled code see the timeline after a change."""
         timeline = self._timeline
         self.arrays = self.arrays._replace(
-            course=timeline.record, table=timeline.table, tables=timeline.tables
+            profile=timeline.record, table=timeline.table, tables=timeline.tables
         )
         self.state['end_cycle'] = timeline.end_cycle
 
@@ -111,13 +111,13 @@ class Transformation:
         state['start_cycle'] = NEVER
         state['move'] = state['event'] = 0
 
-    def start(self, cycle: int, rate: float = 1.0) -> int:
+    def start(self, cycle: int, override: float = 1.0) -> int:
         """Start the loaded program at a cycle to come; return the first one in which the TCP has arrived."""
         if not self.loaded:
             raise RunError('no program is loaded')
         if cycle < self._cycle:
             raise RunError(f'bus cycle {cycle} is over, the next one is {self._cycle}')
-        self._timeline.start(cycle, rate)
+        self._timeline.start(cycle, override)
         self._look_at_timeline()
         state = self.state[0]
         state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
@@ -128,15 +128,15 @@ class Transformation:
             state[name] = 0.0
         return self.end_cycle
 
-    def hold(self, acceleration_m_s2: float = 0.0) -> Course:
-        """Stop the master on its path from the next cycle on; return the course of the stop.
+    def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
+        """Stop the master on its path from the next cycle on; return the motion profile of the stop.
 
         It takes the acceleration of the move, or that one if it is larger.
         """
         self._coming = None
-        course = self._timeline.stop(max(self._cycle, self._timeline.start_cycle), acceleration_m_s2)
-        self._follow(course)
-        return course
+        profile = self._timeline.stop(max(self._cycle, self._timeline.start_cycle), acceleration_m_s2)
+        self._follow(profile)
+        return profile
 
     def stop_at(self, cycle: int, hard: bool = False) -> None:
         """Stop on the path from a cycle on that is still to come, then take the torque off.
@@ -174,22 +174,22 @@ class Transformation:
         stands = max(self.end_cycle, cycle) if self.loaded else cycle
         self.disable_cycle = min(self.disable_cycle, stands + DISABLE_CYCLES)
 
-    def change(self, course: Course) -> None:
-        """Go over to another course at its cycle, which is still to come; raises ProgramError."""
-        if course.cycle < self._cycle:
-            raise ProgramError(f'bus cycle {course.cycle} is over, the next one is {self._cycle}')
-        self._timeline.check(course)
-        self._coming = course
+    def change(self, profile: MotionProfile) -> None:
+        """Go over to another motion profile at its cycle, which is still to come; raises ProgramError."""
+        if profile.cycle < self._cycle:
+            raise ProgramError(f'bus cycle {profile.cycle} is over, the next one is {self._cycle}')
+        self._timeline.check(profile)
+        self._coming = profile
 
     @property
     def coming_last_cycle(self) -> int:
-        """Last cycle whose answer counts, once the course that is still to come is followed."""
+        """Last cycle whose answer counts, once the motion profile that is still to come is followed."""
         if self._coming is None:
             return self.last_cycle
         return self._timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
 
-    def _follow(self, course: Course) -> None:
-        self._timeline.change(course)
+    def _follow(self, profile: MotionProfile) -> None:
+        self._timeline.change(profile)
         self._look_at_timeline()
 
     def unload(self) -> None:
@@ -204,17 +204,17 @@ class Transformation:
         return self._timeline
 
     @property
-    def course(self) -> Course | None:
+    def profile(self) -> MotionProfile | None:
         """What the master follows, ``None`` before a start."""
-        return self._timeline.course
+        return self._timeline.profile
 
     @property
     def held(self) -> bool:
         """Whether the master stops, or stands, on its path."""
-        return self.course is not None and self.course.held
+        return self.profile is not None and self.profile.held
 
     def master(self, cycle: int) -> MasterState:
-        """Return the master in a cycle of the present course."""
+        """Return the master in a cycle of the present motion profile."""
         return self._timeline.at(cycle)
 
     @property
@@ -254,8 +254,8 @@ class Transformation:
     def command(self, cycle: int) -> Floats:
         """Motor shaft commands [rad] of a cycle, on the increment grid; cycles are asked for in order."""
         if self._coming is not None and cycle >= self._coming.cycle:
-            course, self._coming = self._coming, None
-            self._follow(course)
+            profile, self._coming = self._coming, None
+            self._follow(profile)
         if cycle >= self._stop_cycle:
             self._stop(cycle)
         if cycle >= self.disable_cycle:
@@ -265,7 +265,7 @@ class Transformation:
         return self.motors
 
     def next_event(self, cycle: int) -> int:
-        """Return the first cycle from a cycle on whose command does more than follow the present course."""
+        """Return the first cycle from a cycle on whose command does more than follow the present motion profile."""
         coming = NEVER if self._coming is None else self._coming.cycle
         due = min(coming, self._stop_cycle, self.disable_cycle)
         return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))

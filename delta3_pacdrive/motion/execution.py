@@ -1,18 +1,18 @@
 """Where the virtual master is in each bus cycle of a plan that is started, held, resumed and overridden.
 
-A course is what happens from one bus cycle on: a table of master phases over the rest of the present move (none at the
-start of a plan), then the following moves at a rate (1 = as planned). To hold is a course whose table ends in
-standstill on the path. Planner and transformation task follow the same courses, so that both know the master in every
-cycle.
+A motion profile is what the master does from one bus cycle on: a table of phases over the rest of a move (none
+at the start of a plan), then the following moves at an override (1 = as planned). To hold is a motion profile whose
+table ends in standstill on the path. Planner and transformation task follow the same motion profiles, so that both know
+the master in every cycle. As a message it is the topic ``motion/course``.
 
 Arguments of the kernel here:
 
 ``time``
-    Bus time since the course began [s].
+    Bus time since the motion profile began [s].
 ``number``
     Number of a move that is driven then or earlier.
-``course``, ``table``
-    An array of one record ``COURSE``, shape (1,), and its phases, shape (n, 5): see ``virtual_master``.
+``profile``, ``table``
+    An array of one record ``PROFILE``, shape (1,), and its phases, shape (n, 5): see ``virtual_master``.
 ``tables``
     The plan: a ``plan.Tables``.
 """
@@ -40,25 +40,25 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.bus_time import NEVER
 
-RATE_MIN, RATE_MAX = 0.01, 1.5  # of an override
+OVERRIDE_MIN, OVERRIDE_MAX = 0.01, 1.5  # of an override
 JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
 HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration
 HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
 SAMPLES, FASTER = (
     64,
     1e-3,
-)  # places at which a stop is compared with the present course, and how much faster it may be there
+)  # places at which a stop is compared with the present motion profile, and how much faster it may be there
 BACK_M_S = 1e-9  # rounding of a speed that never turns back
-COURSE_HEADER = 4  # cycle, number of the move, rate, whether it ends held
+PROFILE_HEADER = 4  # cycle, number of the move, override, whether it ends held
 
-COURSE = np.dtype(
+PROFILE = np.dtype(
     [
         ('cycle', 'i8'),  # bus cycle at which it begins
         ('number', 'i8'),  # of the move that its table belongs to; later moves follow as planned
         ('rows', 'i8'),  # of the table
         ('duration', 'f8'),  # of the table [s]
         ('time', 'f8'),  # of the plan at the end of the table [s]
-        ('rate', 'f8'),  # plan time per bus time after the table
+        ('override', 'f8'),  # plan time per bus time after the table
         ('held', 'i8'),
     ],
     align=True,
@@ -66,20 +66,20 @@ COURSE = np.dtype(
 
 
 @kernel
-def course_at(time, number, course, table, tables):
-    """Return number of the move, master distance, speed, acceleration, at a time since the course began [s]."""
-    c = course[0]
+def profile_at(time, number, profile, table, tables):
+    """Return number of the move, master distance, speed, acceleration, at a time since the motion profile began [s]."""
+    c = profile[0]
     if time < c.duration or c.held == 1:
         s, v, a = master_at(time, table, 0, c.rows)
         return c.number, s, v, a
-    plan_time = c.time + c.rate * (time - c.duration)
+    plan_time = c.time + c.override * (time - c.duration)
     number = advance_number(plan_time, max(number, c.number), tables)
     s, v, a = plan_master_at(plan_time, number, tables)
-    return number, s, c.rate * v, c.rate * c.rate * a
+    return number, s, c.override * v, c.override * c.override * a
 
 
 @dataclass(frozen=True)
-class Course:
+class MotionProfile:
     """What the master does from a bus cycle on.
 
     Attributes
@@ -90,7 +90,7 @@ class Course:
         Number of the move driven then.
     table
         Phases (n, 5) over the rest of that move in bus time, from 0 on; the last row is the end, at rest.
-    rate
+    override
         Override of the moves after it, 1 = as planned.
     held
         Whether the master stays where the table ends.
@@ -100,41 +100,41 @@ class Course:
     cycle: int
     number: int
     table: Floats
-    rate: float = 1.0
+    override: float = 1.0
     held: bool = False
 
-    def at_cycle(self, cycle: int) -> 'Course':
-        """Return the same course from another bus cycle on."""
+    def at_cycle(self, cycle: int) -> 'MotionProfile':
+        """Return the same motion profile from another bus cycle on."""
         return replace(self, cycle=cycle)
 
     def to_array(self) -> Floats:
-        """Return the course as a row of numbers (for a message)."""
-        header = np.array([self.cycle, self.number, self.rate, float(self.held)])
+        """Return the motion profile as a row of numbers (for a message)."""
+        header = np.array([self.cycle, self.number, self.override, float(self.held)])
         return np.concatenate([header, self.table.ravel()])
 
     @staticmethod
-    def from_array(values: Any) -> 'Course':
+    def from_array(values: Any) -> 'MotionProfile':
         """Read back what ``to_array`` wrote; raises ProgramError."""
         row = np.asarray(values, dtype=np.float64)
-        if row.ndim != 1 or len(row) < COURSE_HEADER + PHASE_COLUMNS or not np.isfinite(row).all():
+        if row.ndim != 1 or len(row) < PROFILE_HEADER + PHASE_COLUMNS or not np.isfinite(row).all():
             raise ProgramError(
                 'a course must be a row of finite numbers with a header of 4 and at least one phase'
             )
         if (
-            (len(row) - COURSE_HEADER) % PHASE_COLUMNS
+            (len(row) - PROFILE_HEADER) % PHASE_COLUMNS
             or (row[:2] != np.floor(row[:2])).any()
             or (row[:2] < 0).any()
         ):
             raise ProgramError('a course must hold whole numbers in its header, and phases of 5 numbers')
-        table = row[COURSE_HEADER:].reshape(-1, PHASE_COLUMNS).copy()
+        table = row[PROFILE_HEADER:].reshape(-1, PHASE_COLUMNS).copy()
         if (np.diff(table[:, 0]) < 0.0).any() or table[0, 0] != 0.0 or table[-1, 2:].any():
             raise ProgramError('a course must begin at time 0, go forward and end at rest')
-        if not RATE_MIN <= row[2] <= RATE_MAX or row[3] not in (0.0, 1.0):
+        if not OVERRIDE_MIN <= row[2] <= OVERRIDE_MAX or row[3] not in (0.0, 1.0):
             raise ProgramError(
-                f'a course has a rate of {row[2]:g}, which must be between {RATE_MIN} and {RATE_MAX}'
+                f'a course has a rate of {row[2]:g}, which must be between {OVERRIDE_MIN} and {OVERRIDE_MAX}'
             )
         check_phases(table, 'course')
-        return Course(int(row[0]), int(row[1]), table, float(row[2]), bool(row[3]))
+        return MotionProfile(int(row[0]), int(row[1]), table, float(row[2]), bool(row[3]))
 
 
 @dataclass(frozen=True)
@@ -148,15 +148,15 @@ class MasterState:
 
 
 class Timeline:
-    """The course of one plan."""
+    """Where the master of one plan is in each bus cycle, as its motion profile has it."""
 
     def __init__(self, plan: Plan, cycle_time_s: float) -> None:
         self.plan = plan
         self.cycle_time_s = cycle_time_s
-        self.record: NDArray[Any] = np.zeros(1, COURSE)
+        self.record: NDArray[Any] = np.zeros(1, PROFILE)
         self.table: Floats = np.zeros((1, PHASE_COLUMNS))
         self.tables: Tables = plan.tables
-        self.course: Course | None = None
+        self.profile: MotionProfile | None = None
         self._left_s = 0.0  # plan time left of a dwell in which the master was stopped
 
     def copy(self) -> 'Timeline':
@@ -165,17 +165,17 @@ class Timeline:
         other.record = self.record.copy()
         return other
 
-    def start(self, cycle: int, rate: float = 1.0) -> None:
+    def start(self, cycle: int, override: float = 1.0) -> None:
         """Drive the plan from its beginning from a bus cycle on."""
-        self._follow(Course(cycle, 0, np.zeros((1, PHASE_COLUMNS)), rate), plan_time_s=0.0)
+        self._follow(MotionProfile(cycle, 0, np.zeros((1, PHASE_COLUMNS)), override), plan_time_s=0.0)
 
     @property
     def start_cycle(self) -> int:
-        """Bus cycle at which the present course began; ``NEVER`` before a start."""
-        return NEVER if self.course is None else self.course.cycle
+        """Bus cycle at which the present motion profile began; ``NEVER`` before a start."""
+        return NEVER if self.profile is None else self.profile.cycle
 
-    def check(self, course: Course) -> None:
-        """Refuse a course that does not continue the present one without a jump.
+    def check(self, profile: MotionProfile) -> None:
+        """Refuse a motion profile that does not continue the present one without a jump.
 
         Raises
         ------
@@ -183,98 +183,100 @@ class Timeline:
             It begins before this one, belongs to another move, or would make the master jump or leave the move.
 
         """
-        if self.course is None:
+        if self.profile is None:
             raise ProgramError('no program runs')
-        if course.cycle < self.course.cycle or course.number >= len(self.plan):
-            raise ProgramError(f'a course from bus cycle {course.cycle} on comes too late')
-        now = self.at(course.cycle)
-        first = course.table[0]
-        move = self.plan.move(course.number)
+        if profile.cycle < self.profile.cycle or profile.number >= len(self.plan):
+            raise ProgramError(f'a course from bus cycle {profile.cycle} on comes too late')
+        now = self.at(profile.cycle)
+        first = profile.table[0]
+        move = self.plan.move(profile.number)
         gap = max(
             abs(first[1] - now.distance_m),
             abs(first[2] - now.speed_m_s),
             abs(first[3] - now.acceleration_m_s2) * self.cycle_time_s if np.isfinite(move.stop_jerk) else 0.0,
         )
-        if course.number != now.number or not gap <= JOINED:
-            raise ProgramError(f'a course from bus cycle {course.cycle} on does not continue the motion')
-        if not -JOINED <= course.table[:, 1].min() <= course.table[:, 1].max() <= move.length_m + JOINED:
+        if profile.number != now.number or not gap <= JOINED:
+            raise ProgramError(f'a course from bus cycle {profile.cycle} on does not continue the motion')
+        if not -JOINED <= profile.table[:, 1].min() <= profile.table[:, 1].max() <= move.length_m + JOINED:
             raise ProgramError('a course leaves its move')
-        if not course.held and abs(course.table[-1, 1] - move.length_m) > JOINED:
+        if not profile.held and abs(profile.table[-1, 1] - move.length_m) > JOINED:
             raise ProgramError('a course does not reach the end of its move')
 
-    def change(self, course: Course) -> None:
-        """Go over to another course; raises ProgramError if it does not continue the present one."""
-        self.check(course)
-        if course.held:
-            self._left_s = self.left_of_move_s(course.cycle)
-        self._follow(course, float(self.plan.tables.starts[course.number + 1]))
+    def change(self, profile: MotionProfile) -> None:
+        """Go over to another motion profile; raises ProgramError if it does not continue the present one."""
+        self.check(profile)
+        if profile.held:
+            self._left_s = self.left_of_move_s(profile.cycle)
+        self._follow(profile, float(self.plan.tables.starts[profile.number + 1]))
 
     def left_of_move_s(self, cycle: int) -> float:
         """Plan time left of the present move in a bus cycle [s]."""
-        record, course = self.record[0], self.course
-        if course is None or course.held:
+        record, profile = self.record[0], self.profile
+        if profile is None or profile.held:
             return self._left_s
         number = self.at(cycle).number
-        elapsed = (cycle - course.cycle) * self.cycle_time_s - float(record['duration'])
+        elapsed = (cycle - profile.cycle) * self.cycle_time_s - float(record['duration'])
         if elapsed < 0.0:
-            return -elapsed * course.rate
-        return float(self.plan.tables.starts[number + 1]) - float(record['time']) - course.rate * elapsed
+            return -elapsed * profile.override
+        return float(self.plan.tables.starts[number + 1]) - float(record['time']) - profile.override * elapsed
 
     def rest_of_move(self, cycle: int) -> Floats:
-        """Phases (n, 5) over what is left of the present move, in bus time from 0 on, as the course has it."""
-        record, course = self.record[0], self.course
-        if course is None:
+        """Phases (n, 5) over what is left of the present move, in bus time from 0 on, as the motion profile has it."""
+        record, profile = self.record[0], self.profile
+        if profile is None:
             raise ProgramError('no program runs')
-        elapsed = (cycle - course.cycle) * self.cycle_time_s
+        elapsed = (cycle - profile.cycle) * self.cycle_time_s
         if elapsed < float(record['duration']):
-            return remainder(course.table, elapsed, 1.0)
+            return remainder(profile.table, elapsed, 1.0)
         number = self.at(cycle).number
-        time = float(record['time']) + course.rate * (elapsed - float(record['duration']))
+        time = float(record['time']) + profile.override * (elapsed - float(record['duration']))
         return remainder(
-            self.plan.move(number).master, time - float(self.plan.tables.starts[number]), course.rate
+            self.plan.move(number).master, time - float(self.plan.tables.starts[number]), profile.override
         )
 
-    def _follow(self, course: Course, plan_time_s: float) -> None:
-        self.course = course
-        self.table = np.ascontiguousarray(course.table)
+    def _follow(self, profile: MotionProfile, plan_time_s: float) -> None:
+        self.profile = profile
+        self.table = np.ascontiguousarray(profile.table)
         record = self.record[0]
-        record['cycle'], record['number'] = course.cycle, course.number
-        record['rows'], record['duration'] = len(course.table), course.table[-1, 0]
-        record['time'], record['rate'], record['held'] = plan_time_s, course.rate, course.held
+        record['cycle'], record['number'] = profile.cycle, profile.number
+        record['rows'], record['duration'] = len(profile.table), profile.table[-1, 0]
+        record['time'], record['override'], record['held'] = plan_time_s, profile.override, profile.held
 
     def at(self, cycle: int) -> MasterState:
-        """Return the master in a bus cycle of the present course."""
-        if self.course is None:
+        """Return the master in a bus cycle of the present motion profile."""
+        if self.profile is None:
             raise ProgramError('no program runs')
-        time = (cycle - self.course.cycle) * self.cycle_time_s
-        number, s, v, a = course_at(max(time, 0.0), 0, self.record, self.table, self.tables)
+        time = (cycle - self.profile.cycle) * self.cycle_time_s
+        number, s, v, a = profile_at(max(time, 0.0), 0, self.record, self.table, self.tables)
         return MasterState(int(number), float(s), float(v), float(a))
 
     @property
     def end_cycle(self) -> int:
         """First bus cycle in which the master stands at the end of plan or stop; ``NEVER`` before a start."""
-        return NEVER if self.course is None else self.end_cycle_of(self.course, float(self.record['time'][0]))
+        return (
+            NEVER if self.profile is None else self.end_cycle_of(self.profile, float(self.record['time'][0]))
+        )
 
-    def end_cycle_of(self, course: Course, plan_time_s: float | None = None) -> int:
-        """First bus cycle in which the master stands, if it follows a course."""
+    def end_cycle_of(self, profile: MotionProfile, plan_time_s: float | None = None) -> int:
+        """First bus cycle in which the master stands, if it follows a motion profile."""
         if plan_time_s is None:
-            plan_time_s = float(self.plan.tables.starts[course.number + 1])
-        time = float(course.table[-1, 0])
-        if not course.held:
-            time += (self.plan.duration_s - plan_time_s) / course.rate
-        return course.cycle + math.ceil(time / self.cycle_time_s - 1e-9)
+            plan_time_s = float(self.plan.tables.starts[profile.number + 1])
+        time = float(profile.table[-1, 0])
+        if not profile.held:
+            time += (self.plan.duration_s - plan_time_s) / profile.override
+        return profile.cycle + math.ceil(time / self.cycle_time_s - 1e-9)
 
-    def stop(self, cycle: int, acceleration_m_s2: float = 0.0) -> Course:
-        """Return the course that stops the master on its path, within the limits of the move where that is possible.
+    def stop(self, cycle: int, acceleration_m_s2: float = 0.0) -> MotionProfile:
+        """Return the motion profile that stops the master on its path, within the limits of the move where possible.
 
         With an acceleration beyond that of the move it takes that, its jerk rising within ``HARD_RISE_S``. It brakes
-        harder where the present course does so too, or its move would end before: it is nowhere faster.
+        harder where the present motion profile does so too, or its move would end before: it is nowhere faster.
         """
         now = self.at(cycle)
-        rate = 1.0 if self.course is None else self.course.rate
+        override = 1.0 if self.profile is None else self.profile.override
         move = self.plan.move(now.number)
         present = self.rest_of_move(cycle)
-        room = max(1.0, rate)
+        room = max(1.0, override)
         acceleration, jerk = move.stop_acceleration * room**2, move.stop_jerk * room**3
         if acceleration_m_s2 > acceleration:
             acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
@@ -291,7 +293,7 @@ class Timeline:
             table = present
         # rounding may carry a stop that ends with the move a little beyond it
         table[:, 1] = np.minimum(table[:, 1], move.length_m)
-        return Course(cycle, now.number, table, rate, held=True)
+        return MotionProfile(cycle, now.number, table, override, held=True)
 
 
 def never_faster(table: Floats, other: Floats) -> bool:
@@ -303,15 +305,15 @@ def never_faster(table: Floats, other: Floats) -> bool:
     return bool((v <= allowed * (1.0 + FASTER) + FASTER * other[:, 2].max()).all())
 
 
-def remainder(phases: Floats, time: float, rate: float) -> Floats:
-    """Phases of a master from a time on, at a rate, their times from 0 on."""
+def remainder(phases: Floats, time: float, override: float) -> Floats:
+    """Phases of a master from a time on, at an override, their times from 0 on."""
     row = max(int(np.searchsorted(phases[:, 0], time, side='right')) - 1, 0)
     rest = phases[row:].copy()
     if row < len(phases) - 1:
         s, v, a, j = sample_master([time], phases)[0]
         rest[0] = time, s, v, a, j
-    rest[:, 0] = (rest[:, 0] - time) / rate
-    rest[:, 2:] *= np.array([rate, rate**2, rate**3])
+    rest[:, 0] = (rest[:, 0] - time) / override
+    rest[:, 2:] *= np.array([override, override**2, override**3])
     rest[0, 0] = 0.0
     rest[-1, 2:] = 0.0
     return rest

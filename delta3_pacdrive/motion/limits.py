@@ -95,10 +95,10 @@ def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> 
     _check_angles(theta, parameters, distance, position, returning)
 
 
-def check_speed(move: Move, rate: float, parameters: Parameters) -> float:
-    """Refuse a move of a foreign writer in which a motor turns too fast at a rate; raises ProgramError.
+def check_speed(move: Move, override: float, parameters: Parameters) -> float:
+    """Refuse a move of a foreign writer in which a motor turns too fast at an override; raises ProgramError.
 
-    Returns the largest rate at which it would not be refused.
+    Returns the largest override at which it would not be refused.
     """
     times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
     master = sample_master(times, move.master)
@@ -106,11 +106,11 @@ def check_speed(move: Move, rate: float, parameters: Parameters) -> float:
     coefficients = path_coefficients(
         samples, np.zeros(len(samples), np.int64), (move.payload_kg,), parameters
     )
-    speed = np.abs(coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * rate)
+    speed = np.abs(coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
     _require_below(speed, limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
     fastest = float(speed.max())
-    return rate * limit / fastest if fastest > 0.0 else math.inf
+    return override * limit / fastest if fastest > 0.0 else math.inf
 
 
 def _check_angles(

@@ -399,6 +399,6 @@ def plan_cubic(
             mixed=load.mixed / factor,
             standing=load.standing * factor,
             duration_s=duration * factor,
-            rate_max=1.0,
+            override_max=1.0,
         )
     return PlannedMove(move, load, notices)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
-from delta3_pacdrive.motion.execution import RATE_MAX
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move_planner import PlannedMove
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
@@ -40,7 +40,7 @@ class Planned:
         are due after the end.
     rms_current_a
         Of each motor over the whole program.
-    rate_max
+    override_max
         Largest override at which every motor still keeps its limits.
     repeat
         How many rounds of its statements the plan holds.
@@ -51,7 +51,7 @@ class Planned:
     plan: Plan
     notices: tuple[str, ...]
     rms_current_a: tuple[float, float, float]
-    rate_max: float
+    override_max: float
     repeat: int
 
 
@@ -159,9 +159,9 @@ def _whole(
             f'all moves take {1.0 / rate:.3g} times as long: the rms current of motor {axis + 1} over the program '
             f'would be {load.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
         )
-    rate_max = min(load.rate_max / rate, RATE_MAX)
-    while rate_max > 1.0 and load.rms(rate, rate_max).max() > nominal:
-        rate_max = max(1.0, rate_max - 0.01)
+    override_max = min(load.override_max / rate, OVERRIDE_MAX)
+    while override_max > 1.0 and load.rms(rate, override_max).max() > nominal:
+        override_max = max(1.0, override_max - 0.01)
     rms = load.rms(rate).tolist()
     plan_ = Plan.of(moves, order)
     notices += [
@@ -174,7 +174,7 @@ def _whole(
         plan_,
         tuple(notices),
         (rms[0], rms[1], rms[2]),
-        rate_max,
+        override_max,
         program.repeat,
     )
 

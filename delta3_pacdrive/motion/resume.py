@@ -1,4 +1,4 @@
-"""Ways back to a plan: courses after a stop or at another override, and what is left of a plan after a fault."""
+"""Ways back to a plan: after a stop or at another override, and what is left of a plan after a fault."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.execution import BACK_M_S, Course, Timeline, remainder
+from delta3_pacdrive.motion.execution import BACK_M_S, MotionProfile, Timeline, remainder
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.virtual_master import master_at_distances, profile_rows, sample_master, slowest
@@ -18,15 +18,15 @@ SAMPLES = 64  # places at which a way to the plan is compared with it
 OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
 ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
 END_M = 1e-7  # a master this close to the end of its move is there
-# times after which the way back may begin; until then the present course goes on [s]
+# times after which the way back may begin; until then the present motion profile goes on [s]
 DELAYS_S = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 8.0)
 GENTLE = (1.0, 0.5, 0.25, 0.1)  # shares of the move's limits, for a start from standstill
 
 
-def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
-    """Return a course from a bus cycle on that goes over to the plan at a rate as early as the limits allow.
+def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
+    """Return the motion profile that goes over to the plan at an override as early as the limits allow.
 
-    Where a moving master cannot do so before the end of its move, the rate counts from the next move on.
+    Where a moving master cannot do so before the end of its move, the override counts from the next move on.
 
     Raises
     ------
@@ -38,21 +38,23 @@ def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
     move = timeline.plan.move(now.number)
     if move.kind == MoveKind.DWELL:
         left = max(timeline.left_of_move_s(cycle), 0.0)
-        return Course(cycle, now.number, np.array([[0.0] * 5, [left / rate, 0.0, 0.0, 0.0, 0.0]]), rate)
-    held = timeline.course is not None and timeline.course.held
+        return MotionProfile(
+            cycle, now.number, np.array([[0.0] * 5, [left / override, 0.0, 0.0, 0.0, 0.0]]), override
+        )
+    held = timeline.profile is not None and timeline.profile.held
     if held and move.length_m - now.distance_m < END_M:
-        return Course(cycle, now.number, np.array([[0.0, move.length_m, 0.0, 0.0, 0.0]]), rate)
-    before = timeline.course.rate if timeline.course else 1.0
-    room = max(1.0, rate, before)
+        return MotionProfile(cycle, now.number, np.array([[0.0, move.length_m, 0.0, 0.0, 0.0]]), override)
+    before = timeline.profile.override if timeline.profile else 1.0
+    room = max(1.0, override, before)
     limits = (move.stop_acceleration * room**2, move.stop_jerk * room**3)
     if held:
         # rounding may place the cycle in which a stop ends a hair before that end
         stands = cycle >= timeline.end_cycle
         state = (now.distance_m, 0.0 if stands else now.speed_m_s, 0.0 if stands else now.acceleration_m_s2)
         for gentle in GENTLE:
-            table = _join(move, state, rate, room, (limits[0] * gentle, limits[1] * gentle))
+            table = _join(move, state, override, room, (limits[0] * gentle, limits[1] * gentle))
             if table is not None:
-                return Course(cycle, now.number, table, rate)
+                return MotionProfile(cycle, now.number, table, override)
         raise ProgramError(
             f'no way back to the plan from s = {now.distance_m:.4f} m of move {now.number + 1}'
         )
@@ -61,14 +63,14 @@ def rejoin(timeline: Timeline, cycle: int, rate: float) -> Course:
         if delay >= present[-1, 0]:
             break
         s, v, a, _ = sample_master([delay], present)[0].tolist()
-        table = _join(move, (s, v, a), rate, room, limits)
+        table = _join(move, (s, v, a), override, room, limits)
         if table is not None:
-            return Course(cycle, now.number, _after(present, delay, table), rate)
-    return Course(cycle, now.number, present, rate)
+            return MotionProfile(cycle, now.number, _after(present, delay, table), override)
+    return MotionProfile(cycle, now.number, present, override)
 
 
 def _after(present: Floats, delay: float, table: Floats) -> Floats:
-    """Phases of the present course for a while, then those of a table."""
+    """Phases of the present motion profile for a while, then those of a table."""
     kept = present[present[:, 0] < delay]
     later = table.copy()
     later[:, 0] += delay
@@ -76,22 +78,22 @@ def _after(present: Floats, delay: float, table: Floats) -> Floats:
 
 
 def _join(
-    move: Move, state: tuple[float, float, float], rate: float, room: float, limits: tuple[float, float]
+    move: Move, state: tuple[float, float, float], override: float, room: float, limits: tuple[float, float]
 ) -> Floats | None:
-    """Phases from a state (s, v, a) to the first place where the plan, at its rate, can be joined; None: nowhere."""
+    """Phases from a state (s, v, a) to the first place where the plan, at an override, can be joined; None: nowhere."""
     s0, v0, _ = state
     times = np.linspace(0.0, move.duration_s, CANDIDATES + 1)
     planned = sample_master(times, move.master)
     planned[-1] = move.length_m, move.master[-1, 2], 0.0, 0.0
     speed_max = room * float(planned[:, 1].max())
-    s, v = planned[:, 0], planned[:, 1] * rate
+    s, v = planned[:, 0], planned[:, 1] * override
     # what cannot be reached with all the acceleration there is need not be tried
     near = np.abs(v**2 - v0**2) <= 2.0 * limits[0] * OVER_PLAN * (s - s0)
     for n in np.flatnonzero((s > s0 + END_M) & near):
-        target = (float(s[n]), float(v[n]), float(planned[n, 2]) * rate**2)
+        target = (float(s[n]), float(v[n]), float(planned[n, 2]) * override**2)
         table = _connection(state, target, limits, speed_max)
-        if table is not None and _stays_under(table, move.master, max(room, rate), speed_max):
-            rest = remainder(move.master, float(times[n]), rate)
+        if table is not None and _stays_under(table, move.master, max(room, override), speed_max):
+            rest = remainder(move.master, float(times[n]), override)
             rest[:, 0] += table[-1, 0]
             return np.vstack([table[:-1], rest])
     return None
@@ -144,17 +146,17 @@ def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
         The program was not stopped, or is at its end.
 
     """
-    if timeline.course is None or not timeline.course.held:
+    if timeline.profile is None or not timeline.profile.held:
         raise ProgramError('where the program was stopped on its path is not known; it can only be restarted')
-    course = rejoin(timeline, timeline.end_cycle, 1.0)
-    plan, number = timeline.plan, course.number
+    profile = resume(timeline, timeline.end_cycle, 1.0)
+    plan, number = timeline.plan, profile.number
     move = plan.move(number)
     later = [plan.move(n) for n in range(number + 1, len(plan))]
-    place = float(course.table[0, 1])
+    place = float(profile.table[0, 1])
     here = np.asarray(sample_path([place], move.segments)[0, 0])
-    if len(course.table) > 1:
+    if len(profile.table) > 1:
         ahead = move.events[move.events[:, 0] > place] if move.kind != MoveKind.DWELL else move.events
-        later.insert(0, replace(move, master=course.table, events=ahead))
+        later.insert(0, replace(move, master=profile.table, events=ahead))
     if not later:
         raise ProgramError('the program was at its end')
     return here, later

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive.motion.execution import RATE_MAX
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.path_dynamics import PathDynamics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -23,7 +23,7 @@ class ThermalLoad:
     duration_s: float
     dwelling: Floats
     dwell_s: float
-    rate_max: float  # at which every motor still keeps its limits
+    override_max: float  # at which every motor still keeps its limits
 
     def times(self, count: float) -> 'ThermalLoad':
         """Return the effort of doing it ``count`` times."""
@@ -34,7 +34,7 @@ class ThermalLoad:
             count * self.duration_s,
             count * self.dwelling,
             count * self.dwell_s,
-            self.rate_max,
+            self.override_max,
         )
 
     def __add__(self, other: 'ThermalLoad') -> 'ThermalLoad':
@@ -46,7 +46,7 @@ class ThermalLoad:
             self.duration_s + other.duration_s,
             self.dwelling + other.dwelling,
             self.dwell_s + other.dwell_s,
-            min(self.rate_max, other.rate_max),
+            min(self.override_max, other.override_max),
         )
 
     def rms(self, rate: float, override: float = 1.0) -> Floats:
@@ -69,7 +69,9 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
         room = np.maximum(motor.peak_current_a - np.abs(standing), 1e-12) / np.abs(moving)
         speed = motor.max_speed_rad_s / np.abs(d.motor_speed_rad_s)
         volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)
-    rate_max = min(float(np.sqrt(room).min()), float(speed.min()), float(np.sqrt(volts).min()), RATE_MAX)
+    override_max = min(
+        float(np.sqrt(room).min()), float(speed.min()), float(np.sqrt(volts).min()), OVERRIDE_MAX
+    )
     return ThermalLoad(
         (w * moving**2).sum(axis=0),
         (w * moving * standing).sum(axis=0),
@@ -77,11 +79,11 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
         duration_s,
         np.zeros(3),
         0.0,
-        max(rate_max, 1.0),
+        max(override_max, 1.0),
     )
 
 
 def dwell_load(d: PathDynamics, time_s: float) -> ThermalLoad:
     """Return what it takes to stand for a time [s] at the first sample."""
     none, square = np.zeros(3), d.standing_current_a[0] ** 2 * time_s
-    return ThermalLoad(none, none, none, 0.0, square, time_s, RATE_MAX)
+    return ThermalLoad(none, none, none, 0.0, square, time_s, OVERRIDE_MAX)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 TYPES = {telegram.topic: telegram.type for telegram in CARRIED}
 COURSE = 'motion/course'
-COURSE_ROW = 6  # numbers that tell a start of a program from a change of its course
+PROFILE_ROW = 6  # numbers that tell a start of a program from a change of its motion profile
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,8 @@ def _information(path: Path, left: Iterable[Recovered]) -> dict[str, Any]:
     return {}
 
 
-class Courses:
-    """The courses of a bag tell the bus cycles at which programs started."""
+class Profiles:
+    """The motion profiles of a bag tell the bus cycles at which programs started."""
 
     def __init__(self, typestore: Typestore) -> None:
         self._typestore = typestore
@@ -199,9 +199,9 @@ class Courses:
         except SerdeError:
             return
         row = np.asarray(message.data)
-        if len(row) < COURSE_ROW or not np.isfinite(row[:COURSE_ROW]).all():
+        if len(row) < PROFILE_ROW or not np.isfinite(row[:PROFILE_ROW]).all():
             return
-        cycle, number, _, held, _, distance = row[:COURSE_ROW].tolist()
+        cycle, number, _, held, _, distance = row[:PROFILE_ROW].tolist()
         # a change of override, a stop and a resume begin further on
         if number == 0.0 and not held and distance == 0.0 and 0.0 <= cycle < 2**53:
             self._starts.add(int(cycle))

@@ -107,7 +107,7 @@ def _read_bag(path: Path) -> Trace:
     # what only bags need takes longer to import than everything else here
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import COURSE, Courses, open_bag
+    from delta3_pacdrive.recording.bag_reader import COURSE, Profiles, open_bag
 
     bag = open_bag(path)
     typestore = get_typestore(Stores.ROS2_JAZZY)
@@ -116,9 +116,9 @@ def _read_bag(path: Path) -> Trace:
         for name, telegram in TELEGRAMS.items()
         if name in bag.names.values()
     }
-    courses = Courses(typestore)
+    profiles = Profiles(typestore)
     add = {topic: columns[name].add for topic, name in bag.names.items()}
-    bag.read(add | {bag.robot + COURSE: courses.add})
+    bag.read(add | {bag.robot + COURSE: profiles.add})
     meta = bag.meta
     if 'cycle_time_s' not in meta:
         meta['cycle_time_s'] = _cycle_time(
@@ -141,11 +141,11 @@ def _read_bag(path: Path) -> Trace:
         )
     if refused := {name: column.refused for name, column in columns.items() if column.refused}:
         meta['refused'] = refused
-    if courses.starts:
-        meta['starts'] = courses.starts
-        heard = [start for start in courses.starts if start >= cycles[0]]
+    if profiles.starts:
+        meta['starts'] = profiles.starts
+        heard = [start for start in profiles.starts if start >= cycles[0]]
         # who joined in the middle of a program knows when it began
-        meta['start_cycle'] = heard[0] if heard else courses.starts[-1]
+        meta['start_cycle'] = heard[0] if heard else profiles.starts[-1]
     if 'cut' in meta:
         meta['cut'] += f'; it ends at bus time {cycles[-1] * meta["cycle_time_s"]:.3f} s'
         _LOG.warning('note: recording %s: %s', path, meta['cut'])

@@ -1,10 +1,10 @@
-"""The transformation task's link to the planner: plans and courses in, verdicts and status out.
+"""The transformation task's link to the planner: plans and motion profiles in, verdicts and status out.
 
-In: ``motion/plan`` (moves, faults and the order that ends them), ``motion/change`` (courses), ``unit_robot/alive``
-(heartbeat of the planner: its identity and the session that it knows of, numbered in ``stamp.sec``). Out:
-``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON: what became of an order
-or of a change), ``motion/refusal`` (the same for people, if it was refused), ``motion/course`` (latched: what the
-master follows).
+In: ``motion/plan`` (moves, faults and the order that ends them), ``motion/change`` (motion profiles),
+``unit_robot/alive`` (heartbeat of the planner: its identity and the session that it knows of, numbered in
+``stamp.sec``). Out: ``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON: what
+became of an order or of a change), ``motion/refusal`` (the same for people, if it was refused), ``motion/course``
+(latched: what the master follows).
 """
 
 import time
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive.controller.orders import Orders
-from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.numbers import numbers, row_of
 from delta3_pacdrive.ros.robot_node import RobotNode
@@ -51,10 +51,10 @@ class PlannerLink:
         self._status = interfaces.STATUS.publisher(node)
         self._verdicts = interfaces.VERDICT.publisher(node)
         self._refusals = interfaces.REFUSAL.publisher(node)
-        self._course = interfaces.COURSE.publisher(node)
+        self._profile = interfaces.COURSE.publisher(node)
         interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, ROW_BYTES_MAX, self._refuse_foreign)
         interfaces.MOTION_CHANGE.bounded_subscription(
-            node, self._on_course, ROW_BYTES_MAX, self._refuse_foreign
+            node, self._on_profile, ROW_BYTES_MAX, self._refuse_foreign
         )
         interfaces.PLANNER_ALIVE.bounded_subscription(node, self._on_alive)
         self._slices = node.create_timer(SLICE_EVERY_S, self._check_rows)
@@ -71,9 +71,9 @@ class PlannerLink:
         self._told = self._orders.checked
         self._status.publish(String(data=self._orders.status(*self._bus()).to_json()))
 
-    def tell_course(self, course: Course) -> None:
+    def tell_profile(self, profile: MotionProfile) -> None:
         """Publish what the master follows."""
-        self._course.publish(numbers(course.to_array(), self._orders.course_label()))
+        self._profile.publish(numbers(profile.to_array(), self._orders.profile_label()))
 
     def _on_row(self, message: Float64MultiArray) -> None:
         self._orders.take_row(*row_of(message))
@@ -93,8 +93,8 @@ class PlannerLink:
         self._changed()
         self._tell_verdicts()
 
-    def _on_course(self, message: Float64MultiArray) -> None:
-        self._orders.take_course(*row_of(message))
+    def _on_profile(self, message: Float64MultiArray) -> None:
+        self._orders.take_profile(*row_of(message))
         self._changed()
         self._tell_verdicts()
 

@@ -157,7 +157,7 @@ class PlannerServices:
             self._identity,
             moves,
             duration,
-            self._planner.rate,
+            self._planner.override,
             self._progress(),
             refusal.sentence if refusal else '',
             str(refusal.code) if refusal else '',

@@ -25,7 +25,7 @@ from delta3_pacdrive.controller.robot_actions import (
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.motion.execution import Course
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.fault_injection import FaultInjection
@@ -52,7 +52,7 @@ class RobotOutputs:
 
     """
 
-    tell_course: Callable[[Course], None]
+    tell_profile: Callable[[MotionProfile], None]
     tell_status: Callable[[], None]
 
     def __init__(
@@ -72,7 +72,7 @@ class RobotOutputs:
         self._states.publish(String(data=str(state.motion)))
         self._ways: dict[type, Callable[[Any], None]] = {
             Entered: lambda action: self._states.publish(String(data=str(action.state))),
-            Followed: lambda action: self.tell_course(action.course),
+            Followed: lambda action: self.tell_profile(action.profile),
             Located: self._tell_place,
             Switched: self._tell_outputs,
             Asked: self._ask,

@@ -153,9 +153,9 @@ class Rig:
             case Asked(index, access):
                 answer = Answer(access.idn, 0 if not self.drives_refuse else 0x7004)
                 self.state.drive_answered(index, access, answer)
-            case Followed(course):
-                origin = Origin.from_label(self.orders.course_label())
-                self.planner.hear_course(origin, course.to_array())
+            case Followed(profile):
+                origin = Origin.from_label(self.orders.profile_label())
+                self.planner.hear_profile(origin, profile.to_array())
             case Answered(request, reason, sentence):
                 request(reason, sentence)
 
@@ -171,8 +171,8 @@ class Rig:
                 self.row(ORDER, number, np.array(row))
             case planner_actions.Revoked(number):
                 self.row(REVOKE, number, np.zeros(0))
-            case planner_actions.Changed(number, course):
-                self.orders.take_course(self.label(COURSE, number), course.to_array())
+            case planner_actions.Changed(number, profile):
+                self.orders.take_profile(self.label(COURSE, number), profile.to_array())
             case planner_actions.Replied(request, reason, sentence):
                 text = reason.sentence if reason else sentence
                 self.answers.append((request.operator, request.number, reason is None, text))

@@ -56,7 +56,7 @@ def test_an_order_of_anybody_else_is_refused_row_by_row(
     assert not rig.orders.waiting
     label = Origin('COURSE', stranger.get('planner', ME), stranger.get('session', SESSION), 1).label()
     with pytest.raises(TelegramError, match='is it a recording'):
-        rig.orders.take_course(label, np.zeros(9))
+        rig.orders.take_profile(label, np.zeros(9))
 
 
 def test_a_heartbeat_in_another_session_makes_nobody_listened_to(rig: Any, robot: Any) -> None:
@@ -117,12 +117,12 @@ def test_a_plan_that_begins_elsewhere_is_refused(rig: Any, robot: Any, rows: lis
 def test_a_change_that_is_heard_twice_counts_once(rig: Any, rows: list[Any]) -> None:
     rig.start(f'moves: [{{move_l: {{to_m: {LINE["moves"][0]["move_l"]["to_m"]}, speed_m_s: 0.1}}}}]')
     rig.run(60)
-    course = rig.task.course
+    profile = rig.task.profile
     label = Origin('COURSE', ME, SESSION, 500).label()
-    rig.orders.take_course(label, course.at_cycle(rig.next_cycle + 50).to_array())
+    rig.orders.take_profile(label, profile.at_cycle(rig.next_cycle + 50).to_array())
     rig.orders.verdicts.clear()
     with pytest.raises(TelegramError, match='change 500 of this planner was heard before'):
-        rig.orders.take_course(label, course.to_array())
+        rig.orders.take_profile(label, profile.to_array())
 
 
 def test_a_new_session_forgets_what_waits(rig: Any, rows: list[Any]) -> None:

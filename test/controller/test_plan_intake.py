@@ -46,7 +46,7 @@ def test_an_order_has_the_moves_rate_cycle_and_faults_that_came_before_it(
     assert intake.checked == 4
     taken = take(intake, 1, ORDER, [500.0, 0.5, 0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
     assert isinstance(taken, Order)
-    assert (taken.cycle, taken.rate, taken.faults) == (500, 0.5, (fault,))
+    assert (taken.cycle, taken.override, taken.faults) == (500, 0.5, (fault,))
     assert len(taken.plan) == 6
     assert [move.to_array(n, 3).tolist() for n, move in enumerate(taken.plan.moves)] == [
         r.tolist() for r in rows

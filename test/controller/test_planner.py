@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from delta3_pacdrive.controller.course_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.controller.messages import Request, Status, Verdict
 from delta3_pacdrive.controller.planner import MASTER_SILENT_S, VERDICT_S, Planner
 from delta3_pacdrive.controller.planner_actions import (
@@ -18,9 +17,10 @@ from delta3_pacdrive.controller.planner_actions import (
     Working,
 )
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
+from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.controller.request_queue import NEWS_S, WAITING_MAX
 from delta3_pacdrive.errors import Code
-from delta3_pacdrive.motion.execution import Course, Timeline
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 
 LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.2}}]'
 HOME = (0.0, 0.0, -0.75)
@@ -91,15 +91,15 @@ class Client:
 
         timeline = Timeline(Plan.of(ordered.moves), self.robot.bus.cycle_time_s)
         timeline.start(self.cycle, ordered.row[1])
-        self.follow(timeline.course, 1)
+        self.follow(timeline.profile, 1)
         self.cycle += 50
         return timeline
 
-    def follow(self, course: Course | None, number: int) -> bool:
+    def follow(self, profile: MotionProfile | None, number: int) -> bool:
         from delta3_pacdrive.controller.messages import Origin
 
-        assert course is not None
-        return self.planner.hear_course(Origin('COURSE', ME, '5e55', number), course.to_array())
+        assert profile is not None
+        return self.planner.hear_profile(Origin('COURSE', ME, '5e55', number), profile.to_array())
 
 
 @pytest.fixture
@@ -309,28 +309,28 @@ def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_
 
     timeline = Timeline(Plan.of(ordered.moves), client.robot.bus.cycle_time_s)
     timeline.start(client.cycle, 1.0)
-    client.follow(timeline.course, 1)
+    client.follow(timeline.profile, 1)
     client.cycle += 50
     client.ask('override', '50')
     leads = []
     while not client.none(Changed):
         changed = client.do(Changed)
-        leads.append(changed.course.cycle - client.cycle)
+        leads.append(changed.profile.cycle - client.cycle)
         client.verdict(changed.number, 'late', 'bus cycle 7 is over')
     assert leads == [LEAD_CYCLES * 4**n for n in range(len(leads))]
     assert leads[-1] >= LEAD_CYCLES_MAX
     assert client.answer()[0].code == Code.LATE
-    assert client.planner.rate == 1.0  # nothing has changed
+    assert client.planner.override == 1.0  # nothing has changed
 
 
 def test_an_override_counts_once_it_was_taken(client: Client) -> None:
     client.run()
     client.ask('override', '50')
     changed = client.do(Changed)
-    assert (client.planner.rate, client.none(Replied)) == (1.0, True)
+    assert (client.planner.override, client.none(Replied)) == (1.0, True)
     client.verdict(changed.number)
     assert client.answer() == (None, 'override 50 %')
-    assert client.planner.rate == 0.5
+    assert client.planner.override == 0.5
 
 
 def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(client: Client) -> None:
@@ -340,7 +340,7 @@ def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(client
     client.say(state='idle', located=2)
     client.verdict(changed.number, 'state', 'the robot is idle')
     assert client.answer() == (None, 'override 50 %, from the next program on: this one has ended')
-    assert client.planner.rate == 0.5
+    assert client.planner.override == 0.5
 
 
 def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_be_resumed(
@@ -351,13 +351,13 @@ def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_
     changed = client.do(Changed)
     client.verdict(changed.number)
     client.answer()
-    client.follow(changed.course, 2)
-    stop = timeline.stop(changed.course.cycle - 20)  # the task has dropped what was to come
+    client.follow(changed.profile, 2)
+    stop = timeline.stop(changed.profile.cycle - 20)  # the task has dropped what was to come
     assert client.follow(stop, 3)
     client.say(state='stopped')
     client.cycle = stop.cycle + 500
     client.ask('resume')
-    resumed = client.do(Changed).course
+    resumed = client.do(Changed).profile
     timeline.change(stop)
     timeline.check(resumed)  # it continues where the master stands
     assert resumed.table[0, 1] == pytest.approx(stop.table[-1, 1], abs=1e-12)

@@ -96,9 +96,9 @@ def test_what_is_not_in_the_table_is_refused_and_changes_nothing(
     state: MotionState, event: Event, rig: Any
 ) -> None:
     WAYS[state](rig)
-    course = rig.task.course
+    profile = rig.task.profile
     if event == Event.CHANGE and state == MotionState.STOPPING:
-        outcome: Any = rig.state.change(course)
+        outcome: Any = rig.state.change(profile)
         assert isinstance(outcome, Reason)
     elif event == Event.CHANGE:
         accepted, _ = rig.ask('resume')
@@ -115,7 +115,7 @@ def test_what_is_not_in_the_table_is_refused_and_changes_nothing(
         assert outcome == Reason(Code.STATE, f'the robot is {state}')
     if state not in (MotionState.MOVING, MotionState.STOPPING):
         assert rig.state.motion == state
-        assert rig.task.course is course
+        assert rig.task.profile is profile
 
 
 def test_every_state_can_be_reached_and_left() -> None:
@@ -176,16 +176,16 @@ def test_a_held_robot_that_was_moved_by_hand_is_not_enabled_before_its_program_i
 def test_a_resume_after_an_abort_is_refused_although_the_master_still_stops(rig: Any) -> None:
     stopping(rig)
     assert rig.do('abort') == (True, 'the program is given up')
-    course = rig.task.course
+    profile = rig.task.profile
     assert not rig.ask('resume')[0]
     rig.run(200)
     assert rig.state.motion == 'idle'
-    assert rig.task.course is course
+    assert rig.task.profile is profile
 
 
 def test_a_program_that_is_given_up_where_it_stands_does_not_go_on_in_the_same_cycle(rig: Any) -> None:
     stopped(rig)
-    timeline = rig.task.course
+    timeline = rig.task.profile
     assert rig.state.abort() == 'the program is given up'
     outcome = rig.state.change(timeline)
     assert outcome == Reason(Code.STATE, 'the program is being given up')

@@ -22,7 +22,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.curves import line
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
-from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.motion.virtual_master import plan_master
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON
 
@@ -325,8 +325,8 @@ def test_a_held_tcp_stands_on_its_line_until_the_program_is_unloaded(robot):
     task, _, _ = ready_task(robot)
     task.start(0)
     commands_of(task, 150)
-    course = task.hold()
-    assert course.cycle == 150
+    profile = task.hold()
+    assert profile.cycle == 150
     assert task.held
     standing = task.end_cycle
     assert 150 < standing < 300
@@ -391,7 +391,7 @@ def test_an_output_behind_the_place_of_a_hold_waits_for_the_program_to_go_on(rob
     assert rows[-1][2] < 0.2
     assert not any(row[3] for row in rows)
     timeline = task.timeline
-    task.change(rejoin(timeline, stopped + 220, 0.5))
+    task.change(resume(timeline, stopped + 220, 0.5))
     rows = outputs_over(task, stopped + 200, task.coming_last_cycle)
     n = next(n for n, row in enumerate(rows) if row[3])
     assert rows[n - 1][2] < 0.2 - ROUNDING <= rows[n][2]

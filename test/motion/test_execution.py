@@ -1,4 +1,4 @@
-"""Facts about courses: a plan that is started, held, resumed and overridden stays on its path and within its limits."""
+"""Facts about motion profiles: a plan that is started, held, resumed and overridden keeps to its path and limits."""
 
 import math
 
@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.execution import Course, Timeline, velocity_stop
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline, velocity_stop
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import MoveKind
-from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest
 from delta3_pacdrive.sercos.bus_time import NEVER
 
@@ -42,9 +42,9 @@ def plan(robot):
     return planned(robot)
 
 
-def started(plan, cycle=0, rate=1.0):
+def started(plan, cycle=0, override=1.0):
     timeline = Timeline(plan, CYCLE_S)
-    timeline.start(cycle, rate)
+    timeline.start(cycle, override)
     return timeline
 
 
@@ -79,24 +79,24 @@ def assert_continuous(rows, plan, room=1.0):
         assert np.abs(np.diff(s) - 0.5 * CYCLE_S * (v[1:] + v[:-1])).max() <= jerk * CYCLE_S**3
 
 
-def test_before_its_start_a_timeline_has_no_course_and_no_end(plan):
+def test_before_its_start_a_timeline_has_no_motion_profile_and_no_end(plan):
     timeline = Timeline(plan, CYCLE_S)
     assert timeline.end_cycle == NEVER
     with pytest.raises(ProgramError, match='no program runs'):
         timeline.at(0)
 
 
-@pytest.mark.parametrize('rate', [0.01, 0.37, 1.0, 1.5])
-def test_a_plan_at_a_rate_takes_its_time_over_the_rate_and_passes_every_move(rate, plan):
-    timeline = started(plan, 7, rate)
-    assert timeline.end_cycle == 7 + math.ceil(plan.duration_s / rate / CYCLE_S - 1e-9)
-    step = max(1, round(1.0 / rate))
+@pytest.mark.parametrize('override', [0.01, 0.37, 1.0, 1.5])
+def test_a_plan_at_a_rate_takes_its_time_over_the_rate_and_passes_every_move(override, plan):
+    timeline = started(plan, 7, override)
+    assert timeline.end_cycle == 7 + math.ceil(plan.duration_s / override / CYCLE_S - 1e-9)
+    step = max(1, round(1.0 / override))
     rows = states(timeline, 7, timeline.end_cycle + 2)[::step]
     assert rows[0].tolist() == [0.0, 0.0, 0.0, rows[0, 3]]
     assert set(rows[:, 0]) == set(range(len(plan)))
     assert timeline.at(timeline.end_cycle).distance_m == plan.move(len(plan) - 1).length_m
     assert timeline.at(timeline.end_cycle).speed_m_s == 0.0
-    if rate == 1.0:
+    if override == 1.0:
         assert_continuous(rows, plan)
 
 
@@ -125,19 +125,19 @@ def test_a_hold_anywhere_stops_on_the_path_within_the_limits_of_the_move(share, 
         assert (timeline.end_cycle - cycle) * CYCLE_S <= quickest + CYCLE_S
 
 
-@given(share=cycles, wait=st.integers(0, 500), rate=st.sampled_from([0.1, 0.5, 1.0, 1.2]))
+@given(share=cycles, wait=st.integers(0, 500), override=st.sampled_from([0.1, 0.5, 1.0, 1.2]))
 @settings(max_examples=60)
-def test_a_held_program_goes_on_to_the_same_end(share, wait, rate, plan):
+def test_a_held_program_goes_on_to_the_same_end(share, wait, override, plan):
     timeline = started(plan)
     timeline.change(timeline.stop(int(share * (timeline.end_cycle - 1))))
     standing = timeline.at(timeline.end_cycle)
     cycle = timeline.end_cycle + wait
-    course = rejoin(timeline, cycle, rate)
-    timeline.change(course)
+    profile = resume(timeline, cycle, override)
+    timeline.change(profile)
     rows = states(timeline, cycle, timeline.end_cycle + 2)
     # it begins where it stood; who stands closer to the end of a move than 0.1 um is taken to have arrived
     assert np.abs(place(plan, *rows[0, :2]) - place(plan, standing.number, standing.distance_m)).max() < 1e-7
-    assert_continuous(rows, plan, max(1.0, rate))
+    assert_continuous(rows, plan, max(1.0, override))
     assert rows[-1].tolist() == [len(plan) - 1, plan.move(len(plan) - 1).length_m, 0.0, 0.0]
     assert (np.diff(rows[:, 0]) >= 0).all()
 
@@ -151,12 +151,12 @@ def test_an_override_on_the_way_keeps_path_and_limits(share, changes, plan):
     rows = []
     cycle = int(share * (timeline.end_cycle - 1))
     begun = 0
-    for rate in changes:
+    for override in changes:
         if cycle >= timeline.end_cycle:
             break
-        course = rejoin(timeline, cycle, rate)
+        profile = resume(timeline, cycle, override)
         rows.append(states(timeline, begun, cycle))
-        timeline.change(course)
+        timeline.change(profile)
         begun, cycle = cycle, cycle + 180
     rows.append(states(timeline, begun, timeline.end_cycle + 2))
     table = np.concatenate(rows)
@@ -168,21 +168,21 @@ def test_a_change_of_override_counts_soon_unless_the_move_ends_before(plan):
     """A tenth of a second after the request, or from the next move on."""
     soon, asked = 0, 0
     for cycle in range(5, started(plan).end_cycle - 5, 23):
-        for rate in (0.5, 1.4):
+        for override in (0.5, 1.4):
             timeline = started(plan)
             number = timeline.at(cycle).number
             left = plan.tables.starts[number + 1] - cycle * CYCLE_S
-            timeline.change(rejoin(timeline, cycle, rate))
+            timeline.change(resume(timeline, cycle, override))
             if plan.move(number).kind == MoveKind.DWELL or left < 0.25:
                 continue
             asked += 1
             later = timeline.at(cycle + 220)
             if later.number != number:
                 continue
-            # at the same place of the plan, the speed is that of the plan times the rate
+            # at the same place of the plan, the speed is that of the plan times the override
             times = np.linspace(0.0, plan.move(number).duration_s, 20_001)
             s, v, _, _ = sample_master(times, plan.move(number).master).T
-            soon += later.speed_m_s == pytest.approx(rate * np.interp(later.distance_m, s, v), rel=1e-2)
+            soon += later.speed_m_s == pytest.approx(override * np.interp(later.distance_m, s, v), rel=1e-2)
     print(f'{soon} of {asked} changes were in force after 0.22 s')
     assert asked > 40
     assert soon >= 0.9 * asked
@@ -192,7 +192,7 @@ def test_an_override_is_reached_within_the_time_that_the_limits_need(robot):
     document = {'moves': [{'move_l': {'to_m': [0.4, 0.0, -0.75], 'speed_m_s': 0.4}}]}
     line = program_planner.plan(programs.parse(document, robot.motion), START, robot).plan
     timeline = started(line)
-    timeline.change(rejoin(timeline, 300, 0.5))
+    timeline.change(resume(timeline, 300, 0.5))
     rows = states(timeline, 300, timeline.end_cycle)
     reached = int(np.flatnonzero(np.abs(rows[:, 2] - 0.2) < 1e-9)[0])
     # 0.2 m/s at 15 m/s2 and 600 m/s3: v/a < a/j, so 2 sqrt(v/j); places to join are half a per cent of the way apart
@@ -209,7 +209,7 @@ def test_a_hold_in_a_dwell_keeps_what_is_left_of_it(rest, plan):
     left = plan.tables.starts[dwell + 1] - cycle * CYCLE_S
     timeline.change(timeline.stop(cycle))
     assert timeline.end_cycle == cycle
-    timeline.change(rejoin(timeline, cycle + 1000, 1.0))
+    timeline.change(resume(timeline, cycle + 1000, 1.0))
     rows = states(timeline, cycle + 1000, cycle + 1100)
     assert int((rows[:, 0] == dwell).sum()) == pytest.approx(left / CYCLE_S, abs=1.0)
     again = timeline.end_cycle - (cycle + 1000)
@@ -219,17 +219,17 @@ def test_a_hold_in_a_dwell_keeps_what_is_left_of_it(rest, plan):
 def test_a_dwell_at_another_rate_takes_its_time_over_the_rate(plan):
     timeline = started(plan)
     cycle = math.ceil(plan.tables.starts[1] / CYCLE_S) + 10
-    timeline.change(rejoin(timeline, cycle, 0.5))
+    timeline.change(resume(timeline, cycle, 0.5))
     left = 2.0 * (plan.tables.starts[2] - cycle * CYCLE_S)
     rows = states(timeline, cycle, cycle + 200)
     assert int((rows[:, 0] == 1).sum()) == pytest.approx(left / CYCLE_S, abs=1.0)
 
 
-def test_the_place_is_a_place_of_the_path_whatever_the_course(plan):
+def test_the_place_is_a_place_of_the_path_whatever_the_motion_profile(plan):
     timeline = started(plan)
-    timeline.change(rejoin(timeline, 400, 1.4))
+    timeline.change(resume(timeline, 400, 1.4))
     timeline.change(timeline.stop(700))
-    timeline.change(rejoin(timeline, timeline.end_cycle + 5, 0.6))
+    timeline.change(resume(timeline, timeline.end_cycle + 5, 0.6))
     table = states(timeline, timeline.start_cycle, timeline.end_cycle)
     for number in np.unique(table[:, 0]).astype(int):
         move = plan.move(number)
@@ -254,20 +254,20 @@ def test_a_stop_ends_at_rest_and_never_turns_back(speed, acceleration, jerk):
         assert np.abs(table[:, 4]).max() <= jerk * CONNECTION
 
 
-# courses as messages, and what is refused
+# motion profiles as messages, and what is refused
 
 
-def test_a_course_survives_its_message(plan):
+def test_a_motion_profile_survives_its_message(plan):
     timeline = started(plan)
-    for course in (timeline.stop(300), rejoin(timeline, 300, 0.7)):
-        back = Course.from_array(course.to_array().tolist())
-        assert (back.cycle, back.number, back.rate, back.held) == (
-            course.cycle,
-            course.number,
-            course.rate,
-            course.held,
+    for profile in (timeline.stop(300), resume(timeline, 300, 0.7)):
+        back = MotionProfile.from_array(profile.to_array().tolist())
+        assert (back.cycle, back.number, back.override, back.held) == (
+            profile.cycle,
+            profile.number,
+            profile.override,
+            profile.held,
         )
-        assert back.table.tobytes() == course.table.tobytes()
+        assert back.table.tobytes() == profile.table.tobytes()
 
 
 def spoilt(row, index, value):
@@ -293,16 +293,16 @@ def spoilt(row, index, value):
         (lambda row: spoilt(row, 6, 9.0), 'its master jumps'),
     ],
 )
-def test_a_malformed_course_is_refused(spoil, reason, plan):
+def test_a_malformed_motion_profile_is_refused(spoil, reason, plan):
     row = started(plan).stop(300).to_array()
     with pytest.raises(ProgramError, match=reason):
-        Course.from_array(spoil(row))
+        MotionProfile.from_array(spoil(row))
 
 
-def shifted(course, column, by):
-    table = course.table.copy()
+def shifted(profile, column, by):
+    table = profile.table.copy()
     table[:, column] += by
-    return Course(course.cycle, course.number, table, course.rate, course.held)
+    return MotionProfile(profile.cycle, profile.number, table, profile.override, profile.held)
 
 
 @pytest.mark.parametrize(
@@ -311,29 +311,32 @@ def shifted(course, column, by):
         (lambda c: c.at_cycle(c.cycle + 20), 'does not continue the motion'),
         (lambda c: shifted(c, 1, 1e-3), 'does not continue the motion'),
         (lambda c: shifted(c, 2, 1e-3), 'does not continue the motion'),
-        (lambda c: Course(c.cycle, c.number + 1, c.table, 1.0, True), 'does not continue the motion'),
-        (lambda c: Course(c.cycle, 99, c.table, 1.0, True), 'comes too late'),
-        (lambda c: Course(c.cycle, c.number, c.table, 1.0, False), 'does not reach the end of its move'),
+        (lambda c: MotionProfile(c.cycle, c.number + 1, c.table, 1.0, True), 'does not continue the motion'),
+        (lambda c: MotionProfile(c.cycle, 99, c.table, 1.0, True), 'comes too late'),
+        (
+            lambda c: MotionProfile(c.cycle, c.number, c.table, 1.0, False),
+            'does not reach the end of its move',
+        ),
         (lambda c: c.at_cycle(-5), 'comes too late'),
     ],
 )
-def test_a_course_that_does_not_continue_the_motion_is_refused(change, reason, plan):
+def test_a_motion_profile_that_does_not_continue_the_motion_is_refused(change, reason, plan):
     timeline = started(plan)
-    course = timeline.stop(150)
+    profile = timeline.stop(150)
     with pytest.raises(ProgramError, match=reason):
-        timeline.change(change(course))
-    timeline.change(course)
-    assert timeline.course is course
+        timeline.change(change(profile))
+    timeline.change(profile)
+    assert timeline.profile is profile
 
 
-def test_a_course_that_leaves_its_move_is_refused(plan):
+def test_a_motion_profile_that_leaves_its_move_is_refused(plan):
     timeline = started(plan)
     now = timeline.at(150)
     table = np.array(
         [[0.0, now.distance_m, now.speed_m_s, now.acceleration_m_s2, 0.0], [1.0, 5.0, 0.0, 0.0, 0.0]]
     )
     with pytest.raises(ProgramError, match='leaves its move'):
-        timeline.change(Course(150, now.number, table, 1.0, True))
+        timeline.change(MotionProfile(150, now.number, table, 1.0, True))
 
 
 @given(share=cycles)
@@ -342,14 +345,14 @@ def test_a_plan_of_infinite_jerk_can_be_held_and_resumed(share, robot):
     timeline = started(planned(robot, math.inf))
     timeline.change(timeline.stop(int(share * (timeline.end_cycle - 1))))
     cycle = timeline.end_cycle + 10
-    timeline.change(rejoin(timeline, cycle, 1.0))
+    timeline.change(resume(timeline, cycle, 1.0))
     rows = states(timeline, cycle, timeline.end_cycle + 2)
     assert rows[-1, 0] == len(timeline.plan) - 1
     assert rows[-1, 2] == 0.0
     assert np.abs(rows[:, 3]).max() <= 12.0 * CONNECTION
 
 
-# programs that are hard to hold: cubics, which run to their end at full rate, and legs with limits of their own
+# programs that are hard to hold: cubics, which run to their end at full override, and legs with limits of their own
 
 HARD = {
     'cubics': [
@@ -420,7 +423,7 @@ def test_a_hold_in_any_cycle_stops_before_the_move_ends_and_nowhere_faster_than_
         assert rows[-1, 2:].tolist() == [0.0, 0.0]
         allowed = master_at_distances(np.minimum(rows[:, 1], move.length_m), move.master)[:, 2]
         assert (rows[:, 2] <= allowed * CONNECTION + 2e-3 * allowed.max()).all()
-        timeline.change(rejoin(timeline, timeline.end_cycle + 4, 1.0))
+        timeline.change(resume(timeline, timeline.end_cycle + 4, 1.0))
         rows = states(timeline, timeline.start_cycle, timeline.start_cycle + 1500)
         require_on_its_way(rows, plan)
 
@@ -431,11 +434,11 @@ def test_whatever_is_held_resumed_and_overridden_the_plan_is_driven_to_its_end(d
     one = data.draw(
         st.sampled_from([plan, *[hard[name] for name in HARD if name != 'a cubic that a motor slows down']])
     )
-    rates = st.sampled_from([0.3, 0.5, 1.0, 1.2, 1.5])
-    timeline = started(one, 0, data.draw(rates))
+    overrides = st.sampled_from([0.3, 0.5, 1.0, 1.2, 1.5])
+    timeline = started(one, 0, data.draw(overrides))
     cycle = 0
     for _ in range(data.draw(st.integers(1, 6))):
-        held = timeline.course.held
+        held = timeline.profile.held
         end = timeline.end_cycle
         cycle = end + data.draw(st.integers(0, 5)) if held else cycle + data.draw(st.integers(1, 300))
         if not held and cycle >= end:
@@ -444,15 +447,15 @@ def test_whatever_is_held_resumed_and_overridden_the_plan_is_driven_to_its_end(d
         require_on_its_way(rows, one)
         before = timeline.at(cycle)
         goes_on = held or data.draw(st.booleans())
-        course = rejoin(timeline, cycle, data.draw(rates)) if goes_on else timeline.stop(cycle)
-        assert Course.from_array(course.to_array()).rate == course.rate
-        timeline.change(course)
+        profile = resume(timeline, cycle, data.draw(overrides)) if goes_on else timeline.stop(cycle)
+        assert MotionProfile.from_array(profile.to_array()).override == profile.override
+        timeline.change(profile)
         after = timeline.at(cycle)
         places = [sample_path([x.distance_m], one.move(x.number).segments)[0, 0] for x in (before, after)]
         assert np.abs(places[0] - places[1]).max() < 1e-6
         assert after.speed_m_s == pytest.approx(before.speed_m_s, abs=1e-6)
-    if timeline.course.held:
-        timeline.change(rejoin(timeline, timeline.end_cycle, 1.0))
+    if timeline.profile.held:
+        timeline.change(resume(timeline, timeline.end_cycle, 1.0))
     rows = states(timeline, timeline.start_cycle, timeline.end_cycle + 2)
     require_on_its_way(rows, one)
     assert rows[-1, :2].tolist() == [len(one) - 1, pytest.approx(one.move(len(one) - 1).length_m, abs=1e-12)]

@@ -16,7 +16,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.limits import check_speed
 from delta3_pacdrive.motion.plan import Plan, sample_plan
-from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.motion.resume import resume
 
 STEP_S = 0.25e-3
 CYCLE_S = 1e-3
@@ -275,8 +275,8 @@ def test_the_largest_override_uses_a_limit_up_and_exceeds_none(what, robot):
     built = robot.replace(**changes)
     planned = plan(built, moves)
     assert not planned.notices
-    assert 1.1 < planned.rate_max < 1.4
-    used = used_by(built, planned, planned.rate_max)
+    assert 1.1 < planned.override_max < 1.4
+    used = used_by(built, planned, planned.override_max)
     assert max(used.values()) <= MOTOR
     # the voltage counts as if all of it grew with the square: resistance and back-EMF are not told apart
     assert used[what] > (0.8 if what == 'voltage' else MOTOR_USED)
@@ -288,7 +288,7 @@ def test_a_program_that_was_slowed_down_for_its_rms_current_bears_no_override(ro
     planned = plan(cold, moves)
     assert 'rms current' in planned.notices[-1]
     assert planned.plan.duration_s > 1.5 * plan(robot, moves).plan.duration_s  # the largest override there is
-    assert planned.rate_max == 1.0
+    assert planned.override_max == 1.0
 
 
 # arms
@@ -363,7 +363,7 @@ def test_the_stop_for_a_lost_axis_brakes_as_hard_as_the_robot_can(robot):
 @pytest.mark.parametrize(('before', 'after'), [(1.0, 1.5), (1.5, 1.0), (1.5, 0.5), (0.5, 1.0)])
 def test_the_way_to_another_override_takes_the_limits_of_the_larger_one(before, after, robot):
     timeline, cycle = running(robot, before)
-    table = rejoin(timeline, cycle - round(0.1 / CYCLE_S), after).table
+    table = resume(timeline, cycle - round(0.1 / CYCLE_S), after).table
     room = max(1.0, before, after)
     a, j = np.abs(table[:, 3]).max(), np.abs(table[:-1, 4]).max()
     assert a <= 4.0 * room**2 * 1.001  # what a way back to the plan may exceed it by

@@ -372,8 +372,8 @@ def test_at_the_largest_override_the_motors_still_keep_their_limits(acceleration
     limits = {'speed_m_s': 6.0, 'acceleration_m_s2': acceleration, 'jerk_m_s3': 200.0 * acceleration}
     moves = [to(0.3, 0.1, -0.8, **limits), to(-0.3, 0.0, -0.9, **limits), dwell(0.3)]
     planned = plan(robot, moves, repeat=3)
-    assert 1.0 <= planned.rate_max <= 1.5
-    fast = at_rate(planned.plan, planned.rate_max)
+    assert 1.0 <= planned.override_max <= 1.5
+    fast = at_rate(planned.plan, planned.override_max)
     speed, current, _ = motors(robot, fast)
     used = [
         np.abs(speed).max() / robot.motor.max_speed_rad_s,
@@ -382,5 +382,5 @@ def test_at_the_largest_override_the_motors_still_keep_their_limits(acceleration
     ]
     assert max(used) <= CURRENT
     # a share of the current is the weight's and stays: more than a 0.05 larger override would exceed something
-    if 1.0 < planned.rate_max < 1.5:
+    if 1.0 < planned.override_max < 1.5:
         assert max(used) > 0.9

@@ -305,29 +305,31 @@ def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
 # programs
 
 
-def course(cycle, number=0, distance=0.0, held=0.0):
+def profile(cycle, number=0, distance=0.0, held=0.0):
     layout = STORE.types['std_msgs/msg/MultiArrayLayout']([], 0)
     row = np.array([cycle, number, 1.0, held, 0.0, distance, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     kind = 'std_msgs/msg/Float64MultiArray'
     return 'motion/course', bytes(STORE.serialize_cdr(STORE.types[kind](layout, row), kind))
 
 
-WITH_COURSES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
+WITH_PROFILES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
 
 
 @pytest.mark.parametrize(
-    ('courses', 'starts', 'start'),
+    ('profiles', 'starts', 'start'),
     [
-        ([course(4)], [4], 4),
-        ([course(0), course(3), course(6)], [0, 3, 6], 3),  # recorded from cycle 2 on
-        ([course(1)], [1], 1),  # who joined later was told of the program that runs
-        ([course(3), course(5, number=1), course(6, distance=0.2), course(7, held=1.0)], [3], 3),
+        ([profile(4)], [4], 4),
+        ([profile(0), profile(3), profile(6)], [0, 3, 6], 3),  # recorded from cycle 2 on
+        ([profile(1)], [1], 1),  # who joined later was told of the program that runs
+        ([profile(3), profile(5, number=1), profile(6, distance=0.2), profile(7, held=1.0)], [3], 3),
     ],
 )
-def test_a_program_starts_where_its_course_says(courses, starts, start, tmp_path):
+def test_a_program_starts_where_its_motion_profile_says(profiles, starts, start, tmp_path):
     meta = META | {'start_cycle': 120}  # as the parameters have it, of another time
-    arrivals = courses + messages(range(2, CYCLES))
-    trace = trace_file.load(record(tmp_path / 'bag', arrivals, meta, types=WITH_COURSES, namespace='/cell2/'))
+    arrivals = profiles + messages(range(2, CYCLES))
+    trace = trace_file.load(
+        record(tmp_path / 'bag', arrivals, meta, types=WITH_PROFILES, namespace='/cell2/')
+    )
     assert trace.meta['starts'] == starts
     assert trace.meta['start_cycle'] == start
 

@@ -156,13 +156,15 @@ rows = st.one_of(
 orders = st.lists(st.one_of(st.integers(-2, 5).map(float), anything), max_size=8)
 
 
-def test_no_plan_or_course_of_a_stranger_kills_the_task_or_moves_the_robot(robot: Any, graph: Any) -> None:
+def test_no_plan_or_motion_profile_of_a_stranger_kills_the_task_or_moves_the_robot(
+    robot: Any, graph: Any
+) -> None:
     plan = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN)
     change = graph.listener.create_publisher(Float64MultiArray, 'motion/change', PLAN)
     graph.spin_until(lambda: plan.get_subscription_count() and change.get_subscription_count(), 'the task')
 
     count = itertools.count(1)
-    arc, ordered, course = (graph.label(kind, 0).removesuffix('0') for kind in ('ARC', ORDER, 'COURSE'))
+    arc, ordered, profile = (graph.label(kind, 0).removesuffix('0') for kind in ('ARC', ORDER, 'COURSE'))
 
     @FUZZ
     @given(row=rows, order=orders)
@@ -170,8 +172,8 @@ def test_no_plan_or_course_of_a_stranger_kills_the_task_or_moves_the_robot(robot
         number = next(count)  # as the robot's own planner would count
         plan.publish(numbers(row, f'{arc}{number}'))
         plan.publish(numbers(order, f'{ordered}{number}'))
-        change.publish(numbers(row, f'{course}{2 * number}'))
-        change.publish(numbers(order, f'{course}{2 * number + 1}'))
+        change.publish(numbers(row, f'{profile}{2 * number}'))
+        change.publish(numbers(order, f'{profile}{2 * number + 1}'))
         # the plan starts 14 mm away from the robot, so that even a faultless one must be refused
         assert_ready(graph, robot)
 

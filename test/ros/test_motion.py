@@ -38,7 +38,7 @@ class Cell:
         self.graph = graph
         self.commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
         self.master = graph.listen(Vector3Stamped, 'motion/master', CYCLIC_PUBLISHER)
-        self.courses = graph.listen(Float64MultiArray, 'motion/course', LATCHED)
+        self.profiles = graph.listen(Float64MultiArray, 'motion/course', LATCHED)
         self.outputs = graph.listen(JointState, 'outputs', LATCHED)
         self.answers = graph.listen(String, 'unit_robot/answer', LATCHED)
         self.task = graph.robot(motion__start_cycle=-1)
@@ -109,8 +109,8 @@ def test_a_held_program_stands_on_its_line_and_goes_on_to_its_end(cell: Cell) ->
     assert_smooth(path)
     # it stood for a while in the middle
     assert ((path[1:, 0] == path[:-1, 0]) & (path[1:, 0] > 0.01) & (path[1:, 0] < 0.99 * ALONG)).sum() > 10
-    courses = [list(message.data) for message in cell.courses]
-    assert [course[3] for course in courses] == [0.0, 1.0, 0.0]  # start, held, resumed
+    profiles = [list(message.data) for message in cell.profiles]
+    assert [profile[3] for profile in profiles] == [0.0, 1.0, 0.0]  # start, held, resumed
 
 
 def test_override_changes_the_speed_on_the_way_without_leaving_the_path(cell: Cell) -> None:
@@ -282,7 +282,7 @@ def test_a_path_with_a_pose_in_another_frame_is_refused(cell: Cell) -> None:
     assert cell.answers[-1].data == 'refused: frame_id is \'world\', but must be "base"'
 
 
-def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> None:
+def test_spoilt_plans_and_motion_profiles_from_a_stranger_move_nothing(cell: Cell) -> None:
     refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
     plan = cell.graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN)
     change = cell.graph.listener.create_publisher(Float64MultiArray, 'motion/change', PLAN)
@@ -294,7 +294,7 @@ def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> No
     moved = program_planner.plan(programs.parse(document, robot.motion), (0.0, 0.0, -0.74), robot).plan.moves[
         0
     ]
-    course = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    profile = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     order = [-1, 1.0, 0.0]
     messages = [
         (plan, [numbers([], cell.graph.label('LINE', 1)), numbers(order, cell.graph.label(ORDER, 1))]),
@@ -315,7 +315,7 @@ def test_spoilt_plans_and_courses_from_a_stranger_move_nothing(cell: Cell) -> No
         ),
         (plan, [numbers(order, ORDER)]),
         (change, [numbers([], cell.graph.label('COURSE', 5))]),
-        (change, [numbers(course, cell.graph.label('COURSE', 6))]),
+        (change, [numbers(profile, cell.graph.label('COURSE', 6))]),
     ]
     for publisher, rows in messages:
         for row in rows:

@@ -5,7 +5,7 @@ import pytest
 
 from delta3_pacdrive.controller.transformation import DISABLE_CYCLES, Transformation
 from delta3_pacdrive.motion import program_file, program_planner
-from delta3_pacdrive.motion.resume import rejoin
+from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -157,7 +157,7 @@ def test_the_earlier_of_two_stops_counts_whichever_is_asked_for_first(cycles, ta
         task.stop_at(cycle)
     commands(task, 0, 160)
     assert task.held
-    assert task.course.cycle == 150
+    assert task.profile.cycle == 150
 
 
 def test_a_stop_of_a_robot_that_stands_only_takes_the_torque_off(task):
@@ -198,7 +198,7 @@ def test_a_stop_cancels_a_way_back_to_the_plan_that_has_not_begun(task):
     task.hold()
     commands(task, 100, 400)
     assert task.held
-    way_back = rejoin(task.timeline, 420, 1.0)
+    way_back = resume(task.timeline, 420, 1.0)
     task.change(way_back)
     task.stop_at(405)
     places, controls = commands(task, 400, 900)

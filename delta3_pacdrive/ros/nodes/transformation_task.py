@@ -98,7 +98,7 @@ class TransformationTaskNode(PollingNode):
         self._planner = PlannerLink(
             self, controller.orders, lambda: (self._bus.phase.name, controller.next_cycle), self.change
         )
-        self._actions.tell_course = self._planner.tell_course
+        self._actions.tell_profile = self._planner.tell_profile
         self._actions.tell_status = self._planner.tell_status
         self._operators = OperatorServices(
             self,

@@ -58,7 +58,7 @@ class UnitRobotNode(PollingNode):
         self._change = interfaces.MOTION_CHANGE.publisher(self)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
-        interfaces.COURSE.bounded_subscription(self, self._on_course, ROW_BYTES_MAX)
+        interfaces.COURSE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(
             self, self._planner, self._identity, self._thread.progress, self._carry_out
@@ -133,8 +133,8 @@ class UnitRobotNode(PollingNode):
                 case planner_actions.Revoked(number):
                     self._rows.clear()
                     self._plan.publish(self._numbered(REVOKE, number, []))
-                case planner_actions.Changed(number, course):
-                    self._change.publish(self._numbered(COURSE, number, course.to_array()))
+                case planner_actions.Changed(number, profile):
+                    self._change.publish(self._numbered(COURSE, number, profile.to_array()))
                 case planner_actions.Replied(request, reason, sentence):
                     self._operators.reply(request, reason, sentence)
                 case planner_actions.Mirrored(state):
@@ -163,9 +163,9 @@ class UnitRobotNode(PollingNode):
         self._send_rows()
         self._carry_out()
 
-    def _on_course(self, message: Float64MultiArray) -> None:
+    def _on_profile(self, message: Float64MultiArray) -> None:
         label, row = row_of(message)
-        self._planner.hear_course(Origin.from_label(label), row)
+        self._planner.hear_profile(Origin.from_label(label), row)
 
     def _on_verdict(self, message: String) -> None:
         self._planner.hear_verdict(Verdict.from_json(message.data), time.monotonic())

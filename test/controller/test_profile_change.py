@@ -1,10 +1,10 @@
-"""Facts about a change of course: every row of its table, and what holds after any events."""
+"""Facts about a change of motion profile: every row of its table, and what holds after any events."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delta3_pacdrive.controller.course_change import (
+from delta3_pacdrive.controller.profile_change import (
     LEAD_CYCLES,
     LEAD_CYCLES_MAX,
     LEAD_FACTOR,
@@ -12,8 +12,8 @@ from delta3_pacdrive.controller.course_change import (
     Change,
     ChangeEvent,
     ChangeState,
-    CourseChange,
     Lead,
+    ProfileChange,
 )
 
 HALF = Change(0.5, 'override 50 %', lasting=True)
@@ -21,7 +21,7 @@ HALF = Change(0.5, 'override 50 %', lasting=True)
 
 @pytest.mark.parametrize(('state', 'event'), TRANSITIONS, ids=str)
 def test_every_row_leads_where_the_table_says(state: ChangeState, event: ChangeEvent) -> None:
-    changes = CourseChange()
+    changes = ProfileChange()
     changes.send(HALF, 1, 0.0)
     changes.happen(ChangeEvent.MISS)
     if state is ChangeState.SENT:
@@ -44,7 +44,7 @@ def test_every_state_is_reached_and_left_and_every_event_happens() -> None:
 def test_after_any_events_a_change_waits_only_if_it_was_sent_and_not_answered(
     events: list[ChangeEvent],
 ) -> None:
-    changes, waits = CourseChange(), False
+    changes, waits = ProfileChange(), False
     for number, event in enumerate(events):
         if event is ChangeEvent.SEND:
             changes.send(HALF, number, float(number))

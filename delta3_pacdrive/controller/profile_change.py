@@ -1,4 +1,4 @@
-"""A change of course, an override or a resume, that waits for the verdict of the transformation task.
+"""A change of motion profile, an override or a resume, that waits for the verdict of the transformation task.
 
 Pure: events come in, the verdict for whoever asked goes out. What is not in the table does not happen.
 """
@@ -52,22 +52,22 @@ class Change:
 
     Attributes
     ----------
-    rate
+    override
         Override, 1 = as planned.
     sentence
         Answer to whoever asked for it, once it was accepted.
     lasting
-        Whether the rate is that of later programs, too.
+        Whether the override is that of later programs, too.
 
     """
 
-    rate: float
+    override: float
     sentence: str
     lasting: bool
 
 
-class CourseChange:
-    """One change of course after the other.
+class ProfileChange:
+    """One change of motion profile after the other.
 
     Attributes
     ----------
