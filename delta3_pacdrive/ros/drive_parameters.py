@@ -6,6 +6,7 @@ from rclpy.parameter import Parameter
 
 from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE, refusal
 from delta3_pacdrive.drive.register import Register, writing_error
+from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.parameters import Parameters, flatten
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation
 from delta3_pacdrive.sercos.words import Phase
@@ -30,20 +31,21 @@ class DriveParameters:
         self._setting = False
         node.add_on_set_parameters_callback(self._on_set)
 
-    def accepted(self, given: list[Parameter]) -> tuple[list[Parameter], str]:
-        """Return what ROS may set, whole numbers as numbers, and what forbids it: refusals of the service channel."""
+    def accepted(self, given: list[Parameter]) -> list[Parameter] | Reason:
+        """Return what ROS may set, whole numbers as numbers, or why not: a refusal of the service channel."""
         read = [_as_float(parameter) for parameter in given]
-        return read, next(filter(None, (self._refusal(parameter) for parameter in read)), '')
+        return next(filter(None, map(self._refusal, read)), read)
 
-    def _refusal(self, parameter: Parameter) -> str:
-        """Say what forbids to set a parameter, whatever the others are; empty if nothing, or if ROS can tell."""
+    def _refusal(self, parameter: Parameter) -> Reason | None:
+        """Say what forbids to set a parameter, whatever the others are; None if nothing, or if ROS can tell."""
         if not self._node.has_parameter(parameter.name):
-            return f'{self._axis} has no parameter {parameter.name}'
+            return Reason(Code.CONTENT, f'{self._axis} has no parameter {parameter.name}')
         idn = OF_PARAMETER.get(parameter.name)
         if idn is None or parameter.type_ != Parameter.Type.DOUBLE:
-            return ''
+            return None
         access = Access(idn, Operation.WRITE, parameter.value)
-        return refusal(access, Answer(idn, writing_error(access, Phase.CP4)))
+        error = writing_error(access, Phase.CP4)
+        return Reason(Code.CONTENT, refusal(access, Answer(idn, error))) if error else None
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         if self._setting:

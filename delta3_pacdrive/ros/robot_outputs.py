@@ -44,16 +44,10 @@ class RobotOutputs:
         Publishes.
     state, task, faults, drives, cycles
         Of the same transformation task.
-
-    Attributes
-    ----------
-    tell_course, tell_status
-        What the link to the planner does about it.
+    tell_profile, tell_status
+        Tell the planner what the master follows, and how things stand.
 
     """
-
-    tell_profile: Callable[[MotionProfile], None]
-    tell_status: Callable[[], None]
 
     def __init__(
         self,
@@ -63,16 +57,19 @@ class RobotOutputs:
         faults: FaultInjection,
         drives: ServiceRequests,
         cycles: Clock,
+        tell_profile: Callable[[MotionProfile], None],
+        tell_status: Callable[[], None],
     ) -> None:
         self._log, self._state, self._task = node.get_logger(), state, task
         self._faults, self._drives, self._cycles = faults, drives, cycles
+        self._tell_status = tell_status
         self._states = interfaces.MOTION_STATE.publisher(node)
         self._located = interfaces.LOCATED.publisher(node)
         self._outputs = interfaces.OUTPUTS.publisher(node)
         self._states.publish(String(data=str(state.motion)))
         self._ways: dict[type, Callable[[Any], None]] = {
             Entered: lambda action: self._states.publish(String(data=str(action.state))),
-            Followed: lambda action: self.tell_profile(action.profile),
+            Followed: lambda action: tell_profile(action.profile),
             Located: self._tell_place,
             Switched: self._tell_outputs,
             Asked: self._ask,
@@ -90,7 +87,7 @@ class RobotOutputs:
                 self._ways[type(action)](action)
                 told = told or not isinstance(action, Switched)
         if told:
-            self.tell_status()
+            self._tell_status()
 
     def _tell_place(self, action: Located) -> None:
         message = PointStamped()

@@ -254,9 +254,9 @@ class BusMaster:
 
     def announced(self, announcement: Announcement, next_cycle: int, answered: int) -> list[Action]:
         """Take the announcement of a participant, up to whose coming some bus cycles have been answered."""
-        name = self._participants.announced(announcement)
-        if not name:
+        if not self._participants.announced(announcement):
             return []
+        name = announcement.name
         reason = f'{name} was started again, or has left the bus, in bus cycle {answered}'
         return self.fall(reason, next_cycle) if name == PLANT else [Stop(reason)]
 

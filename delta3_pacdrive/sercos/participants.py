@@ -73,17 +73,17 @@ class Participants:
         """Begin cyclic operation."""
         self._cyclic = True
 
-    def announced(self, announcement: Announcement) -> str:
-        """Take an announcement; returns the name of a participant that has come or gone in cyclic operation."""
+    def announced(self, announcement: Announcement) -> bool:
+        """Take an announcement; whether its participant has come or gone in cyclic operation."""
         if announcement.session != self._session or announcement.name not in PARTICIPANTS:
-            return ''
+            return False
         self.bus_cycle = max(self.bus_cycle, announcement.bus_cycle)
         if not self._cyclic:
             self.identities[announcement.name] = announcement.identity
             self.links[announcement.name] = announcement.links
-            return ''
+            return False
         key = (announcement.name, announcement.instance, announcement.occasion)
         if announcement.occasion == Occasion.CALLED or key in self._told:
-            return ''
+            return False
         self._told.add(key)
-        return announcement.name
+        return True

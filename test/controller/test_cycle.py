@@ -39,7 +39,7 @@ def controller(robot):
 
 
 def test_a_command_holds_shafts_control_word_and_payload(controller, robot):
-    controller.task.enable_cycle = 1
+    controller.task.enable(1)
     assert controller.cycle.command(0).control == CONTROL_ON
     motors, control, payload = controller.cycle.command(1)
     assert control == CONTROL_ENABLE

@@ -149,7 +149,7 @@ def test_a_program_can_start_again_after_its_end(robot):
 def test_the_control_word_enables_from_its_cycle_on(robot):
     task = Transformation(robot)
     assert task.control(10**9) == CONTROL_ON
-    task.enable_cycle = 20
+    task.enable(20)
     assert [task.control(k) for k in (0, 19, 20, 21)] == [
         CONTROL_ON,
         CONTROL_ON,

@@ -116,7 +116,7 @@ def task(robot):
         {'moves': [{'move_l': {'to_m': {'by_m': [0.0, 0.0, -0.1]}, 'speed_m_s': 0.5}}]}, robot.motion
     )
     result.load(program_planner.plan(line, tcp, robot).plan)
-    result.enable_cycle = 0
+    result.enable(0)
     result.start(10)
     return result
 
@@ -178,7 +178,7 @@ def test_a_stop_before_a_program_begins_gives_it_up(task):
 def test_giving_up_forgets_the_stop_as_well(task):
     task.stop_at(50)
     task.give_up()
-    task.enable_cycle = 60
+    task.enable(60)
     _, controls = commands(task, 0, 200)
     assert controls[100] == CONTROL_ENABLE
 
@@ -209,7 +209,7 @@ def test_a_stop_cancels_a_way_back_to_the_plan_that_has_not_begun(task):
 def test_a_stop_cancels_an_enabling_that_has_not_begun(robot):
     task = Transformation(robot)
     task.locate(np.zeros(3))
-    task.enable_cycle = 50
+    task.enable(50)
     task.stop_at(10)
     _, controls = commands(task, 0, 200)
     assert set(controls) == {CONTROL_ON}
@@ -226,7 +226,7 @@ def test_a_stop_for_an_axis_that_is_lost_is_as_hard_as_the_robot_can_also_when_a
                 program_file.parse({'moves': [{'move_l': slow}]}, robot.motion), tcp, robot
             ).plan
         )
-        task.enable_cycle = 0
+        task.enable(0)
         task.start(10)
         commands(task, 0, 190)
         task.stop_at(190, hard=kind == 'hard')

@@ -135,6 +135,24 @@ def start_delta3() -> Callable[..., subprocess.Popen[str]]:
     return start
 
 
+_WORK = """
+import time
+wall, own = time.perf_counter(), time.process_time()
+while time.process_time() - own < 0.1:
+    pass
+print((time.perf_counter() - wall) / 0.1)
+"""
+
+
+def crowding() -> float:
+    """Return how many times longer work on all processors takes now than on a machine that does nothing else."""
+    workers = [
+        subprocess.Popen([sys.executable, '-c', _WORK], stdout=subprocess.PIPE, text=True)
+        for _ in range(os.cpu_count() or 1)
+    ]
+    return min(max(1.0, *(float(worker.communicate()[0]) for worker in workers)), STRETCH_MAX)
+
+
 class Deadline:
     """A time limit for a process that works all the time: time in which others had the processor does not count."""
 

@@ -23,7 +23,7 @@ from delta3_pacdrive.drive.drive_clock import Command, DriveClock, Taken
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.register import Register
 from delta3_pacdrive.drive.report import report
-from delta3_pacdrive.errors import ParameterError, TelegramError
+from delta3_pacdrive.errors import ParameterError, Reason, TelegramError
 from delta3_pacdrive.faults.fault import MDT_FAULTS
 from delta3_pacdrive.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.parameters import Parameters
@@ -242,9 +242,9 @@ class MC4DriveNode(RobotNode):
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set what a ROS service asks for."""
-        accepted, reason = self._settings.accepted(parameter_list)
-        if reason:
-            return SetParametersResult(successful=False, reason=reason)
+        accepted = self._settings.accepted(parameter_list)
+        if isinstance(accepted, Reason):
+            return SetParametersResult(successful=False, reason=accepted.sentence)
         return super().set_parameters_atomically(accepted)
 
     # looks ------------------------------------------------------------------------------------------------------------

@@ -92,21 +92,26 @@ class TransformationTaskNode(PollingNode):
         self._injection = FaultInjection(
             self, cycle_time_s, self._bus.closed, lambda: controller.next_cycle, lambda: self._bus.session
         )
-        self._actions = RobotOutputs(
-            self, controller.state, controller.task, self._injection, self._requests, clock
-        )
-        self._planner = PlannerLink(
+        self._planner = planner = PlannerLink(
             self, controller.orders, lambda: (self._bus.phase.name, controller.next_cycle), self.change
         )
-        self._actions.tell_profile = self._planner.tell_profile
-        self._actions.tell_status = self._planner.tell_status
+        self._actions = RobotOutputs(
+            self,
+            controller.state,
+            controller.task,
+            self._injection,
+            self._requests,
+            clock,
+            planner.tell_profile,
+            planner.tell_status,
+        )
         self._operators = OperatorServices(
             self,
             controller.state,
             controller.control,
             lambda: self._bus.session,
             self.change,
-            self._planner.tell_status,
+            planner.tell_status,
         )
         hear_announcements(self, controller.announced, self.refuse)
         self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
