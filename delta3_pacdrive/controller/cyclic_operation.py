@@ -162,6 +162,8 @@ class CyclicOperation:
     def complete(self, received_ns: int = 0) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
         buffer, state, services = self.answers, self._state, self._services
+        if not buffer.is_complete(self.answered):
+            return  # nothing that is held back may start, either
         while (cycle := self.answered) < self.next_cycle and buffer.is_complete(cycle):
             answers = buffer.get(cycle)
             if services.busy:

@@ -156,11 +156,9 @@ class RobotController:
             self.planners.announced(announcement.instance, announcement.identity)
         self._do(self.bus.announced(announcement, self.next_cycle, self.answered))
 
-    def take(self, index: int, cycle: int, content: Content, received_ns: int) -> None:
-        """Take the AT of an axis; its cycle is negative outside of cyclic operation."""
-        if cycle >= 0:
-            self.cycles.take(index, cycle, content, received_ns)
-        elif not self.bus.cyclic:
+    def greeted(self, index: int, content: Content) -> None:
+        """Take the AT with which an axis answers a greeting; those of bus cycles go to ``cycles``."""
+        if not self.bus.cyclic:
             self.bus.positioned(index, content[0][0])
             self.services.received(index, content[2])
 

@@ -1,6 +1,6 @@
 """Links that lose, delay, double or garble the telegrams that they carry."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from delta3_pacdrive.faults.schedule import Schedule
@@ -31,22 +31,22 @@ class FaultyLink(Generic[Content]):
         """Forget what is on its way."""
         self._held_back.clear()
 
-    def arrivals(self, axis: str, cycle: int, content: Content) -> Iterator[tuple[int, Content | None]]:
+    def arrivals(self, axis: str, cycle: int, content: Content) -> Sequence[tuple[int, Content | None]]:
         """Return what arrives when an axis' telegram of a bus cycle is due: cycles, and contents or ``None``: lost.
 
         A telegram that was held back arrives behind the one in whose cycle it is let go, too late for its own.
         """
-        fault = self._faults.telegram(self._kinds, axis, cycle) if self._faults.disturbs_telegrams else None
+        if not self._faults.disturbs_telegrams and not self._held_back:
+            return ((cycle, content),)
+        fault = self._faults.telegram(self._kinds, axis, cycle)
         what, _, telegram = ('', '', '') if fault is None else fault.kind.partition('_')
         if what == 'delay' and fault is not None:
             self._held_back.append((cycle + int(fault.value), axis, cycle, content))
-        yield cycle, content if what in ('', 'duplicate') else None
+        arrivals: list[tuple[int, Content | None]] = [(cycle, content if what in ('', 'duplicate') else None)]
         if what == 'duplicate':
-            yield cycle, content
+            arrivals.append((cycle, content))
         elif what == 'corrupt':
             self._refuse(f'{axis}: the {telegram.upper()} of bus cycle {cycle} is garbled')
-        if self._held_back:
-            late = [item for item in self._held_back if item[0] <= cycle and item[1] == axis]
-            self._held_back = [item for item in self._held_back if item not in late]
-            for _, _, late_cycle, late_content in late:
-                yield late_cycle, late_content
+        late = [item for item in self._held_back if item[0] <= cycle and item[1] == axis]
+        self._held_back = [item for item in self._held_back if item not in late]
+        return [*arrivals, *(item[2:] for item in late)]

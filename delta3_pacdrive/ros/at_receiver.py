@@ -29,8 +29,9 @@ class AtReceiver:
     statistics
         Counts what is refused.
     receive
-        Called with number of the axis, bus cycle (negative before cyclic operation), content and time of arrival [ns],
-        0 if nobody knows it.
+        Called with number of the axis, bus cycle, content and time of arrival [ns], 0 if nobody knows it.
+    receive_greeting
+        Called before cyclic operation, with number of the axis and content.
 
     Attributes
     ----------
@@ -46,9 +47,11 @@ class AtReceiver:
         polled: bool,
         statistics: BusStatistics,
         receive: Callable[[int, int, Content, int], None],
+        receive_greeting: Callable[[int, Content], None],
     ) -> None:
         self.session = NO_SESSION
-        self._cycles, self._statistics, self._receive = cycles, statistics, receive
+        self._cycles, self._statistics = cycles, statistics
+        self._receive, self._receive_greeting = receive, receive_greeting
         self._log = node.get_logger()
         self._codecs = [cdr.codec(telegram) for telegram in telegrams.AT]
         self._takes: list[Callable[[], Taken | None]] = []
@@ -79,7 +82,10 @@ class AtReceiver:
         except TelegramError as error:
             self.refuse(f'{DRIVES[index]}: {error}')
             return
-        self._receive(index, cycle, (values, status, service), received_ns)
+        if cycle >= 0:
+            self._receive(index, cycle, (values, status, service), received_ns)
+        else:
+            self._receive_greeting(index, (values, status, service))
 
     def refuse(self, reason: str) -> None:
         """Count a telegram that is none, and say so."""

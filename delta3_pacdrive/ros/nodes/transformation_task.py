@@ -87,7 +87,9 @@ class TransformationTaskNode(PollingNode):
         self.publish_mdt = cdr.raw_publish(MDT.publisher(self))
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters)
-        self._receiver = AtReceiver(self, clock, factor > 0.0, controller.statistics, controller.take)
+        self._receiver = AtReceiver(
+            self, clock, factor > 0.0, controller.statistics, controller.cycles.take, controller.greeted
+        )
         offer_service_requests(self, self._requests)
         self._injection = FaultInjection(
             self, cycle_time_s, self._bus.closed, lambda: controller.next_cycle, lambda: self._bus.session

@@ -111,7 +111,9 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     node = graph.add(PollingNode, 'master')
     taken: list[tuple[int, int, Any, int]] = []
     statistics = BusStatistics(16)
-    receiver = AtReceiver(node, Clock(1e-3), True, statistics, lambda *what: taken.append(what))
+    receiver = AtReceiver(
+        node, Clock(1e-3), True, statistics, lambda *what: taken.append(what), lambda *_: None
+    )
     beside = node.create_polled_subscription(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     publisher = graph.listener.create_publisher(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     publish, codec = cdr.raw_publish(publisher), cdr.codec(telegrams.AT[1])
