@@ -43,7 +43,7 @@ STATE = np.dtype(
         ('tcp', 'f8', (3,)),  # commanded [m]
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
-        # actual arm angles of the two cycles before
+        # actual arm angles of the two cycles before; what needs the past gets its first value in Transformation.locate
         ('theta_before', 'f8', (3,)),
         ('theta_before_that', 'f8', (3,)),
         # figures of the run, from the start of the program to SETTLE_CYCLES after its end
@@ -86,7 +86,7 @@ class TaskArrays(NamedTuple):
 
 # columns of the answer of one cycle
 THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
-ANSWER_COLUMNS = 15
+ANSWER_COLUMNS = TCP_ERROR.stop
 
 
 def task_constants(parameters: Parameters) -> NDArray[Any]:

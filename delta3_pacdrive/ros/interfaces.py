@@ -211,12 +211,17 @@ _BASE = BASE_FRAME.decode()
 
 
 def _telegram(
-    content: str, telegram: Telegram, kind: type, readers: tuple[str, ...] = (), rate: str = CYCLE
+    content: str,
+    telegram: Telegram,
+    kind: type,
+    readers: tuple[str, ...] = (),
+    rate: str = CYCLE,
+    recorded: bool = True,
 ) -> Topic:
     """Return what the transformation task tells of every cycle."""
     delivery = CYCLIC_NEWEST if readers else CYCLIC
     ends = (TASK,), readers
-    return Topic(telegram.topic, kind, delivery, *ends, content, rate, _BASE, (telegram,), recorded=True)
+    return Topic(telegram.topic, kind, delivery, *ends, content, rate, _BASE, (telegram,), recorded=recorded)
 
 
 # fmt: off

@@ -1,10 +1,8 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
-In: ``sercos/participants``, ``sercos/at/axisN``. Out: ``sercos/mdt``, ``sercos/phase``, ``following_error``,
-``tcp/command``, ``tcp/actual``, ``tcp/error``, ``joint_states`` (100 Hz), ``motion/master`` (distance and speed along
-the path, on request), ``motion/progress`` (JSON text, 5 Hz), ``/diagnostics`` (1 Hz). What it does about them: see
-``controller.robot_controller``. Plans: ``planner_link``; services and control: ``operator_services``; states and
-outputs: ``robot_outputs``; service channel: ``service_requests``.
+Its topics and services are those of ``TASK`` in ``ros.interfaces``; what it decides is in
+``controller.robot_controller``. Values of every cycle: ``task_outputs``; plans: ``planner_link``; services and control:
+``operator_services``; states and outputs: ``robot_outputs``; service channel: ``service_requests``.
 """
 
 import time

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -15,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.faults.fault import parse
+from delta3_pacdrive.faults.fault import TASK, parse
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.at_receiver import AtReceiver
@@ -36,12 +35,14 @@ from delta3_pacdrive.sercos.telegrams import NO_SESSION
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
 SOON_S = 1.0  # for nodes that have nothing else to do
-TRIPLES = {'tcp/command': PointStamped, 'tcp/actual': PointStamped, 'tcp/error': Vector3Stamped}
 
 
 def test_who_was_there_before_the_robot_is_greeted_on_every_cyclic_topic(graph: Any) -> None:
-    kinds = {'following_error': JointState, **TRIPLES, 'motion/master': Vector3Stamped}
-    heard = {topic: graph.listen(kind, topic, CYCLIC_PUBLISHER) for topic, kind in kinds.items()}
+    cyclic = [
+        topic for topic in interfaces.TOPICS if topic.rate == interfaces.CYCLE and topic.writers == (TASK,)
+    ]
+    assert interfaces.TCP_ACTUAL in cyclic
+    heard = {topic.name: graph.listen(topic.type, topic.name, CYCLIC_PUBLISHER) for topic in cyclic}
     graph.robot(('plant', '1', '2', '3'))
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
     graph.spin_until(
