@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.drive.mc4 import mc4_run_period
 from delta3_pacdrive.sercos.increments import on_grid
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from delta3_pacdrive.drive.mc4 import MC4
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.simulation.robot import Robot
 
@@ -63,15 +63,15 @@ class Oscilloscope:
 
         """
         shafts = self._robot.plant.shafts()
-        currents, released = np.empty((self.per_exchange, 3)), []
-        for i, drive in enumerate(self._robot.drives):
-            released.append(self._run(i, drive, (shafts[i], shafts[3 + i], shafts[6 + i]), add))
-            currents[:, i] = drive.currents
-        self._robot.plant.advance(currents, released, payload_kg)
+        released = [
+            self._run(i, drive, (shafts[i], shafts[3 + i], shafts[6 + i]), add)
+            for i, drive in enumerate(self._robot.drives)
+        ]
+        self._robot.plant.advance(self._robot.currents, released, payload_kg)
         self._row += self.per_exchange
 
-    def _run(self, i: int, drive: Any, shaft: tuple[float, float, float], add: Add) -> bool:
-        state, brake = drive.state[0], 0
+    def _run(self, i: int, drive: MC4, shaft: tuple[float, float, float], add: Add) -> bool:
+        state, released = drive.state[0], False
         for n in range(self.per_exchange):
             row = self._row + n
             for name, values in self.found.items():
@@ -79,13 +79,13 @@ class Oscilloscope:
             self.found['position'][row, i], self.found['speed'][row, i] = shaft[:2]
             undo = add(i, row, state)
             # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
-            brake = mc4_run_period(shaft, drive.arrays._replace(currents=drive.currents[n : n + 1]))
+            released = drive.run_sample(n, *shaft)
             for name, change in undo:
                 state[name] -= change
             for name, values in self.left.items():
                 values[row, i] = state[name]
             shaft = float(state['position']), float(state['speed']), float(state['coupling'])
-        return bool(brake)
+        return released
 
     def signals(self) -> dict[str, Floats]:
         """Return what the drives measure, by the names of signals."""

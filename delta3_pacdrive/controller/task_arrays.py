@@ -5,7 +5,9 @@ Arguments of the kernels here:
 ``cycle``
     Number of a bus cycle.
 ``task``, ``s``
-    ``TaskArrays`` and the record ``STATE`` in them.
+    Array of one record ``TASK``, shape (1,), and the state of it.
+``timeline``
+    ``motion.execution.TimelineArrays``.
 ``tables``
     The plan: a ``motion.plan.Tables``.
 ``number``, ``over``
@@ -13,16 +15,15 @@ Arguments of the kernels here:
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.kinematics import arm_angles, plate_position
+from delta3_pacdrive.kinematics import GEOMETRY, arm_angles, plate_position
 from delta3_pacdrive.motion.execution import profile_at
-from delta3_pacdrive.motion.plan import Tables, plan_path_at
+from delta3_pacdrive.motion.plan import plan_path_at
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.increments import on_grid
@@ -71,22 +72,20 @@ CONSTANTS = np.dtype(
 )
 
 
-class TaskArrays(NamedTuple):
-    """These are the arrays of the task that the compiled code works on; its timeline has ``profile`` to ``tables``."""
-
-    profile: NDArray[Any]  # motion.execution.PROFILE
-    table: Floats  # (rows, 5) master phases of the motion profile
-    tables: Tables  # the plan
-    motors: Floats  # (3,) motor commands [rad]
-    answer: Floats  # (ANSWER_COLUMNS,) of the last cycle that was evaluated
-    state: NDArray[Any]  # STATE
-    constants: NDArray[Any]  # CONSTANTS
-    geometry: NDArray[Any]  # kinematics.GEOMETRY
-
-
 # columns of the answer of one cycle
 THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
 ANSWER_COLUMNS = TCP_ERROR.stop
+
+TASK = np.dtype(
+    [
+        ('state', STATE),
+        ('constants', CONSTANTS),
+        ('geometry', GEOMETRY),
+        ('motors', 'f8', (3,)),  # motor commands [rad]
+        ('answer', 'f8', (ANSWER_COLUMNS,)),  # of the last cycle that was evaluated
+    ],
+    align=True,
+)
 
 
 def task_constants(parameters: Parameters) -> NDArray[Any]:
@@ -102,22 +101,22 @@ def task_constants(parameters: Parameters) -> NDArray[Any]:
 
 
 @kernel
-def command_cycle(cycle, task):
-    """Fill the motor commands [rad] of a bus cycle in the ``TaskArrays``; nan where the TCP is out of reach."""
-    s, c, profile, tables = task.state[0], task.constants[0], task.profile, task.tables
+def command_cycle(cycle, task, timeline):
+    """Fill the ``motors`` of the task, commands [rad] of a bus cycle; nan where the TCP is out of reach."""
+    s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
     if cycle >= s.start_cycle:
-        time = (cycle - profile[0].cycle) * c.cycle_time
-        number, s.master, s.master_speed, _ = profile_at(time, s.move, profile, task.table, tables)
-        _switch_outputs(number, cycle >= s.end_cycle and profile[0].held == 0, tables, s)
+        time = (cycle - profile.cycle) * c.cycle_time
+        number, s.master, s.master_speed, _ = profile_at(time, s.move, timeline)
+        _switch_outputs(number, cycle >= s.end_cycle and profile.held == 0, tables, s)
         p = plan_path_at(s.master, number, tables)
         for axis in range(3):
             s.tcp[axis] = p[axis]
-    theta = arm_angles(triple(s.tcp), task.geometry[0])
+    theta = arm_angles(triple(s.tcp), task[0].geometry)
     row = cycle % HISTORY
     for i in range(3):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
-        task.motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
+        task[0].motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
 
 
 @kernel
@@ -145,13 +144,13 @@ def _switch_outputs(number, over, tables, s):
 
 @kernel
 def answer_cycle(cycle, positions, torques, task):
-    """Fill ``answer`` of the ``TaskArrays``: forward kinematics and errors of a bus cycle.
+    """Fill the ``answer`` of the task: forward kinematics and errors of a bus cycle.
 
     ``positions`` [rad] and ``torques`` [N m] are those of the motor shafts as the drives answered, shapes (3,).
     """
-    s, c, out = task.state[0], task.constants[0], task.answer
+    s, c, out = task[0].state, task[0].constants, task[0].answer
     theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
-    p = plate_position(theta, task.geometry[0])
+    p = plate_position(theta, task[0].geometry)
     row = cycle % HISTORY
     # the command that the actual position answers to, on the chord between two commands
     whole = math.floor(c.set_point_delay)

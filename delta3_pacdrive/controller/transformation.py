@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.task_arrays import (
-    ANSWER_COLUMNS,
     SETTLE_CYCLES,
-    STATE,
-    TaskArrays,
+    TASK,
     answer_cycle,
     command_cycle,
     task_constants,
@@ -52,38 +50,21 @@ class Transformation:
     """The task makes the cyclic calculations of the controller; it knows bus cycles, no clock and no messages."""
 
     def __init__(self, parameters: Parameters) -> None:
-        bus = parameters.bus
         self._parameters = parameters
-        self.state: NDArray[Any] = np.zeros(1, STATE)
+        self.record = record = np.zeros(1, TASK)
+        record['constants'], record['geometry'] = task_constants(parameters), geometry(parameters.kinematics)
+        self.state: NDArray[Any] = record['state']
+        self.motors: Floats = record['motors'][0]
+        self.answer: Floats = record['answer'][0]
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
-        self.motors: Floats = np.zeros(3)
-        self.answer: Floats = np.zeros(ANSWER_COLUMNS)
-        self._timeline = timeline = Timeline(_NO_PLAN, bus.cycle_time_s)
-        self.arrays = TaskArrays(
-            timeline.record,
-            timeline.table,
-            timeline.tables,
-            self.motors,
-            self.answer,
-            self.state,
-            task_constants(parameters),
-            geometry(parameters.kinematics),
-        )
+        self._timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
         self._coming: MotionProfile | None = None
         self._cycle = 0  # of the next command
         self.loaded = False
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
         self._stop_hard = False
-
-    def _look_at_timeline(self) -> None:
-        """Let the compiled code see the timeline after a change."""
-        timeline = self._timeline
-        self.arrays = self.arrays._replace(
-            profile=timeline.record, table=timeline.table, tables=timeline.tables
-        )
-        self.state['end_cycle'] = timeline.end_cycle
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
@@ -104,7 +85,7 @@ class Transformation:
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``."""
         self._timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
-        self._look_at_timeline()
+        self.state['end_cycle'] = self._timeline.end_cycle
         self._coming = None
         self.loaded = True
         state = self.state[0]
@@ -118,7 +99,7 @@ class Transformation:
         if cycle < self._cycle:
             raise RunError(f'bus cycle {cycle} is over, the next one is {self._cycle}')
         self._timeline.start(cycle, override)
-        self._look_at_timeline()
+        self.state['end_cycle'] = self._timeline.end_cycle
         state = self.state[0]
         state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
         state['payload'] = payload_on_grid(self._timeline.plan.move(0).payload_kg)
@@ -190,7 +171,7 @@ class Transformation:
 
     def _follow(self, profile: MotionProfile) -> None:
         self._timeline.change(profile)
-        self._look_at_timeline()
+        self.state['end_cycle'] = self._timeline.end_cycle
 
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
@@ -260,7 +241,7 @@ class Transformation:
             self._stop(cycle)
         if cycle >= self.disable_cycle:
             self.enable_cycle = self.disable_cycle = NEVER
-        command_cycle(cycle, self.arrays)
+        command_cycle(cycle, self.record, self._timeline.arrays)
         self._cycle = cycle + 1
         return self.motors
 
@@ -276,7 +257,7 @@ class Transformation:
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
         """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""
-        answer_cycle(cycle, positions_rad, torques_n_m, self.arrays)
+        answer_cycle(cycle, positions_rad, torques_n_m, self.record)
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:

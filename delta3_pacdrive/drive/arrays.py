@@ -4,8 +4,8 @@ Arguments of the kernels of this room:
 
 ``s``, ``c``, ``m``
     Records ``STATE``, ``CONSTANTS`` and ``motor.MOTOR``.
-``drive``
-    ``DriveArrays``.
+``drives``, ``i``
+    Array of records ``DRIVE``, and the number of one; that of a single drive has shape (1,).
 ``shaft``
     True motor shaft: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
 ``position``, ``speed``
@@ -26,14 +26,13 @@ Arguments of the kernels of this room:
 
 import math
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.motor import MOTOR
 from delta3_pacdrive.motor import motor as motor_constants
-from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 
@@ -182,12 +181,7 @@ CONSTANTS = np.dtype(
 )
 
 
-class DriveArrays(NamedTuple):
-    """These are the arrays of a drive that the compiled code works on."""
-
-    state: NDArray[Any]  # STATE
-    constants: NDArray[Any]  # CONSTANTS
-    currents: Floats  # (steps,) I_eff [A] of the motor's winding at the end of each current-loop period
+DRIVE = np.dtype([('state', STATE), ('constants', CONSTANTS)], align=True)
 
 
 def _smoothing(period_s: float, time_constant_s: float) -> float:

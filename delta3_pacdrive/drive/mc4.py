@@ -1,8 +1,11 @@
 """One MC-4: everything it does between two exchanges with the plant."""
 
-import numpy as np
+from typing import Any
 
-from delta3_pacdrive.drive.arrays import STATE, DriveArrays, DriveState, drive_constants
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.drive.arrays import DRIVE, DriveState, drive_constants
 from delta3_pacdrive.drive.cascade import (
     clamp,
     current_feedforward,
@@ -55,7 +58,7 @@ def _encoder(position, s, c):
 
 
 @kernel
-def mc4_begin_cycle(received, command, control, shaft, drive):
+def mc4_begin_cycle(received, command, control, shaft, drives, i):
     """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine.
 
     Parameters
@@ -68,8 +71,8 @@ def mc4_begin_cycle(received, command, control, shaft, drive):
         Its control word S-0-0134.
     shaft
         True shaft at the start of the cycle: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
-    drive
-        The ``DriveArrays``; its ``answer`` is filled.
+    drives, i
+        Array of records ``DRIVE``, and the number of one; the ``answer`` of its state is filled.
 
     Returns
     -------
@@ -77,7 +80,7 @@ def mc4_begin_cycle(received, command, control, shaft, drive):
         Status word S-0-0135.
 
     """
-    s, c = drive.state[0], drive.constants[0]
+    s, c = drives[i].state, drives[i].constants
     position, speed, _ = shaft
     reset_observer(shaft, s)
     s.step = 0
@@ -114,18 +117,20 @@ def _end_stage(s, c, m):
 
 
 @kernel
-def mc4_run_period(shaft, drive):
-    """Close the loops through one exchange period, filling ``currents``; return the brake output, 1 = release.
+def mc4_run_period(shaft, drives, i, currents):
+    """Close the loops through one exchange period, filling a column of currents; return the brake output, 1 = release.
 
     Parameters
     ----------
     shaft
         True shaft at the start of the period: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
-    drive
-        The ``DriveArrays``.
+    drives, i
+        Array of records ``DRIVE``, and the number of one.
+    currents
+        Takes I_eff [A] of the windings at the end of each current-loop period, shape (periods, drives).
 
     """
-    s, c, currents = drive.state[0], drive.constants[0], drive.currents
+    s, c = drives[i].state, drives[i].constants
     m = c.motor
     reset_observer(shaft, s)
     powered = is_powered(s) and s.blocked == 0
@@ -160,15 +165,15 @@ def mc4_run_period(shaft, drive):
         else:
             s.motor_current = s.stage_current
         advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
-        currents[n] = s.motor_current
+        currents[n, i] = s.motor_current
         s.step += 1
     return s.brake_release
 
 
 @kernel
-def _phase_currents(drive):
+def _phase_currents(s, c):
     """Instantaneous currents of the three phases [A]."""
-    return phase_currents(drive.state[0].current, drive.state[0].position, drive.constants[0].motor)
+    return phase_currents(s.current, s.position, c.motor)
 
 
 class MC4:
@@ -180,11 +185,13 @@ class MC4:
         Of the robot.
     axis
         Which of the three drives it is, 0 to 2: each has sensors of its own.
+    shared
+        Of a robot, whose compiled loop runs all drives: records ``DRIVE``, shape (3,), and currents, shape (steps, 3).
 
     Attributes
     ----------
-    arrays
-        What the compiled loops work on; ``state`` and ``constants`` are its records.
+    state, constants
+        Records ``STATE`` and ``CONSTANTS``, shape (1,).
     answer
         What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on
         the increment grid, speed [rad/s], torque K_m I_eff [N m].
@@ -195,11 +202,19 @@ class MC4:
 
     """
 
-    def __init__(self, parameters: Parameters, axis: int = 0) -> None:
+    def __init__(
+        self, parameters: Parameters, axis: int = 0, shared: tuple[NDArray[Any], Floats] | None = None
+    ) -> None:
         constants = drive_constants(parameters)
-        steps = int(constants['steps_per_exchange'][0])
-        self.arrays = DriveArrays(np.zeros(1, STATE), constants, np.zeros(steps))
-        self.state, self.constants, self.currents = self.arrays
+        self._place = place = 0 if shared is None else axis
+        self._drives, self._currents = shared or (
+            np.zeros(1, DRIVE),
+            np.zeros((int(constants['steps_per_exchange'][0]), 1)),
+        )
+        self.state: NDArray[Any] = self._drives['state'][place : place + 1]
+        self.constants: NDArray[Any] = self._drives['constants'][place : place + 1]
+        self.constants[:] = constants
+        self.currents: Floats = self._currents[:, place]
         self.answer: Floats = self.state['answer'][0]
         self.state['dc_link'] = parameters.drive.dc_link_voltage_v
         calibrate(axis, parameters, self.state)
@@ -227,12 +242,14 @@ class MC4:
         self.payload = self._next_payload
         if payload is not None:
             self._next_payload = payload
-        return int(mc4_begin_cycle(True, command, control, (position, speed, coupling), self.arrays))
+        return int(
+            mc4_begin_cycle(True, command, control, (position, speed, coupling), self._drives, self._place)
+        )
 
     def extrapolate_cycle(self, position: float, speed: float, coupling: float) -> int:
         """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
-        return int(mc4_begin_cycle(False, 0.0, 0, (position, speed, coupling), self.arrays))
+        return int(mc4_begin_cycle(False, 0.0, 0, (position, speed, coupling), self._drives, self._place))
 
     def configure(self, parameters: Parameters) -> None:
         """Take over other gains, feed-forwards, filters and limits from the next cycle on."""
@@ -255,7 +272,12 @@ class MC4:
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
-        return bool(mc4_run_period((position, speed, coupling), self.arrays))
+        return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, self._currents))
+
+    def run_sample(self, n: int, position: float, speed: float, coupling: float) -> bool:
+        """Run one current-loop period of an exchange by itself, from a shaft at its start, filling ``currents[n]``."""
+        currents = self._currents[n : n + 1]
+        return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, currents))
 
     @property
     def drive_state(self) -> DriveState:
@@ -280,5 +302,5 @@ class MC4:
 
     def phase_currents(self) -> tuple[float, float, float]:
         """I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""
-        i1, i2, i3 = _phase_currents(self.arrays)
+        i1, i2, i3 = _phase_currents(self.state[0], self.constants[0])
         return float(i1), float(i2), float(i3)

@@ -11,16 +11,14 @@ Arguments of the kernel here:
     Bus time since the motion profile began [s].
 ``number``
     Number of a move that is driven then or earlier.
-``profile``, ``table``
-    An array of one record ``PROFILE``, shape (1,), and its phases, shape (n, 5): see ``virtual_master``.
-``tables``
-    The plan: a ``plan.Tables``.
+``timeline``
+    A ``TimelineArrays``.
 """
 
 import copy
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,10 +63,18 @@ PROFILE = np.dtype(
 )
 
 
+class TimelineArrays(NamedTuple):
+    """The compiled code follows a timeline by these."""
+
+    profile: NDArray[Any]  # one record PROFILE, shape (1,)
+    table: Floats  # (n, 5) phases of the motion profile: see virtual_master
+    tables: Tables  # the plan
+
+
 @kernel
-def profile_at(time, number, profile, table, tables):
+def profile_at(time, number, timeline):
     """Return number of the move, master distance, speed, acceleration, at a time since the motion profile began [s]."""
-    c = profile[0]
+    c, table, tables = timeline.profile[0], timeline.table, timeline.tables
     if time < c.duration or c.held == 1:
         s, v, a = master_at(time, table, 0, c.rows)
         return c.number, s, v, a
@@ -154,8 +160,7 @@ class Timeline:
         self.plan = plan
         self.cycle_time_s = cycle_time_s
         self.record: NDArray[Any] = np.zeros(1, PROFILE)
-        self.table: Floats = np.zeros((1, PHASE_COLUMNS))
-        self.tables: Tables = plan.tables
+        self.arrays = TimelineArrays(self.record, np.zeros((1, PHASE_COLUMNS)), plan.tables)
         self.profile: MotionProfile | None = None
         self._left_s = 0.0  # plan time left of a dwell in which the master was stopped
 
@@ -163,6 +168,7 @@ class Timeline:
         """Return a timeline that goes its own way from here on."""
         other = copy.copy(self)
         other.record = self.record.copy()
+        other.arrays = self.arrays._replace(profile=other.record)
         return other
 
     def start(self, cycle: int, override: float = 1.0) -> None:
@@ -236,7 +242,7 @@ class Timeline:
 
     def _follow(self, profile: MotionProfile, plan_time_s: float) -> None:
         self.profile = profile
-        self.table = np.ascontiguousarray(profile.table)
+        self.arrays = self.arrays._replace(table=np.ascontiguousarray(profile.table))
         record = self.record[0]
         record['cycle'], record['number'] = profile.cycle, profile.number
         record['rows'], record['duration'] = len(profile.table), profile.table[-1, 0]
@@ -247,7 +253,7 @@ class Timeline:
         if self.profile is None:
             raise ProgramError('no program runs')
         time = (cycle - self.profile.cycle) * self.cycle_time_s
-        number, s, v, a = profile_at(max(time, 0.0), 0, self.record, self.table, self.tables)
+        number, s, v, a = profile_at(max(time, 0.0), 0, self.arrays)
         return MasterState(int(number), float(s), float(v), float(a))
 
     @property

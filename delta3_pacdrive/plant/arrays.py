@@ -5,9 +5,10 @@ Arguments of the kernels of this room:
 ``s``, ``c``
     Records ``STATE`` and ``CONSTANTS``.
 ``n``, ``m``, ``r``
-    Records ``dynamics.INERTIA``, ``motor.MOTOR`` and ``built_robot.BUILT``.
+    Records ``dynamics.INERTIA``, ``motor.MOTOR`` and ``built_robot.BUILT_CONSTANTS``.
 ``plant``, ``built``
-    ``PlantArrays`` or, within a step, ``PlantRecords``; ``BuiltArrays`` or ``BuiltRecords``, None for a rigid robot.
+    Records ``PLANT`` and ``built_robot.BUILT``; around a step they are arrays of one record, and ``built`` is None for
+    a rigid robot.
 ``i``
     Number of an axis, 0 to 2.
 ``theta``, ``thetadot``
@@ -37,12 +38,14 @@ Arguments of the kernels of this room:
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.dynamics import INERTIA
+from delta3_pacdrive.kinematics import GEOMETRY
+from delta3_pacdrive.motor import MOTOR
 from delta3_pacdrive.parameters import Parameters
 
 STATE = np.dtype(
@@ -85,39 +88,18 @@ CONSTANTS = np.dtype(
 )
 
 
-class PlantArrays(NamedTuple):
-    """These are the arrays of a plant that the compiled code works on."""
-
-    state: NDArray[Any]  # STATE
-    constants: NDArray[Any]  # CONSTANTS
-    geometry: NDArray[Any]  # kinematics.GEOMETRY, as built
-    inertia: NDArray[Any]  # dynamics.INERTIA
-    motor: NDArray[Any]  # motor.MOTOR
-    shafts: Floats  # (9,) motor side: positions [rad], speeds [rad/s], coupling torques d [N m]
-
-
-class PlantRecords(NamedTuple):
-    """A step takes the records of ``PlantArrays`` by themselves: they cost no counting of references."""
-
-    state: Any
-    constants: Any
-    geometry: Any
-    inertia: Any
-    motor: Any
-
-
-class BuiltRecords(NamedTuple):
-    """A step takes the records of ``BuiltArrays`` by themselves, too."""
-
-    state: Any
-    constants: Any
-
-
-class BuiltArrays(NamedTuple):
-    """A plant has these arrays besides if its gears, friction or torque are those of a built robot."""
-
-    state: NDArray[Any]  # built_robot.BUILT_STATE
-    constants: NDArray[Any]  # built_robot.BUILT
+PLANT = np.dtype(
+    [
+        ('state', STATE),
+        ('constants', CONSTANTS),
+        ('geometry', GEOMETRY),  # as built
+        ('inertia', INERTIA),
+        ('motor', MOTOR),
+        # motor side: positions [rad], speeds [rad/s], coupling torques d [N m]
+        ('shafts', 'f8', (9,)),
+    ],
+    align=True,
+)
 
 
 def plant_constants(parameters: Parameters) -> NDArray[Any]:

@@ -45,7 +45,7 @@ BUILT_STATE = np.dtype(
     align=True,
 )
 
-BUILT = np.dtype(
+BUILT_CONSTANTS = np.dtype(
     [
         ('substeps', 'i8'),
         ('elastic', 'i8'),
@@ -64,11 +64,13 @@ BUILT = np.dtype(
     align=True,
 )
 
+BUILT = np.dtype([('state', BUILT_STATE), ('constants', BUILT_CONSTANTS)], align=True)
+
 
 def built_constants(parameters: Parameters) -> NDArray[Any]:
-    """Return one record of ``BUILT``; neutral where an effect is off."""
+    """Return one record of ``BUILT_CONSTANTS``; neutral where an effect is off."""
     effects, motor, gear_ratio = parameters.rich.effects, parameters.motor, parameters.dynamics.gear_ratio
-    record = np.zeros(1, BUILT)
+    record = np.zeros(1, BUILT_CONSTANTS)
     rotor = rotor_inertia(parameters)
     step = parameters.drive.current_period_s
     stiffness = decay = 0.0

@@ -5,8 +5,10 @@ what the drives are told are the same for every robot; its force model, rigid or
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.dynamics import inertia
@@ -16,17 +18,10 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import difference, triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.arrays import (
-    STATE,
-    BuiltArrays,
-    BuiltRecords,
-    PlantArrays,
-    PlantRecords,
-    plant_constants,
-)
+from delta3_pacdrive.plant.arrays import PLANT, plant_constants
 from delta3_pacdrive.plant.brake import advance_brakes, command_brakes
 from delta3_pacdrive.plant.built_robot import (
-    BUILT_STATE,
+    BUILT,
     built_constants,
     built_coupling,
     settle,
@@ -38,7 +33,7 @@ from delta3_pacdrive.plant.rigid import rigid_coupling, step_rigid
 
 @kernel
 def advance(currents, brakes, payload_kg, plant, built):
-    """Integrate the plant through the currents of an exchange period, and fill ``plant.shafts``.
+    """Integrate the plant through the currents of an exchange period, and fill its ``shafts``.
 
     Parameters
     ----------
@@ -49,15 +44,14 @@ def advance(currents, brakes, payload_kg, plant, built):
     payload_kg
         What the controller has gripped [kg], from the start on.
     plant
-        The ``PlantArrays``.
+        Array of one record ``PLANT``.
     built
-        The ``BuiltArrays``, or None for a rigid robot; an argument of its own, because only by arguments the compiler
-        leaves out what a robot does not have.
+        Array of one record ``BUILT``, or None for a rigid robot; an argument of its own, because only by arguments the
+        compiler leaves out what a robot does not have.
 
     """
-    p = PlantRecords(plant.state[0], plant.constants[0], plant.geometry[0], plant.inertia[0], plant.motor[0])
-    shafts = plant.shafts
-    s, c = p.state, p.constants
+    p = plant[0]
+    s, c, shafts = p.state, p.constants, p.shafts
     command_brakes(brakes, s)
     hang_payload(payload_kg, s, p.inertia)
     for k in range(currents.shape[0]):
@@ -66,31 +60,24 @@ def advance(currents, brakes, payload_kg, plant, built):
             advance_brakes(triple(s.thetadot), s, c)
             step_rigid(before, now, p)
         else:
-            advance_brakes(triple(built.state[0].rate), s, c)
-            step_built(before, now, p, BuiltRecords(built.state[0], built.constants[0]))
+            advance_brakes(triple(built[0].state.rate), s, c)
+            step_built(before, now, p, built[0])
         for i in range(3):
             s.current[i] = now[i]
     if built is None:
         shaft, rate, coupling = difference(s.theta, c.angle_error), triple(s.thetadot), rigid_coupling(p)
     else:
-        b = BuiltRecords(built.state[0], built.constants[0])
-        shaft, rate, coupling = triple(b.state.shaft), triple(b.state.rate), built_coupling(p, b)
+        q = built[0].state
+        shaft, rate, coupling = triple(q.shaft), triple(q.rate), built_coupling(p, built[0])
     for i in range(3):
         s.coupling[i] = coupling[i]
         shafts[i], shafts[3 + i], shafts[6 + i] = shaft[i] * c.gear_ratio, rate[i] * c.gear_ratio, coupling[i]
 
 
 @kernel
-def settle_at_rest(plant, built):
-    """Let shafts and arms of a built robot stand still, from where its arms are; see ``built_robot.settle``."""
-    p = PlantRecords(plant.state[0], plant.constants[0], plant.geometry[0], plant.inertia[0], plant.motor[0])
-    settle(p, BuiltRecords(built.state[0], built.constants[0]))
-
-
-@kernel
 def true_tcp(plant):
     """TCP [m] of the arms as they are built and stand."""
-    return plate_position(triple(plant.state[0].theta), plant.geometry[0])
+    return plate_position(triple(plant[0].state.theta), plant[0].geometry)
 
 
 class Plant:
@@ -103,39 +90,40 @@ class Plant:
     ----------
     parameters
         Of the robot; ``parameters.rich`` says what of a built robot it has.
+    record
+        Array of one record ``PLANT`` that it works on, shape (1,); None: one of its own.
 
     Attributes
     ----------
-    arrays, built
+    record, built
         What the compiled loops work on; ``built`` is None for a rigid robot with the thesis' friction.
     state
-        Record ``STATE`` of ``arrays``.
+        That of ``record``, shape (1,).
 
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, record: NDArray[Any] | None = None) -> None:
         effects = parameters.rich.effects
         lengths = geometry(parameters.kinematics, effects if effects.geometry else None)
-        self.arrays = PlantArrays(
-            np.zeros(1, STATE),
-            plant_constants(parameters),
-            lengths,
-            inertia(parameters, lengths, rods=effects.forearm_rods, rotors=not effects.gear),
-            motor(parameters),
-            np.zeros(9),
-        )
-        self.state = state = self.arrays.state
+        self.record = record = np.zeros(1, PLANT) if record is None else record
+        self.state = state = record['state']
+        self._shafts: Floats = record['shafts'][0]
+        record['constants'] = plant_constants(parameters)
+        record['geometry'] = lengths
+        record['inertia'] = inertia(parameters, lengths, rods=effects.forearm_rods, rotors=not effects.gear)
+        record['motor'] = motor(parameters)
         state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
-        state['theta'] += self.arrays.constants['angle_error']
-        self.built: BuiltArrays | None = None
+        state['theta'] += record['constants']['angle_error']
+        self.built: NDArray[Any] | None = None
         if effects.gear or effects.friction or effects.ripple:
-            self.built = BuiltArrays(np.zeros(1, BUILT_STATE), built_constants(parameters))
-            settle_at_rest(self.arrays, self.built)
+            self.built = np.zeros(1, BUILT)
+            self.built['constants'] = built_constants(parameters)
+            settle(record[0], self.built[0])
         state['brake_locked'] = 1
         state['brake_share'] = 1.0
         state['gripped'] = state['carried'] = payload_kg = parameters.dynamics.payload_mass_kg
         self._brakes = np.zeros(3, dtype=np.int64)
-        advance(np.empty((0, 3)), self._brakes, payload_kg, self.arrays, self.built)
+        advance(np.empty((0, 3)), self._brakes, payload_kg, self.record, self.built)
 
     def advance(
         self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float | None = None
@@ -155,11 +143,11 @@ class Plant:
         if payload_kg is None:
             payload_kg = float(self.state['gripped'][0])
         self._brakes[:] = brakes_released
-        advance(currents, self._brakes, payload_kg, self.arrays, self.built)
+        advance(currents, self._brakes, payload_kg, self.record, self.built)
 
     def shafts(self) -> list[float]:
         """Motor side: three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]."""
-        return list(self.arrays.shafts.tolist())
+        return list(self._shafts.tolist())
 
     def arm_angles(self) -> Floats:
         """True arm angles [rad], behind elastic gears and beside what the encoders were referenced to; shape (3,)."""
@@ -167,4 +155,4 @@ class Plant:
 
     def tcp(self) -> Floats:
         """True TCP [m]: of the arms as they are built and stand; shape (3,)."""
-        return np.array(true_tcp(self.arrays))
+        return np.array(true_tcp(self.record))

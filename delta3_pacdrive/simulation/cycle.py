@@ -10,11 +10,11 @@ Arguments of the kernels here:
 ``motors``
     Motor shaft commands [rad], shape (3,).
 ``plant``
-    ``PlantArrays``.
+    Array of one record ``PLANT``.
 ``answers``
     What the AT say: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
 ``evaluated``
-    Columns of ``TaskArrays.answer``, shape (15,).
+    The ``answer`` of a record ``TASK``, shape (15,).
 ``signals``
     Takes the signals in the order of ``NAMES``, shape (13, cycles, 3).
 """
@@ -33,6 +33,7 @@ from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, 
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import true_tcp
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
@@ -65,13 +66,13 @@ NAMES = (*SIGNALS, *TRUE_SIGNALS)
 @kernel
 def note_command(cycle, motors, plant, signals):
     """Note what a bus cycle begins with: its command, and the machine as it is then."""
-    tcp, shafts = true_tcp(plant), plant.shafts
+    tcp, shafts = true_tcp(plant), plant[0].shafts
     for i in range(3):
         signals[MOTOR_COMMAND, cycle, i] = motors[i]
         signals[SHAFT_POSITION, cycle, i] = shafts[i]
         signals[SHAFT_SPEED, cycle, i] = shafts[3 + i]
         signals[COUPLING_TORQUE, cycle, i] = shafts[6 + i]
-        signals[ARM_ANGLE, cycle, i] = plant.state[0].theta[i]
+        signals[ARM_ANGLE, cycle, i] = plant[0].state.theta[i]
         signals[TCP_TRUE, cycle, i] = tcp[i]
 
 
@@ -89,7 +90,7 @@ def note_answers(cycle, answers, evaluated, signals):
 
 
 @kernel
-def run_stretch(cycles, control, task, robot, built, signals):
+def run_stretch(cycles, control, task, timeline, robot, built, currents, signals):
     """Run bus cycles of motion alone, up to one in which a status word changes.
 
     Parameters
@@ -98,8 +99,10 @@ def run_stretch(cycles, control, task, robot, built, signals):
         First bus cycle, and the one after the last, shape (2,).
     control
         Control word S-0-0134 of all of them.
-    task, robot, built
-        The ``TaskArrays``, the ``RobotArrays`` and what ``plant.advance`` takes as ``built``.
+    task, timeline
+        What ``command_cycle`` takes.
+    robot, built, currents
+        What ``robot_cycle`` takes.
     signals
         Takes the signals, shape (signals, cycles, 3), torques [N m] in place of currents.
 
@@ -111,15 +114,16 @@ def run_stretch(cycles, control, task, robot, built, signals):
 
     """
     first, end = cycles
-    before = (robot.status[0], robot.status[1], robot.status[2])
+    c, r = task[0], robot[0]
+    before = triple(r.status)
     for k in range(first, end):
-        command_cycle(k, task)
-        note_command(k, task.motors, robot.plant, signals)
-        robot_cycle(task.motors, control, task.state[0].payload, robot, built)
-        if before != (robot.status[0], robot.status[1], robot.status[2]):
+        command_cycle(k, task, timeline)
+        note_command(k, c.motors, r.plant, signals)
+        robot_cycle(c.motors, control, c.state.payload, robot, built, currents)
+        if before != triple(r.status):
             return k
-        answer_cycle(k, robot.answers[0], robot.answers[2], task)
-        note_answers(k, robot.answers, task.answer, signals)
+        answer_cycle(k, r.answers[0], r.answers[2], task)
+        note_answers(k, r.answers, c.answer, signals)
     return end
 
 
@@ -193,7 +197,7 @@ class CyclicOperation:
         starts = self._start if cycle <= self._start else NEVER
         after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
         robot, task, axes = self._robot, self._task, self._axes
-        status = robot.arrays.status
+        status = robot.status
         if after <= cycle or not axes.is_checked(status.tolist()):
             self._make_room(cycle + 1)
             self._begin(cycle)
@@ -201,10 +205,11 @@ class CyclicOperation:
             return cycle + 1
         after = min(after, max(2 * cycle, self._signals.shape[1]))
         self._make_room(after)
-        robot.arrays.received[:] = 1
-        control, built = task.control(cycle), robot.plant.built
-        reached = int(run_stretch((cycle, after), control, task.arrays, robot.arrays, built, self._signals))
-        axes.accept_cycles(reached - cycle, robot.arrays.answers, status.tolist())
+        robot.received[:] = 1
+        machine = robot.record, robot.plant.built, robot.currents
+        command = task.control(cycle), task.record, task.timeline.arrays
+        reached = int(run_stretch((cycle, after), *command, *machine, self._signals))
+        axes.accept_cycles(reached - cycle, robot.answers, status.tolist())
         if reached == after:
             task.commanded_to(after)
             return after
@@ -225,13 +230,13 @@ class CyclicOperation:
         if cycle >= self._schedule.next_cycle:
             self._change_faults(cycle)
         motors, control, payload = self._controller.command(cycle)
-        note_command(cycle, motors, robot.arrays.plant, self._signals)
+        note_command(cycle, motors, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
-        robot.cycle(motors, control, robot.arrays.answers, payload, received)
+        robot.cycle(motors, control, robot.answers, payload, received)
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""
-        answers, status = self._robot.arrays.answers, self._robot.arrays.status.tolist()
+        answers, status = self._robot.answers, self._robot.status.tolist()
         received = [
             None
             if self._schedule.telegram(AT_LOSSES, axis, cycle)

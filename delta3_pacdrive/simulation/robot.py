@@ -1,40 +1,40 @@
 """The robot behind the bus: three drives and the plant, one bus cycle after the other, without ROS."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.drive.arrays import DriveArrays
+from delta3_pacdrive.drive.arrays import DRIVE
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.arrays import PlantArrays
+from delta3_pacdrive.plant.arrays import PLANT
 from delta3_pacdrive.plant.plant import Plant, advance
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import payload_on_grid
 
-
-class RobotArrays(NamedTuple):
-    """These are the arrays of three drives and the plant that the compiled code works on."""
-
-    drives: tuple[DriveArrays, DriveArrays, DriveArrays]
-    plant: PlantArrays
-    exchanges: int  # in a bus cycle
-    received: NDArray[np.int64]  # (3,) whether a drive gets the MDT
-    status: NDArray[np.int64]  # (3,) S-0-0135
-    answers: (
-        Floats  # (3, 3) rows of the AT: position [rad], speed [rad/s], torque [N m]; a column for each axis
-    )
-    payload: Floats  # (2,) what is gripped now, and what the last MDT said [kg]
-    currents: Floats  # (steps, 3) of an exchange period [A]
-    brakes: NDArray[np.int64]  # (3,) brake outputs, 1 = release
+ROBOT = np.dtype(
+    [
+        ('drives', DRIVE, (3,)),
+        ('plant', PLANT, (1,)),
+        ('exchanges', 'i8'),  # in a bus cycle
+        ('received', 'i8', (3,)),  # whether a drive gets the MDT
+        ('status', 'i8', (3,)),  # S-0-0135
+        # rows of the AT: position [rad], speed [rad/s], torque [N m]; a column for each axis
+        ('answers', 'f8', (3, 3)),
+        ('payload', 'f8'),  # gripped now [kg]
+        ('next_payload', 'f8'),  # what the last MDT said [kg]
+        ('brakes', 'i8', (3,)),  # brake outputs, 1 = release
+    ],
+    align=True,
+)
 
 
 @kernel
-def robot_cycle(motors, control, payload_kg, robot, built):
+def robot_cycle(motors, control, payload_kg, robot, built, currents):
     """Run one bus cycle of drives and plant, exchange by exchange; ``status`` and ``answers`` are filled.
 
     Parameters
@@ -42,30 +42,31 @@ def robot_cycle(motors, control, payload_kg, robot, built):
     motors, control, payload_kg
         What the MDT says: motor shaft commands [rad], shape (3,), S-0-0134, and what is gripped [kg].
     robot
-        The ``RobotArrays``.
+        Array of one record ``ROBOT``: what is taken out of a record costs no counting of references.
     built
-        The ``BuiltArrays``, or None for a rigid robot: see ``plant.advance``.
+        Array of one record ``BUILT``, or None for a rigid robot: see ``plant.advance``.
+    currents
+        Takes the motor currents of an exchange period [A], shape (steps, 3).
 
     """
-    drives, shafts = robot.drives, robot.plant.shafts
-    robot.payload[0] = robot.payload[1]
-    robot.payload[1] = payload_kg
+    r = robot[0]
+    drives, plant = r.drives, r.plant
+    shafts = plant[0].shafts
+    r.payload, r.next_payload = r.next_payload, payload_kg
     for i in range(3):
-        drive, shaft = drives[i], (shafts[i], shafts[3 + i], shafts[6 + i])
-        robot.status[i] = mc4_begin_cycle(robot.received[i] != 0, motors[i], control, shaft, drive)
+        shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+        r.status[i] = mc4_begin_cycle(r.received[i] != 0, motors[i], control, shaft, drives, i)
         for row in range(3):
-            robot.answers[row, i] = drive.state[0].answer[row]
-    for _ in range(robot.exchanges):
+            r.answers[row, i] = drives[i].state.answer[row]
+    for _ in range(r.exchanges):
         for i in range(3):
-            drive, shaft = drives[i], (shafts[i], shafts[3 + i], shafts[6 + i])
-            robot.brakes[i] = mc4_run_period(shaft, drive)
-            for n in range(drive.currents.shape[0]):
-                robot.currents[n, i] = drive.currents[n]
-        advance(robot.currents, robot.brakes, robot.payload[0], robot.plant, built)
+            shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+            r.brakes[i] = mc4_run_period(shaft, drives, i, currents)
+        advance(currents, r.brakes, r.payload, plant, built)
 
 
 @kernel
-def run_commands(commands, control, robot, built, answers):
+def run_commands(commands, control, robot, built, currents, answers):
     """Run one bus cycle for each row of commands.
 
     Parameters
@@ -74,17 +75,17 @@ def run_commands(commands, control, robot, built, answers):
         Motor shafts [rad] of the MDT, shape (cycles, 3).
     control
         Control word S-0-0134 of all MDT; the payload stays as it is.
-    robot, built
+    robot, built, currents
         As in ``robot_cycle``.
     answers
         Takes the AT, shape (cycles, 3, 3): position [rad], speed [rad/s] and torque [N m] by axis.
 
     """
     for k in range(commands.shape[0]):
-        robot_cycle(commands[k], control, robot.payload[1], robot, built)
+        robot_cycle(commands[k], control, robot[0].next_payload, robot, built, currents)
         for row in range(3):
             for i in range(3):
-                answers[k, row, i] = robot.answers[row, i]
+                answers[k, row, i] = robot[0].answers[row, i]
 
 
 class Robot:
@@ -99,28 +100,36 @@ class Robot:
     ----------
     plant, drives
         The machine and its three drives.
-    arrays
-        What the compiled loops work on.
+    record, currents
+        What the compiled loops work on: an array of one record ``ROBOT``, shape (1,), and the motor currents of an
+        exchange period [A].
+    answers, status
+        What the last AT say: position [rad], speed [rad/s] and torque [N m] by axis, shape (3, 3), and S-0-0135.
 
     """
 
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus
-        self.plant = Plant(parameters)
-        self.drives = [MC4(parameters, index) for index in range(len(DRIVES))]
-        gripped = payload_on_grid(parameters.dynamics.payload_mass_kg)
-        first, second, third = (drive.arrays for drive in self.drives)
-        self.arrays = RobotArrays(
-            (first, second, third),
-            self.plant.arrays,
-            round(bus.cycle_time_s / bus.exchange_period_s),
-            np.ones(3, dtype=np.int64),
-            np.zeros(3, dtype=np.int64),
-            np.zeros((3, 3)),
-            np.array([gripped, gripped]),
-            np.zeros((len(first.currents), 3)),
-            np.zeros(3, dtype=np.int64),
-        )
+        samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
+        self.record: NDArray[Any] = np.zeros(1, ROBOT)
+        self.currents: Floats = np.zeros((samples, 3))
+        self.plant = Plant(parameters, self.record['plant'][0])
+        shared = self.record['drives'][0], self.currents
+        self.drives = [MC4(parameters, index, shared) for index in range(len(DRIVES))]
+        self.received: NDArray[np.int64] = self.record['received'][0]
+        self.status: NDArray[np.int64] = self.record['status'][0]
+        self.answers: Floats = self.record['answers'][0]
+        self.record['exchanges'] = round(bus.cycle_time_s / bus.exchange_period_s)
+        self.grip(payload_on_grid(parameters.dynamics.payload_mass_kg))
+
+    def grip(self, payload_kg: float) -> None:
+        """Let the drives know a payload [kg], of this MDT and the one before."""
+        self.record['payload'] = self.record['next_payload'] = payload_kg
+
+    @property
+    def payload(self) -> float:
+        """What is gripped in this bus cycle [kg]."""
+        return float(self.record['payload'][0])
 
     def encoder_positions(self) -> list[float]:
         """Motor shaft positions [rad] as the encoders read them."""
@@ -143,10 +152,10 @@ class Robot:
             The AT, shape (cycles, 3, 3): position [rad], speed [rad/s] and torque [N m] by axis.
 
         """
-        self.arrays.received[:] = 1
+        self.received[:] = 1
         answers = np.empty((len(commands), 3, 3))
         commands = np.ascontiguousarray(commands, dtype=np.float64)
-        run_commands(commands, control, self.arrays, self.plant.built, answers)
+        run_commands(commands, control, self.record, self.plant.built, self.currents, answers)
         return answers
 
     def cycle(
@@ -178,10 +187,9 @@ class Robot:
             Status words S-0-0135 of the three drives.
 
         """
-        arrays = self.arrays
-        arrays.received[:] = received
-        payload = float(arrays.payload[1]) if payload_kg is None else payload_kg
+        self.received[:] = received
+        payload = float(self.record['next_payload'][0]) if payload_kg is None else payload_kg
         commands = np.ascontiguousarray(commands, dtype=np.float64)
-        robot_cycle(commands, control, payload, arrays, self.plant.built)
-        answers[:] = arrays.answers
-        return list(arrays.status.tolist())
+        robot_cycle(commands, control, payload, self.record, self.plant.built, self.currents)
+        answers[:] = self.answers
+        return list(self.status.tolist())

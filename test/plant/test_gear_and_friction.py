@@ -46,7 +46,7 @@ def test_rotor_and_arm_swing_at_the_frequency_of_the_two_mass_axis(stiffness, ro
     rotor, arm = symmetric_inertias(elastic)
     expected = math.sqrt(stiffness * (1.0 / rotor + 1.0 / arm)) / math.tau
     plant = released_plant(elastic)
-    plant.built.state['rate'] = 1e-4  # the rotors are struck
+    plant.built['state']['rate'] = 1e-4  # the rotors are struck
     twists, samples = [], np.zeros((1, 3))
     for _ in range(4000):
         plant.advance(samples, RELEASED)

@@ -11,7 +11,6 @@ from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.drive.mc4 import mc4_begin_cycle
 from delta3_pacdrive.errors import EstimationError, RunError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Output
@@ -149,11 +148,10 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
         command, control, shafts = task.command(cycle), task.control(cycle), robot.plant.shafts()
         status = []
         for i, drive in enumerate(robot.drives):
-            shaft = shafts[i], shafts[3 + i], shafts[6 + i]
-            status.append(int(mc4_begin_cycle(True, command[i], control, shaft, drive.arrays)))
+            status.append(drive.begin_cycle(command[i], control, shafts[i], shafts[3 + i], shafts[6 + i]))
             answers[:, i] = drive.answer
         for _ in range(steps // scope.per_exchange):
-            scope.exchange(float(robot.arrays.payload[0]))
+            scope.exchange(robot.payload)
         if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
             raise RunError(f'a drive is without torque in bus cycle {cycle}, status {status}')
         task.receive(cycle, answers[0], answers[2])

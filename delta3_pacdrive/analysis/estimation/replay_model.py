@@ -71,14 +71,14 @@ class Replay:
         parameters = with_values(self._parameters, {symbol: whole[symbol] for symbol in OF_MOTOR})
         robot = Robot(parameters)
         # masses come in by their sums: one of them may be negative for a while, where only sums can be seen
-        record = robot.plant.arrays.inertia
+        record = robot.plant.record['inertia']
         arm, plate, moment = base_constants(whole, parameters)
         record['arm'], record['plate'] = arm, plate
         record['weight'] = (
             moment * parameters.dynamics.gravity_m_s2 / parameters.kinematics.upper_arm_length_m
         )
         # telegrams carry whole steps of the payload
-        robot.arrays.payload[:] = parameters.dynamics.payload_mass_kg
+        robot.grip(parameters.dynamics.payload_mass_kg)
         # the drives keep what they were set to, also the torque constant of the name plate
         for drive in robot.drives:
             drive.configure(self._parameters)

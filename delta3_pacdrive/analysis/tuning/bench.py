@@ -23,7 +23,7 @@ import numpy as np
 
 from delta3_pacdrive.drive.arrays import STATE, DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
-from delta3_pacdrive.drive.mc4 import MC4, mc4_run_period
+from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
@@ -157,7 +157,6 @@ class Bench:
         """Add a set point, one value per current-loop period, and return what the drive did."""
         states = np.empty(len(added), dtype=STATE)
         drive, row = self._drive, self._drive.state[0]
-        one = drive.arrays._replace(currents=drive.currents[:1])
         done = len(added)
         for k, value in enumerate(added.tolist()):
             if self._step % self._steps == 0:
@@ -168,7 +167,7 @@ class Bench:
                     done = k
                     break
             undo = add_set_point(self._place, value, row, self._cycle_time)
-            mc4_run_period((self._position, self._shaft_speed, self._coupling), one)
+            drive.run_sample(0, self._position, self._shaft_speed, self._coupling)
             for name, before in undo:
                 row[name] -= before
             states[k] = row
