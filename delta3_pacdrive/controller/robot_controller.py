@@ -5,7 +5,8 @@ the actions of the state. Tests let it run without ROS.
 """
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any, Protocol
 
@@ -61,6 +62,8 @@ class RobotController:
         Those that are injected into the controller.
     port
         Does what has to be done outside.
+    now_s
+        Returns the time of a clock that never jumps [s].
 
     Attributes
     ----------
@@ -83,6 +86,7 @@ class RobotController:
         wait_for_program: bool,
         faults: Schedule,
         port: Port,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         bus, identity = parameters.bus, Identity.of(parameters)
         self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
@@ -107,6 +111,7 @@ class RobotController:
             faults,
             port,
             self._fall,
+            now_s,
         )
         self.control = Control(report_s)
         self.planners = PlannerWatch(report_s, identity)
