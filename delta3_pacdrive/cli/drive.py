@@ -9,9 +9,12 @@ from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argum
 
 
 def _axis(text: str) -> str:
-    axis = f'axis{text}' if text in ('1', '2', '3') else text
-    if axis not in ('axis1', 'axis2', 'axis3', 'list'):
-        raise argparse.ArgumentTypeError(f'{text!r} is no axis: 1, 2, 3, axis1, axis2, axis3, or list')
+    from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+    numbers = [str(number) for number in range(1, len(DRIVES) + 1)]
+    axis = dict(zip(numbers, DRIVES, strict=True)).get(text, text)
+    if axis not in (*DRIVES, 'list'):
+        raise argparse.ArgumentTypeError(f'{text!r} is no axis: {", ".join([*numbers, *DRIVES])}, or list')
     return axis
 
 

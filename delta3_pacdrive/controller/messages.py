@@ -1,7 +1,7 @@
 """What planner, transformation task and operators say to each other besides cyclic telegrams, as values.
 
 Everything that can move the robot says to which session of the bus it belongs and which of its sender's orders or
-requests it is, so that what is heard a second time, out of a recording for example, is known to be old.
+requests it is, so that what is received a second time, out of a recording for example, is known to be old.
 """
 
 import json
@@ -281,14 +281,14 @@ class Numbering:
         self._newest: Recent[int] = Recent(senders_max)
 
     def is_new(self, sender: str, number: int) -> bool:
-        """Take note of a number; False if this one or a later one was heard before."""
+        """Take note of a number; False if this one or a later one was received before."""
         newest = self._newest.get(sender, -1)
         self._newest.note(sender, max(newest, number))
         return number > newest
 
 
 class LastReplies:
-    """The last reply to each operator, for whoever asks again because he has not heard it."""
+    """The last reply to each operator, for whoever asks again because he has not received it."""
 
     def __init__(self, operators_max: int = SENDERS_MAX) -> None:
         self._replies: Recent[Reply] = Recent(operators_max)

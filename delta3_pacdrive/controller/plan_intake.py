@@ -59,7 +59,7 @@ class PlanIntake:
     def take(self, origin: Origin, row: Any) -> Order | Reason | None:
         """Take a row; returns the order that it ends, or why that is refused, or None while it goes on.
 
-        An order that is heard a second time, and one that comes behind a later one, is refused. A row that is
+        An order that is received a second time, and one that comes behind a later one, is refused. A row that is
         spoilt spoils its order, and is told with it.
         """
         if origin.kind == REVOKE:

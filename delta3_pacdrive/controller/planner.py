@@ -89,7 +89,7 @@ class Planner:
         self.status: Status | None = None
         self.override = 1.0
         self._now_s = 0.0
-        self._heard, self._heard_s = 0, 0.0  # how many statuses came, and when the last one
+        self._received, self._received_s = 0, 0.0  # how many statuses came, and when the last one
         self._serials, self._profiles = Numbering(), Numbering()
         self._here: Floats | None = None
         self._mirrored: MotionState | None = None
@@ -129,7 +129,7 @@ class Planner:
 
     # what the task tells ----------------------------------------------------------------------------------------------
 
-    def hear_status(self, status: Status, now_s: float) -> bool:
+    def receive_status(self, status: Status, now_s: float) -> bool:
         """Take the word of the transformation task; False for what is old or comes from elsewhere."""
         self._now_s = now_s
         if status.state not in {str(state) for state in MotionState}:
@@ -137,12 +137,12 @@ class Planner:
         before = self.status
         anew = before is None or status.session != before.session
         foreign = anew and before is not None and status.previous != before.session
-        if foreign and now_s - self._heard_s < MASTER_SILENT_S:
+        if foreign and now_s - self._received_s < MASTER_SILENT_S:
             # another master, or a recording: believed when the present one says nothing any more
             return False
         if not self._serials.is_new(status.session, status.serial):
             return False
-        self.status, self._heard, self._heard_s = status, self._heard + 1, now_s
+        self.status, self._received, self._received_s = status, self._received + 1, now_s
         if anew:
             self._begin_session()
         elif before is not None and status.losses != before.losses and not self._starts_by_itself:
@@ -179,7 +179,7 @@ class Planner:
         if first and self._queue.program is not None and not self._starts_by_itself:
             self._requests.add(Request('', '', 0, 0, PLAN), self._now_s, 0)
 
-    def hear_profile(self, origin: Origin, row: Any) -> bool:
+    def receive_profile(self, origin: Origin, row: Any) -> bool:
         """Follow the motion profile that the task follows, its own stops included; False for what is old."""
         if self.status is None or (origin.planner, origin.session) != (self._identity, self.status.session):
             return False
@@ -188,7 +188,7 @@ class Planner:
         self._run.follow(row)
         return True
 
-    def hear_verdict(self, verdict: Verdict, now_s: float) -> bool:
+    def receive_verdict(self, verdict: Verdict, now_s: float) -> bool:
         """Take the verdict on an order or a change; False for what is old."""
         self._now_s = now_s
         if self.status is None or (verdict.planner, verdict.session) != (self._identity, self.status.session):
@@ -248,7 +248,7 @@ class Planner:
         self._now_s = now_s
         if request.action == 'withdraw':
             self._withdraw(request)
-        elif (reason := self._requests.add(request, now_s, self._heard)) is not None:
+        elif (reason := self._requests.add(request, now_s, self._received)) is not None:
             self.actions.append(Replied(request, reason, ''))
         else:
             self._go_on()
@@ -302,7 +302,7 @@ class Planner:
                 reason = refused.reason
             except Delta3Error as error:
                 reason = Reason(Code.CONTENT, str(error))
-            if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._heard):
+            if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._received):
                 self._serving = None
                 return
             self._requests.pop()

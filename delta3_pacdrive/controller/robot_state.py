@@ -38,7 +38,7 @@ STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
 DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
 START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
-FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node has heard of it by then
+FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node knows of it by then
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
 
 

@@ -21,12 +21,11 @@ Arguments of the kernels here:
     Takes one row per sample, shape (n, 25).
 ``i``, ``g``
     Number of an arm, 0 to 2, and record ``kinematics.GEOMETRY``.
-``p``, ``first``, ``second``
-    Position [m], its first derivative by the distance [1] and the second [1/m], shape (3,).
-``s``, ``b``, ``sb``
-    Forearm vector [m], arm tangent [m/rad] of an arm, shape (3,), and their product [m^2/rad].
-``rate``
-    Derivative of an arm angle by the distance [rad/m].
+``place``
+    Position [m] of the TCP, its first derivative by the distance [1] and the second [1/m], three of shape (3,).
+``arm``
+    Forearm vector s [m] and tangent b [m/rad] of an arm, shape (3,), s.b [m^2/rad], and the derivative of its angle by
+    the distance [rad/m].
 """
 
 from dataclasses import dataclass
@@ -63,10 +62,11 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
         s, b = forearms(theta, p, g)
         sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
         rate = (dot(s[0], first) / sb[0], dot(s[1], first) / sb[1], dot(s[2], first) / sb[2])
+        place = p, first, second
         bend = (
-            _angle_curvature(0, p, first, second, s[0], b[0], sb[0], rate[0], g),
-            _angle_curvature(1, p, first, second, s[1], b[1], sb[1], rate[1], g),
-            _angle_curvature(2, p, first, second, s[2], b[2], sb[2], rate[2], g),
+            _angle_curvature(0, place, (s[0], b[0], sb[0], rate[0]), g),
+            _angle_curvature(1, place, (s[1], b[1], sb[1], rate[1]), g),
+            _angle_curvature(2, place, (s[2], b[2], sb[2], rate[2]), g),
         )
         mass, bias = motion_terms(theta, rate, g, m)
         _, weight = motion_terms(theta, (0.0, 0.0, 0.0), g, m)
@@ -87,11 +87,12 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
 
 
 @kernel
-def _angle_curvature(i, p, first, second, s, b, sb, rate, g):
+def _angle_curvature(i, place, arm, g):
     """Second derivative of arm angle i by the distance, from that of s.X' = (s.b) theta' (4.9, 4.14)."""
+    (p, first, second), (s, b, sb, rate) = place, arm
     s_dot = combine(1.0, first, -rate, b, 0.0, first)
-    arm = upper_arm(i, p, s, g)
-    return (dot(s_dot, first) + dot(s, second) - (dot(s_dot, b) - dot(s, arm) * rate) * rate) / sb
+    upper = upper_arm(i, p, s, g)
+    return (dot(s_dot, first) + dot(s, second) - (dot(s_dot, b) - dot(s, upper) * rate) * rate) / sb
 
 
 def inertia_records(parameters: Parameters, payloads_kg: tuple[float, ...]) -> NDArray[Any]:

@@ -13,12 +13,8 @@ Arguments of the kernels here:
     Number of a grid point.
 ``x``, ``square_max``
     Square of the speed of the TCP, and the largest one allowed [m^2/s^2], shape (n,), or that at one point.
-``acceleration``, ``curvature``
-    Largest acceleration [m/s^2] and curvature [1/m] at the grid points, shape (n,).
-``inertial``, ``centrifugal``, ``weight``
-    Motor torques per acceleration [N s^2], per square of the speed [N s^2/m], and at rest [N m], shape (n, 3).
-``torque``
-    Largest motor torques [N m], shape (n, 3).
+``limits``
+    ``PlaceLimits``.
 ``window``
     Time of the filter that limits the jerk [s].
 ``out``, ``times``
@@ -31,7 +27,7 @@ Arguments of the kernels here:
     Takes whether a row begins a phase of its own, shape (n,).
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,9 +41,8 @@ TINY = 1e-12
 MERGED = 1e-10  # largest jump of distance and speed, of their largest values, where phases are merged
 
 
-@dataclass(frozen=True)
-class PlaceLimits:
-    """Limits over a grid of distances, arrays (n,) or (n, 3) in the last four.
+class PlaceLimits(NamedTuple):
+    """Limits hold over a grid of distances, arrays (n,) or (n, 3) in the last four.
 
     The TCP's acceleration a_t and speed v keep v <= speed and hypot(a_t, curvature v^2) <= acceleration, the motors
     -torque <= inertial a_t + centrifugal v^2 + weight <= torque.
@@ -57,25 +52,26 @@ class PlaceLimits:
     speed_m_s: Floats
     acceleration_m_s2: Floats
     curvature_1_m: Floats
-    inertial: Floats
-    centrifugal: Floats
-    weight: Floats
+    inertial: Floats  # motor torques per acceleration [N s^2]
+    centrifugal: Floats  # per square of the speed [N s^2/m]
+    weight: Floats  # at rest [N m]
     torque_n_m: Floats
 
 
 @kernel
-def _acceleration_bounds(n, x, acceleration, curvature, inertial, centrifugal, weight, torque):
+def _acceleration_bounds(n, x, limits):
     """Smallest and largest acceleration at grid point ``n`` for the square of the speed ``x``."""
-    radial = curvature[n] * x
-    square = acceleration[n] * acceleration[n] - radial * radial
+    radial = limits.curvature_1_m[n] * x
+    square = limits.acceleration_m_s2[n] * limits.acceleration_m_s2[n] - radial * radial
     if square < 0.0:
         return 1.0, -1.0
     high = np.sqrt(square)
     low = -high
     for i in range(3):
-        m = inertial[n, i]
-        rest = centrifugal[n, i] * x + weight[n, i]
-        up, down = torque[n, i] - rest, -torque[n, i] - rest
+        m = limits.inertial[n, i]
+        rest = limits.centrifugal[n, i] * x + limits.weight[n, i]
+        torque = limits.torque_n_m[n, i]
+        up, down = torque - rest, -torque - rest
         if m > 1e-9:
             high, low = min(high, up / m), max(low, down / m)
         elif m < -1e-9:
@@ -86,30 +82,25 @@ def _acceleration_bounds(n, x, acceleration, curvature, inertial, centrifugal, w
 
 
 @kernel
-def _fastest(distance, square_max, acceleration, curvature, inertial, centrifugal, weight, torque, x):
+def _fastest(limits, square_max, x):
     """Fill ``x`` with the largest square of the speed, rest to rest; return a grid point where none is, or -1."""
+    distance, acceleration = limits.distance_m, limits.acceleration_m_s2
     last = distance.shape[0] - 1
     # backward: the largest speed from which the rest of the path can still be driven
     x[last] = 0.0
     for n in range(last - 1, -1, -1):
         step = 2.0 * (distance[n + 1] - distance[n])
         good, bad = 0.0, min(square_max[n], x[n + 1] + step * acceleration[n])
-        low, high = _acceleration_bounds(
-            n, 0.0, acceleration, curvature, inertial, centrifugal, weight, torque
-        )
+        low, high = _acceleration_bounds(n, 0.0, limits)
         if low > high:
             return n
-        low, high = _acceleration_bounds(
-            n, bad, acceleration, curvature, inertial, centrifugal, weight, torque
-        )
+        low, high = _acceleration_bounds(n, bad, limits)
         if low <= high and bad + step * low <= x[n + 1]:
             good = bad
         else:
             for _ in range(HALVINGS):
                 middle = 0.5 * (good + bad)
-                low, high = _acceleration_bounds(
-                    n, middle, acceleration, curvature, inertial, centrifugal, weight, torque
-                )
+                low, high = _acceleration_bounds(n, middle, limits)
                 if low <= high and middle + step * low <= x[n + 1]:
                     good = middle
                 else:
@@ -119,9 +110,7 @@ def _fastest(distance, square_max, acceleration, curvature, inertial, centrifuga
     x[0] = 0.0
     for n in range(last):
         step = 2.0 * (distance[n + 1] - distance[n])
-        low, high = _acceleration_bounds(
-            n, x[n], acceleration, curvature, inertial, centrifugal, weight, torque
-        )
+        low, high = _acceleration_bounds(n, x[n], limits)
         reached = x[n] + step * high
         if reached < x[n + 1]:
             x[n + 1] = max(reached, 0.0)
@@ -197,18 +186,7 @@ def widened(distance_m: Floats, values: Floats, speed_m_s: Floats, window_s: flo
 
 def _solve(limits: PlaceLimits, square_max: Floats) -> Floats:
     x = np.empty_like(square_max)
-    bad = _fastest(
-        limits.distance_m,
-        square_max,
-        limits.acceleration_m_s2,
-        limits.curvature_1_m,
-        limits.inertial,
-        limits.centrifugal,
-        limits.weight,
-        limits.torque_n_m,
-        x,
-    )
-    return x if bad < 0 else np.empty(0)
+    return x if _fastest(limits, square_max, x) < 0 else np.empty(0)
 
 
 def duration(distance_m: Floats, speed_m_s: Floats) -> float:

@@ -143,9 +143,9 @@ def _read_bag(path: Path) -> Trace:
         meta['refused'] = refused
     if profiles.starts:
         meta['starts'] = profiles.starts
-        heard = [start for start in profiles.starts if start >= cycles[0]]
+        within = [start for start in profiles.starts if start >= cycles[0]]
         # who joined in the middle of a program knows when it began
-        meta['start_cycle'] = heard[0] if heard else profiles.starts[-1]
+        meta['start_cycle'] = within[0] if within else profiles.starts[-1]
     if 'cut' in meta:
         meta['cut'] += f'; it ends at bus time {cycles[-1] * meta["cycle_time_s"]:.3f} s'
         _LOG.warning('note: recording %s: %s', path, meta['cut'])

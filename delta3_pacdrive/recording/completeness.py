@@ -1,15 +1,15 @@
-"""Completeness of a cyclic topic, as one listener heard it: what the stamps of its messages say is missing."""
+"""Completeness of a cyclic topic, as one listener received it: what the stamps of its messages say is missing."""
 
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.telegram_codec import STAMP
 
 
 class Completeness:
-    """A listener counts the messages of a topic, and those that are missing since it was heard first.
+    """A listener counts the messages of a topic, and those that are missing since the first was received.
 
     ``starts`` are the bus times [ns] at which cyclic operation began; the listener adds to them when it learns of one.
     Nothing is missing before a start. What was published before the listener joined is not missing either: who has
-    heard the greetings of a topic, though, was there before its first message.
+    received the greetings of a topic, though, was there before its first message.
     """
 
     def __init__(self, period_ns: int, starts: set[int]) -> None:
@@ -17,19 +17,19 @@ class Completeness:
         self._starts = starts
         self._last_ns: int | None = None
         self._gaps: list[tuple[int, int]] = []  # bus times [ns] between which messages may be missing
-        self.heard = False  # before cyclic operation
+        self.greeted = False  # before cyclic operation
         self.messages = 0
 
     def count(self, data: bytes) -> None:
         """Take a serialised message that begins with a header."""
         sec, nanosec = STAMP.unpack_from(data, 4)
         if sec < 0:
-            self.heard = True
+            self.greeted = True
             return
         now_ns = sec * NANOSECONDS + nanosec
         self.messages += 1
         if self._last_ns is None:
-            if self.heard:
+            if self.greeted:
                 self._gaps.append((-self._period_ns, now_ns))
             self._last_ns = now_ns
             return

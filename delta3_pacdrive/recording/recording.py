@@ -96,8 +96,8 @@ class Recording:
 
     @property
     def hears_everything(self) -> bool:
-        """Whether every cyclic topic has been heard."""
-        return all(item.heard or item.messages for item in self._completeness.values())
+        """Whether every cyclic topic has been received."""
+        return all(item.greeted or item.messages for item in self._completeness.values())
 
     def completeness(self) -> dict[str, tuple[int, int]]:
         """Messages and missing messages by cyclic topic."""

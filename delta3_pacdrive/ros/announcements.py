@@ -42,7 +42,7 @@ class Participant:
         links: tuple[str, ...] = (),
         bus_cycle: int = 0,
     ) -> None:
-        """Publish the identity in a session, the partners heard in it and the bus time that is over [cycles]."""
+        """Publish the identity in a session, the partners linked in it and the bus time that is over [cycles]."""
         facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
         facts['session'] = session.decode()
         message = DiagnosticStatus(name=self._name, message=str(occasion), hardware_id=self.instance)
@@ -75,7 +75,7 @@ def read_announcement(message: DiagnosticStatus) -> Announcement:
     )
 
 
-def hear_announcements(
+def receive_announcements(
     node: RobotNode, take: Callable[[Announcement], None], refuse: Callable[[str], None]
 ) -> None:
     """Subscribe to the announcements of all participants."""

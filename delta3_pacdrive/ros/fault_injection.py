@@ -3,7 +3,7 @@
 Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
 in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
 (String, JSON), from the transformation task to all nodes, one message for each accepted fault, with the session of the
-bus and its number in it: what is heard a second time, or in another session, concerns nobody.
+bus and its number in it: what is received a second time, or in another session, concerns nobody.
 """
 
 import json
@@ -27,7 +27,7 @@ from delta3_pacdrive.ros.interfaces import FAULT_SCHEDULE, INJECT_FAULT
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
-LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node has heard of it by then
+LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node knows of it by then
 REQUEST_MAX = 10_000  # characters
 
 
@@ -127,7 +127,7 @@ class Faults(Schedule):
     Attributes
     ----------
     late
-        Faults that were heard of after their first cycle.
+        Faults that were received after their first cycle.
 
     """
 

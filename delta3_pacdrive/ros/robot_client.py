@@ -85,7 +85,7 @@ class OperatorNode(PollingNode):
         self._awaited = 0  # number of the request whose reply is
         self._reply: Reply | None = None
         self._said = ''  # of a request that is being worked on
-        self._heard_s = 0.0
+        self._received_s = 0.0
         interfaces.PROGRESS.subscription(self, self._on_progress)
         interfaces.MOTION_STATE.subscription(self, self._on_state)
         interfaces.QUEUE.subscription(self, self._on_queue)
@@ -131,7 +131,7 @@ class OperatorNode(PollingNode):
             return
         if (reply.operator, reply.number) != (self.identity, self._awaited):
             return
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         if reply.done:
             self._reply = reply
         else:
@@ -202,17 +202,17 @@ class OperatorNode(PollingNode):
         self._awaited, self._reply, self._said = self._numbers, None, ''
         message = String(data=request.to_json())
         publisher.publish(message)
-        asked = self._heard_s = time.monotonic()
+        asked = self._received_s = time.monotonic()
         said = ''
         try:
             while self._reply is None:
                 now = time.monotonic()
-                if now - self._heard_s > PATIENCE_S:
+                if now - self._received_s > PATIENCE_S:
                     raise RunError(
                         f'no answer of {whom} to "{action}" within {PATIENCE_S:g} s: is a robot up in namespace '
                         f'{self.get_namespace()}?'
                     )
-                if now - asked > AGAIN_S and self._heard_s < asked + AGAIN_S:
+                if now - asked > AGAIN_S and self._received_s < asked + AGAIN_S:
                     publisher.publish(message)
                     asked = now
                 if self._said != said:
@@ -278,7 +278,7 @@ class OperatorNode(PollingNode):
     def drive(self, request: str) -> str:
         """Ask a drive through its service channel ("axis1 read S-0-0104"); raises ProgramError if it refuses."""
         self.wait_until(lambda: self.reaches_drives, 'transformation task')
-        mark = f'#{secrets.token_hex(4)}'  # others ask as well, and everybody hears every answer
+        mark = f'#{secrets.token_hex(4)}'  # others ask as well, and everybody receives every answer
         self._service_answers.clear()
         self._request.publish(String(data=f'{mark} {request}'))
         self.wait_until(lambda: mark in self._service_answers, 'answer of the service channel')

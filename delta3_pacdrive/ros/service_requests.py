@@ -2,7 +2,7 @@
 
 In: ``sercos/service/request`` (String: "axis1 read S-0-0104", "axis2 write S-0-0104 70", "axis3 command S-0-0099").
 Out: ``sercos/service/answer`` (String: one sentence for each request, with value and unit, or message 8503).
-Everybody hears every answer.
+Everybody receives every answer.
 """
 
 from rclpy.node import Node

@@ -32,9 +32,8 @@ class Event(Enum):
 
     PRESENT = auto()  # everybody has answered the call, and nobody is there twice
     ANSWERED = auto()  # all drives have answered a greeting
-    AGREED = (
-        auto()
-    )  # all rest on the same parameters, they hear each other, and the place of the robot is known
+    # all rest on the same parameters, they receive from one another, and the place of the robot is known
+    AGREED = auto()
     READY = auto()  # nothing speaks against cyclic operation
     FALL = auto()  # cyclic operation cannot go on
 
@@ -240,8 +239,8 @@ class BusMaster:
                 Reason(Code.BUS, f'waiting for an answer of {", ".join(silent)}{doubt}') if silent else None
             )
         if self.phase == Phase.CP2:
-            heard = self._participants.links[PLANT]
-            unlinked = [axis for axis in DRIVES if axis not in heard]
+            linked = self._participants.links[PLANT]
+            unlinked = [axis for axis in DRIVES if axis not in linked]
             return (
                 Reason(Code.BUS, f'waiting for the plant to hear {", ".join(unlinked)}') if unlinked else None
             )

@@ -28,7 +28,7 @@ class Announcement:
     instance
         Identity of its process, other than that of any before.
     links
-        Partners that it has heard in the session.
+        Partners from which it has received something in the session.
     bus_cycle
         First bus cycle that it has not seen yet.
 
@@ -49,7 +49,8 @@ class Participants:
     Attributes
     ----------
     identities, links
-        Of those that have answered the call of this session: identities, and the partners that they have heard.
+        Of those that have answered the call of this session: identities, and the partners from which they have received
+        something.
     bus_cycle
         First bus cycle that nobody has seen yet.
 

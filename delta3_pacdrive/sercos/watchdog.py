@@ -1,7 +1,7 @@
 """How long a participant waits for another before it takes it for dead, on the wall clock.
 
 While a partner only is late, bus time stands and nothing is lost. The times are staggered, so that who can tell the
-culprit decides first: a drive that hears no master stops by itself; the plant goes on without a drive that sends no
+culprit decides first: a drive that receives no MDT stops by itself; the plant goes on without a drive that sends no
 current, as a machine does whose end stage has lost its power; the master then sees who does not answer. Wherever a
 partner dies, everything else stands without torque within ``BOUND_S`` and the stopping time of the drives.
 """
@@ -36,7 +36,7 @@ class Watchdog:
         self._since_s = 0.0  # the last look, or the last word of the partner after it
 
     def received(self, now_s: float) -> None:
-        """Note that the partner was heard, or that it need not say anything."""
+        """Note that something was received from the partner, or that it need not say anything."""
         self._silence_s, self._since_s = 0.0, now_s
 
     def silence_s(self, now_s: float) -> float:

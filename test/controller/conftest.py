@@ -127,7 +127,7 @@ class Rig:
 
     def tell(self) -> None:
         """Tell the planner how the robot is."""
-        self.planner.hear_status(self.orders.status('CP4', self.next_cycle), self.now_s)
+        self.planner.receive_status(self.orders.status('CP4', self.next_cycle), self.now_s)
         self.settle()
 
     def settle(self) -> None:
@@ -145,7 +145,7 @@ class Rig:
             if verdicts:
                 self.tell()
             for _, verdict in verdicts:
-                self.planner.hear_verdict(verdict, self.now_s)
+                self.planner.receive_verdict(verdict, self.now_s)
 
     def _carry_out(self, action: Any) -> None:
         self.said.append(action)
@@ -155,7 +155,7 @@ class Rig:
                 self.state.drive_answered(index, access, answer)
             case Followed(profile):
                 origin = Origin.from_label(self.orders.profile_label())
-                self.planner.hear_profile(origin, profile.to_array())
+                self.planner.receive_profile(origin, profile.to_array())
             case Answered(request, reason, sentence):
                 request(reason, sentence)
 

@@ -42,7 +42,7 @@ class Client:
     def say(self, **facts: Any) -> bool:
         """Tell a status that is newer than the last."""
         self.told = replace(self.told, serial=self.told.serial + 1, **facts)
-        return self.planner.hear_status(self.told, self.now_s)
+        return self.planner.receive_status(self.told, self.now_s)
 
     def do(self, kind: type) -> Any:
         """Take the only action of a kind."""
@@ -79,7 +79,7 @@ class Client:
         return self.do(Ordered)
 
     def verdict(self, number: int, code: str = '', sentence: str = '') -> bool:
-        return self.planner.hear_verdict(Verdict('5e55', ME, number, not code, code, sentence), self.now_s)
+        return self.planner.receive_verdict(Verdict('5e55', ME, number, not code, code, sentence), self.now_s)
 
     def run(self) -> Timeline:
         """Let a program run; returns what the transformation task follows."""
@@ -99,7 +99,7 @@ class Client:
         from delta3_pacdrive.controller.messages import Origin
 
         assert profile is not None
-        return self.planner.hear_profile(Origin('COURSE', ME, '5e55', number), profile.to_array())
+        return self.planner.receive_profile(Origin('COURSE', ME, '5e55', number), profile.to_array())
 
 
 @pytest.fixture
@@ -160,24 +160,24 @@ def test_a_plan_that_is_still_being_checked_may_take_its_time(client: Client) ->
 def test_a_verdict_for_somebody_else_counts_for_nothing(change: dict[str, Any], client: Client) -> None:
     ordered = client.order()
     verdict = replace(Verdict('5e55', ME, ordered.number, True, '', ''), **change)
-    assert not client.planner.hear_verdict(verdict, client.now_s)
+    assert not client.planner.receive_verdict(verdict, client.now_s)
     assert client.none(Replied)
 
 
 def test_a_status_that_is_played_back_changes_nothing(client: Client) -> None:
     old = client.told
     client.say(state='moving')
-    assert not client.planner.hear_status(old, client.now_s)
+    assert not client.planner.receive_status(old, client.now_s)
     assert client.planner.motion == 'moving'
 
 
 def test_another_master_is_believed_when_the_present_one_says_nothing_any_more(client: Client) -> None:
     other = replace(client.told, session='beef', state='error', serial=1)
     client.now_s += MASTER_SILENT_S - 0.1
-    assert not client.planner.hear_status(other, client.now_s)
+    assert not client.planner.receive_status(other, client.now_s)
     assert client.planner.motion == 'idle'
     client.now_s += 0.2
-    assert client.planner.hear_status(replace(other, serial=2), client.now_s)
+    assert client.planner.receive_status(replace(other, serial=2), client.now_s)
     assert client.planner.motion == 'error'
 
 
@@ -401,13 +401,13 @@ def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_c
     given = program_file.load('experiment1', robot.motion)
     planner = Planner(robot, ME, given, lambda: 0)
     status = Status('5e55', '', 1, '', 'idle', 'CP3', 'no', 'disabled', 1, HOME, 0, '', '', 0, 0, 0, 0)
-    planner.hear_status(status, 0.0)
+    planner.receive_status(status, 0.0)
     (job,) = [a.job for a in planner.actions if isinstance(a, Working)]
     planner.actions.clear()
     planner.take_result(work(job, robot, lambda *_: None), 0.1)
     assert planner.actions == []  # planned, not started
-    planner.hear_status(replace(status, serial=2, planner=ME), 0.2)
+    planner.receive_status(replace(status, serial=2, planner=ME), 0.2)
     assert planner.actions == []
-    planner.hear_status(replace(status, serial=3, planner=ME, refusal='', refusal_code=''), 0.3)
+    planner.receive_status(replace(status, serial=3, planner=ME, refusal='', refusal_code=''), 0.3)
     (ordered,) = [a for a in planner.actions if isinstance(a, Ordered)]
     assert ordered.row[0] == robot.motion.start_cycle

@@ -44,7 +44,7 @@ class PlantNode(RobotNode):
         self._plant_clock = PlantClock(parameters, self._faults, self._publish_shafts)
         self._frame = NO_SESSION  # of the shafts
         self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read
-        self._heard: set[str] = set()
+        self._linked: set[str] = set()
         self._drives = Watchdog(HOUSEKEEPING_S)
         self._waiting = ''
         self._looks = 0
@@ -93,8 +93,8 @@ class PlantNode(RobotNode):
                 return
             if exchange >= 0:
                 take(index, exchange, *known[frame], values)
-            elif not bus.cyclic and axis not in self._heard:
-                self._heard.add(axis)
+            elif not bus.cyclic and axis not in self._linked:
+                self._linked.add(axis)
                 self._announce(bus.session)
 
         return receive
@@ -119,20 +119,20 @@ class PlantNode(RobotNode):
             self._ways[type(action)](action)
 
     def _announce(self, session: bytes, occasion: Occasion = Occasion.CALLED) -> None:
-        links = tuple(sorted(self._heard))
+        links = tuple(sorted(self._linked))
         self._participant.announce(session, occasion, links, self._plant_clock.cycles_over)
 
     def _adopt(self, action: slave.Adopt) -> None:
         self._frame = action.session
         self._frames.clear()
-        self._heard.clear()
+        self._linked.clear()
 
     def _join(self, action: slave.Join) -> None:
         self._greeter.cancel()
         self._plant_clock.begin(action.start)
 
     def _leave(self, action: slave.Leave) -> None:
-        self._heard.clear()
+        self._linked.clear()
         if action.cyclic:
             cycle = self._plant_clock.come_to_rest()
             self._greeter.reset()
@@ -142,7 +142,7 @@ class PlantNode(RobotNode):
     # looks ------------------------------------------------------------------------------------------------------------
 
     def _greet(self) -> None:
-        """Let the drives know where the shafts stand, and hear who answers."""
+        """Let the drives know where the shafts stand, and see who answers."""
         if self._slave.session != NO_SESSION:
             self._publish(self._shafts.encode((ACYCLIC_SEC, 0), self._frame, self._plant_clock.shafts()))
 

@@ -75,16 +75,16 @@ class RecorderNode(PollingNode):
 
     def _catch_up(self) -> None:
         """Take what had been published when this was called, of a robot that goes on or has ended."""
-        now_ns, heard = time.time_ns(), time.monotonic()
-        while self._newest_ns < now_ns and time.monotonic() - heard < QUIET_S:
+        now_ns, received = time.time_ns(), time.monotonic()
+        while self._newest_ns < now_ns and time.monotonic() - received < QUIET_S:
             before = self._newest_ns
             time.sleep(DRAIN_S)
             self._drain()
             if self._newest_ns > before:
-                heard = time.monotonic()
+                received = time.monotonic()
 
     def _announce(self) -> None:
-        """Say once that every cyclic topic has been heard, and once that nothing is written any more."""
+        """Say once that every cyclic topic has been received, and once that nothing is written any more."""
         recording = self._recording
         if recording.stopped:
             if not self._said_stopped:

@@ -14,7 +14,7 @@ from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.faults.fault import TASK, Fault
 from delta3_pacdrive.ros import cdr, node_process
-from delta3_pacdrive.ros.announcements import hear_announcements
+from delta3_pacdrive.ros.announcements import receive_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver
 from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
 from delta3_pacdrive.ros.interfaces import MDT, PHASE, second_writer
@@ -113,7 +113,7 @@ class TransformationTaskNode(PollingNode):
             self.change,
             planner.tell_status,
         )
-        hear_announcements(self, controller.announced, self.refuse)
+        receive_announcements(self, controller.announced, self.refuse)
         self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self._ticker = self.create_timer(period_s or STARTUP_S, self._tick, autostart=False)

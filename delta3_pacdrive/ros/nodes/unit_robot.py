@@ -155,7 +155,7 @@ class UnitRobotNode(PollingNode):
 
     def _on_status(self, message: String) -> None:
         before = self._session()
-        if not self._planner.hear_status(Status.from_json(message.data), time.monotonic()):
+        if not self._planner.receive_status(Status.from_json(message.data), time.monotonic()):
             return
         if self._session() != before:
             self._rows.clear()
@@ -165,10 +165,10 @@ class UnitRobotNode(PollingNode):
 
     def _on_profile(self, message: Float64MultiArray) -> None:
         label, row = row_of(message)
-        self._planner.hear_profile(Origin.from_label(label), row)
+        self._planner.receive_profile(Origin.from_label(label), row)
 
     def _on_verdict(self, message: String) -> None:
-        self._planner.hear_verdict(Verdict.from_json(message.data), time.monotonic())
+        self._planner.receive_verdict(Verdict.from_json(message.data), time.monotonic())
         self._carry_out()
 
 
