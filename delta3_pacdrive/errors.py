@@ -1,7 +1,9 @@
-"""What goes wrong: exceptions of one family, each also a built-in one, and refusals, which are values."""
+"""What goes wrong: exceptions of one family, each also a built-in one; faults of the robot and refusals, as values."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any, Self
 
 
 class Delta3Error(Exception):
@@ -80,12 +82,90 @@ class Code(StrEnum):
         return next((code for code in cls if code == text), cls.CONTENT)
 
 
+class FaultCode(StrEnum):
+    """A code tells what kind of fault has stopped the robot."""
+
+    DRIVE = 'drive'  # a drive reports it; the number of its diagnostic message follows
+    ANSWER_LOST = 'answer_lost'  # answers of drives are missing
+    BUS_TIME = 'bus_time'  # a drive is in another bus cycle than the master
+    NOT_ENABLED = 'not_enabled'  # a drive is without torque while a program runs
+    SECOND_WRITER = 'second_writer'  # two answers of one drive in one cycle
+    PARTICIPANT_LEFT = 'participant_left'  # somebody was started again, or has left the bus
+    PARAMETERS = 'parameters'  # not everybody rests on the same parameters
+    PLACE = 'place'  # the motors stand where the arms cannot be
+    PLANNER_SILENT = 'planner_silent'
+    PLANNER_RESTARTED = 'planner_restarted'
+    EMERGENCY_STOP = 'emergency_stop'
+    DISABLED = 'disabled'  # by the operator, in motion
+
+    @classmethod
+    def of(cls, text: str) -> 'FaultCode':
+        """Return the code that a message names; one that is unknown is taken for ``DRIVE``."""
+        return next((code for code in cls if code == text), cls.DRIVE)
+
+
+@dataclass(frozen=True)
+class RobotFault:
+    """A fault has stopped the robot, or keeps it from starting.
+
+    Attributes
+    ----------
+    code
+        What kind of fault it is.
+    sentence
+        The same for people.
+    source
+        Who is or may be its cause: axis or participant, several parted by a comma; empty for the robot as a whole.
+    number
+        Number of the diagnostic message (``drive.diagnostics``), 0 if it has none or a drive has not told it yet.
+    cycle
+        Bus cycle in which it was found, -1 as long as nobody has said so.
+
+    """
+
+    code: FaultCode
+    sentence: str
+    source: str = ''
+    number: int = 0
+    cycle: int = -1
+
+    def __str__(self) -> str:
+        """Return the sentence."""
+        return self.sentence
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Who is or may be its cause, one by one."""
+        return tuple(self.source.split(', ')) if self.source else ()
+
+    @staticmethod
+    def facts(fault: 'RobotFault | None') -> dict[str, Any]:
+        """Return what messages and reports tell of a fault beside its sentence; 0 and empty if there is none."""
+        if fault is None:
+            return {'fault_code': '', 'fault_number': 0, 'fault_source': '', 'fault_cycle': 0}
+        return {
+            'fault_code': str(fault.code),
+            'fault_number': fault.number,
+            'fault_source': fault.source,
+            'fault_cycle': fault.cycle,
+        }
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any], sentence: str) -> Self | None:
+        """Read back what ``facts`` wrote; None if there was no fault."""
+        if not facts.get('fault_code'):
+            return None
+        code = FaultCode.of(facts['fault_code'])
+        return cls(code, sentence, facts['fault_source'], facts['fault_number'], facts['fault_cycle'])
+
+
 @dataclass(frozen=True)
 class Reason:
-    """A refusal."""
+    """A refusal, and the fault that it is because of, if it is."""
 
     code: Code
     sentence: str
+    fault: RobotFault | None = None
 
     def __str__(self) -> str:
         """Return the sentence."""

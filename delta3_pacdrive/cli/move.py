@@ -229,8 +229,9 @@ SILENT_S = 5.0  # without a word of a robot that moves, which is dead then
 UP_S = 120.0  # for a robot that is asked to come up, the first compilation of its kernels included
 PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
-    'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m',
-    'remaining_s', 'payload_kg', 'outputs', 'operator',
+    'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'fault_code', 'fault_number', 'fault_source',
+    'fault_cycle', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m', 'remaining_s', 'payload_kg', 'outputs',
+    'operator',
 )  # fmt: skip
 
 

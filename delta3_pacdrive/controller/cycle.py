@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -29,10 +30,8 @@ class Stop:
 
     Attributes
     ----------
-    reason
-        The fault as a sentence.
-    cycle
-        Bus cycle in which it was found.
+    fault
+        What is wrong, and in which bus cycle it was found.
     first
         First bus cycle of the stop, still to come.
     hard
@@ -42,8 +41,7 @@ class Stop:
 
     """
 
-    reason: str
-    cycle: int
+    fault: RobotFault
     first: int
     hard: bool = False
     drive: int | None = None
@@ -51,7 +49,8 @@ class Stop:
 
 def emergency_stop(cycle: int) -> Stop:
     """Return the stop of an operator or of an injected fault, from the command of a bus cycle on."""
-    return Stop(f'emergency stop in bus cycle {cycle}', cycle, cycle)
+    sentence = f'emergency stop in bus cycle {cycle}'
+    return Stop(RobotFault(FaultCode.EMERGENCY_STOP, sentence, cycle=cycle), cycle)
 
 
 class ControllerCycle:
@@ -107,8 +106,7 @@ class ControllerCycle:
             else:
                 axes.accept(axis, answer[0], answer[1])
         self._task.receive(cycle, axes.positions, axes.torques)
-        fault = axes.check(cycle, program_starts)
-        if fault is None or (stopped and not fault.not_following):
+        found = axes.check(cycle, program_starts)
+        if found is None or (stopped and not found.not_following):
             return None
-        first = cycle + self._reaction_cycles
-        return Stop(fault.sentence, cycle, first, fault.not_following, fault.drive)
+        return Stop(found.fault, cycle + self._reaction_cycles, found.not_following, found.drive)

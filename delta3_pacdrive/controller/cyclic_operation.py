@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from delta3_pacdrive.controller.cycle import Command, ControllerCycle, emergency_stop
 from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.faults.fault import AT_FAULTS
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.faults.telegram_faults import FaultyLink
@@ -16,6 +17,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.losses import NO_ANSWER
 from delta3_pacdrive.sercos.scheduler import CycleScheduler
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.sercos.statistics import BusStatistics
@@ -57,7 +59,7 @@ class CyclicOperation:
     port
         Takes part in each cycle.
     fall
-        Called with a reason for which the phase has to fall.
+        Called with a fault for which the phase has to fall.
     now_s, now_ns
         Return the time: of a clock that never jumps [s], of day [ns].
 
@@ -88,7 +90,7 @@ class CyclicOperation:
         statistics: BusStatistics,
         faults: Schedule,
         port: CyclePort,
-        fall: Callable[[str], None],
+        fall: Callable[[RobotFault], None],
         now_s: Callable[[], float] = time.monotonic,
         now_ns: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -146,7 +148,8 @@ class CyclicOperation:
             return
         axis = DRIVES[index]
         if cycle >= self.next_cycle:
-            self._fall(f'{axis} went on to bus cycle {cycle} without the master (8506)')
+            sentence = f'{axis} went on to bus cycle {cycle} without the master ({NO_ANSWER})'
+            self._fall(RobotFault(FaultCode.BUS_TIME, sentence, axis, NO_ANSWER))
             return
         for arrived, what in self._link.arrivals(axis, cycle, content):
             if not self.running:
@@ -154,9 +157,8 @@ class CyclicOperation:
             if self.answers.put(index, arrived, what):
                 self.complete(received_ns)
             else:
-                self._state.stop(
-                    f'{axis}: two different AT of bus cycle {arrived}: who is the second writer?'
-                )
+                sentence = f'{axis}: two different AT of bus cycle {arrived}: who is the second writer?'
+                self._state.stop(RobotFault(FaultCode.SECOND_WRITER, sentence, axis))
                 self._port.report()
 
     def complete(self, received_ns: int = 0) -> None:
@@ -181,7 +183,7 @@ class CyclicOperation:
             if cycle == state.ends:
                 state.answered(cycle)
                 self._port.report()
-            if self._axes.absent and state.without_torque:
+            if state.fault and self._axes.absent and state.without_torque:
                 self._fall(state.fault)
                 return
         if not self.scheduler.period_s and self.running:

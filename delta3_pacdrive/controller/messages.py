@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Self, TypeVar, get_args, get_type_hints
 
-from delta3_pacdrive.errors import Code, TelegramError, shown
+from delta3_pacdrive.errors import Code, Reason, RobotFault, TelegramError, shown
 
 TEXT_MAX = 100  # characters of a name
 SENDERS_MAX = 64  # who are remembered
@@ -62,8 +62,21 @@ def _require(value: Any, kind: Any, what: str) -> None:
         raise TelegramError(f'{what} is {shown(value)}, which is out of range')
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Refusing(_Message):
+    """A message that may refuse tells the fault that it refuses because of, as ``RobotFault.facts`` does."""
+
+    fault_code: str = ''
+    fault_number: int = 0
+    fault_source: str = ''
+    fault_cycle: int = 0
+
+    def _reason(self, code: str, sentence: str) -> Reason:
+        return Reason(Code.of(code), sentence, RobotFault.of(vars(self), sentence))
+
+
 @dataclass(frozen=True)
-class Status(_Message):
+class Status(_Refusing):
     """What the transformation task tells the planner, ``motion/status``; the newest counts.
 
     Attributes
@@ -117,6 +130,11 @@ class Status(_Message):
     checked: int
     cycle: int
 
+    @property
+    def reason(self) -> Reason | None:
+        """Why no order would be taken now, None if one would."""
+        return self._reason(self.refusal_code, self.refusal) if self.refusal else None
+
 
 @dataclass(frozen=True)
 class Verdict(_Message):
@@ -163,7 +181,7 @@ class Request(_Message):
 
 
 @dataclass(frozen=True)
-class Reply(_Message):
+class Reply(_Refusing):
     """What became of a request; ``done`` is False while it is still being worked on, and the sentence says how far."""
 
     operator: str
@@ -173,6 +191,11 @@ class Reply(_Message):
     code: str
     sentence: str
     control: int = 0
+
+    @property
+    def reason(self) -> Reason | None:
+        """Why the request was refused, None if it was not."""
+        return None if self.accepted else self._reason(self.code, self.sentence)
 
 
 @dataclass(frozen=True)

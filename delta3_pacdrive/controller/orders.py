@@ -22,7 +22,7 @@ from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.errors import Code, ProgramError, Reason, TelegramError, shown
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault, TelegramError, shown
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.parameters import Parameters
@@ -133,6 +133,7 @@ class Orders:
             self._order,
             self._intake.checked,
             next_cycle,
+            **RobotFault.facts(refusal.fault if refusal else None),
         )
 
     def profile_label(self) -> str:

@@ -124,8 +124,7 @@ class Planner:
     @property
     def _refusal(self) -> Reason | None:
         """Why the transformation task would take no order now."""
-        status = self.status
-        return Reason(Code.of(status.refusal_code), status.refusal) if status and status.refusal else None
+        return self.status.reason if self.status else None
 
     # what the task tells ----------------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from delta3_pacdrive.controller.robot_actions import Said
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.task_arrays import FOLLOWING_ERROR, TCP_ACTUAL
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.errors import Code, Reason, UnreachableError
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.parameters import Parameters
@@ -174,8 +174,8 @@ class RobotController:
             return Reason(Code.CONTENT, str(error))
         return None
 
-    def _fall(self, reason: str) -> None:
-        self._do(self.bus.fall(reason, self.next_cycle))
+    def _fall(self, fault: RobotFault) -> None:
+        self._do(self.bus.fall(fault, self.next_cycle))
 
     def _do(self, actions: Sequence[master.Action]) -> None:
         for action in actions:
@@ -189,14 +189,14 @@ class RobotController:
                         self.state.locate(self.task.state['tcp'][0], cycle)
                 case master.Begin(cycle):
                     self._begin(cycle)
-                case master.GiveUp(reason, session):
-                    self._give_up(reason, session)
-                case master.Note(reason):
-                    self.state.note(reason)
-                case master.Stop(reason):
-                    self.state.stop(reason)
-                case master.Drop(index, reason):
-                    self._drop(index, reason)
+                case master.GiveUp(fault, session):
+                    self._give_up(fault, session)
+                case master.Note(fault):
+                    self.state.note(fault)
+                case master.Stop(fault):
+                    self.state.stop(fault)
+                case master.Drop(index, fault):
+                    self._drop(index, fault)
                 case master.Wait(waiting):
                     self.state.actions.append(Said(str(waiting)))
         if any(isinstance(action, (master.GiveUp, master.Stop, master.Drop)) for action in actions):
@@ -212,21 +212,21 @@ class RobotController:
         if self._start_s is None:
             self._start_s = self.cycles.last_answer_s
 
-    def _give_up(self, reason: str, session: bytes) -> None:
+    def _give_up(self, fault: RobotFault, session: bytes) -> None:
         self.cycles.running = False
         self.axes.begin()
         self.services.close()
-        self.state.lose_bus(reason)
+        self.state.lose_bus(fault)
         self.wait_for_program = False
         self.orders.begin_session(session.decode())
 
-    def _drop(self, index: int, reason: str) -> None:
+    def _drop(self, index: int, fault: RobotFault) -> None:
         """Go on without a drive, to a stop; then the phase falls."""
         self.axes.drop(index)
         self.cycles.answers.drop(index)
-        self.state.stop(reason, hard=True)
+        self.state.stop(fault, hard=True)
         if len(self.axes.absent) == len(DRIVES):
-            self._fall(reason)
+            self._fall(fault)
         else:
             self.cycles.complete()
 
@@ -235,10 +235,13 @@ class RobotController:
     def look(self, now_s: float) -> None:
         """Look whether everybody is still there who should be."""
         self._look_for_drives(now_s)
-        reason = self.orders.look(now_s)
-        if reason is not None:
+        lost = self.orders.look(now_s)
+        if lost is not None:
             # nobody could change the motion profile of the program any more
-            self.state.stop(f'{reason}, in bus cycle {self.answered}')
+            silent = lost.code is Code.SILENT
+            code = FaultCode.PLANNER_SILENT if silent else FaultCode.PLANNER_RESTARTED
+            sentence = f'{lost}, in bus cycle {self.answered}'
+            self.state.stop(RobotFault(code, sentence, UNIT_ROBOT, cycle=self.answered))
         self.state.look()
 
     def _look_for_drives(self, now_s: float) -> None:
@@ -267,8 +270,8 @@ class RobotController:
             'session': self.bus.session.decode(),
             'phase': self.bus.phase.name,
             'waiting': str(self.bus.waiting or ''),
-            'fault': state.fault,
-            'fault_cycle': state.fault_cycle,
+            'fault': str(state.fault or ''),
+            **RobotFault.facts(state.fault),
             'state': str(state.motion),
             'finished': state.finished,
             'in_torque': state.in_torque,

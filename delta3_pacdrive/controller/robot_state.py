@@ -4,6 +4,7 @@ Pure: requests, orders and answers of bus cycles come in as calls, what has to b
 This is the only owner of enabling, stops and faults; ``Transformation`` carries them out in the right bus cycle.
 """
 
+from dataclasses import replace
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
@@ -23,7 +24,7 @@ from delta3_pacdrive.controller.robot_actions import (
 )
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
-from delta3_pacdrive.errors import Code, ProgramError, Reason, UnreachableError
+from delta3_pacdrive.errors import Code, FaultCode, ProgramError, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -72,8 +73,8 @@ class RobotState:
         What has to be done, in this order; whoever does it takes them away.
     motion
         What is done with the TCP.
-    fault, fault_cycle
-        First cause of a fault, as a sentence (empty while there is none), and the bus cycle in which it was found.
+    fault
+        First cause of a stop, None while there is none.
     starts, ends
         Cycle at which the program begins, and the last one whose answer belongs to it (``NEVER`` while none is under
         way or it is held).
@@ -88,7 +89,7 @@ class RobotState:
         self._bus, self._task, self._axes = bus, task, axes
         self.actions: list[Action] = []
         self.motion = MotionState.IDLE
-        self.fault, self.fault_cycle = '', 0
+        self.fault: RobotFault | None = None
         self.starts = self.ends = NEVER
         self.finished = False
         self.located = 0
@@ -125,7 +126,7 @@ class RobotState:
     def refusal(self) -> Reason | None:
         """Say why no program can be started now, None if one can."""
         if self.fault:
-            return Reason(Code.FAULT, f'there is a fault: {self.fault}')
+            return Reason(Code.FAULT, f'there is a fault: {self.fault}', self.fault)
         if not self.located:
             waiting = f', {self._bus.waiting()}' if self._bus.waiting() else ''
             return Reason(
@@ -282,53 +283,54 @@ class RobotState:
 
     # faults ---------------------------------------------------------------------------------------------------------
 
-    def note(self, reason: str, cycle: int | None = None) -> None:
-        """Keep the first cause of a fault and say it; the program is given up, only a reset leads out."""
-        if self.fault:
+    def note(self, fault: RobotFault) -> None:
+        """Keep the first cause of a stop and say it; the program is given up, only a reset leads out."""
+        if self.fault is not None:
             return
-        self.fault = reason
-        self.fault_cycle = self._bus.answered if cycle is None else cycle
-        self.actions.append(Said(reason, error=True))
+        self.fault = fault if fault.cycle >= 0 else replace(fault, cycle=self._bus.answered)
+        self.actions.append(Said(fault.sentence, error=True))
         self.starts = self.ends = self._due = NEVER
         self._aborting = False
         self._enter(Event.FAIL)
 
-    def stop(self, reason: str, hard: bool = False) -> None:
+    def stop(self, fault: RobotFault, hard: bool = False) -> None:
         """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
         self._task.stop_at(0, hard)
-        self.note(reason)
+        self.note(fault)
 
     def stop_for(self, stop: Stop) -> None:
         """Stop as the evaluation of a bus cycle asks, and ask faulty drives for the cause."""
-        if not self.fault:
+        if self.fault is None:
             self._reporting = stop.drive
             self.actions.extend(Asked(index, DIAGNOSTIC_NUMBER) for index in self._axes.faulty())
         self._task.stop_at(stop.first, stop.hard)
-        self.note(stop.reason, stop.cycle)
+        self.note(stop.fault)
 
-    def lose_bus(self, reason: str) -> None:
+    def lose_bus(self, fault: RobotFault) -> None:
         """Give everything up that needs cyclic operation, which has ended."""
-        self.note(reason)
+        self.note(fault)
         self._task.give_up()
         if self._reset.happen(ResetEvent.LOSE_BUS):
-            self._answer_reset(Reason(Code.BUS, f'the bus has fallen: {reason}'))
+            self._answer_reset(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
 
     def drive_answered(self, index: int, access: Access, answer: Answer) -> None:
         """Take what a drive has answered to ``Asked``."""
         if access == RESET_CLASS_1:
             self._take_reset_answer(index, answer)
         elif answer.error == 0:
-            fault = FAULT_OF_NUMBER.get(int(answer.value))
-            if fault and self.fault and index == self._reporting:
-                self.fault += f': {fault_text(fault)}'
-                self.actions.append(Said(self.fault, error=True))
+            number = int(answer.value)
+            told = FAULT_OF_NUMBER.get(number)
+            if told and self.fault and index == self._reporting:
+                sentence = f'{self.fault}: {fault_text(told)}'
+                self.fault = replace(self.fault, sentence=sentence, number=number)
+                self.actions.append(Said(sentence, error=True))
 
     # requests -------------------------------------------------------------------------------------------------------
 
     def enable(self) -> Reason | str:
         """Enable the drives; returns why not, or from which cycle on."""
         if self.fault:
-            return Reason(Code.FAULT, f'not after a fault: {self.fault}')
+            return Reason(Code.FAULT, f'not after a fault: {self.fault}', self.fault)
         if self._bus.closed():
             return Reason(Code.BUS, f'the drives cannot be enabled, {self._bus.closed()}')
         if self.enabled:
@@ -343,7 +345,8 @@ class RobotState:
         """Disable the drives, after a stop on the path if the TCP moves; returns when."""
         cycle = self._bus.next_cycle
         if self.motion in (MotionState.MOVING, MotionState.STOPPING):
-            self.stop(f'disabled by the operator in motion, in bus cycle {cycle}')
+            sentence = f'disabled by the operator in motion, in bus cycle {cycle}'
+            self.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
             return f'stops on its path from bus cycle {cycle} on'
         if self.fault:
             return 'the fault has taken the torque off, or will as soon as the TCP stands'
@@ -370,8 +373,8 @@ class RobotState:
 
     def emergency_stop(self) -> str:
         """Stop on the path, then take the torque off (stop category 1); returns the first cause of a stop."""
-        self.stop(emergency_stop(self._bus.next_cycle).reason)
-        return self.fault
+        self.stop(emergency_stop(self._bus.next_cycle).fault)
+        return str(self.fault)
 
     def reset(self, request: Any) -> Reason | None:
         """Clear the faults of all drives (S-0-0099); returns why not, else the answer to the request follows."""
@@ -381,7 +384,7 @@ class RobotState:
             return Reason(Code.STATE, 'faults are being cleared already')
         if self._bus.closed():
             waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
-            return Reason(Code.BUS, f'cannot be cleared now: {self.fault}{waiting}')
+            return Reason(Code.BUS, f'cannot be cleared now: {self.fault}{waiting}', self.fault)
         self._reset.begin(request)
         self.look()
         return None
@@ -401,14 +404,14 @@ class RobotState:
         """Stand ready where the motors are, now that the drives have cleared their faults; returns why not."""
         if self._reset.errors:
             errors = '; '.join(self._reset.errors)
-            return Reason(Code.FAULT, f'{errors}; the cause may last: {self.fault}')
+            return Reason(Code.FAULT, f'{errors}; the cause may last: {self.fault}', self.fault)
         if self.in_torque:
             return Reason(Code.STATE, 'a drive is in torque still')
         try:
             tcp = self._task.locate(self._axes.positions)
         except UnreachableError as error:
-            return Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}')
-        self.fault, self._reporting = '', None
+            return Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}', self.fault)
+        self.fault = self._reporting = None
         self._axes.clear_losses()
         self._task.give_up()
         self._aborting = False

@@ -14,11 +14,21 @@ from delta3_pacdrive.ros.publishers import Output
 
 DIAGNOSTICS_S = 1.0
 # what ``motion/progress`` tells at least
-_TEXTS = ('session', 'phase', 'waiting', 'fault', 'state', 'operator', 'operator_identity')
+_TEXTS = (
+    'session',
+    'phase',
+    'waiting',
+    'fault',
+    'fault_code',
+    'fault_source',
+    'state',
+    'operator',
+    'operator_identity',
+)
 _FLAGS = ('finished', 'in_torque', 'enabled')
 _NUMBERS = (
-    'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s', 'master_m',
-    'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
+    'fault_number', 'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s',
+    'master_m', 'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
     'lost_telegrams', 'repeated_telegrams', 'control',
 )  # fmt: skip
 _TYPES: dict[str, tuple[type, ...]] = (

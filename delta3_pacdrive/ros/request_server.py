@@ -5,7 +5,7 @@ from collections.abc import Callable
 from std_msgs.msg import String
 
 from delta3_pacdrive.controller.messages import LastReplies, Numbering, Reply, Request, refuse_recording
-from delta3_pacdrive.errors import Reason, TelegramError, shown
+from delta3_pacdrive.errors import Reason, RobotFault, TelegramError, shown
 from delta3_pacdrive.ros.interfaces import Topic
 from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
 
@@ -63,7 +63,10 @@ class RequestServer:
     def reply(self, request: Request, reason: Reason | None, sentence: str, done: bool = True) -> None:
         """Tell what became of a request, or how far it is."""
         code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
-        reply = Reply(request.operator, request.number, done, reason is None, code, text, self._changes())
+        fault = RobotFault.facts(reason.fault if reason else None)
+        reply = Reply(
+            request.operator, request.number, done, reason is None, code, text, self._changes(), **fault
+        )
         self._publish(reply)
         if done:
             self._last_replies.keep(reply)

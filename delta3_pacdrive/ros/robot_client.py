@@ -21,7 +21,6 @@ from delta3_pacdrive.controller.service_texts import parse_answer, split_mark
 from delta3_pacdrive.errors import (
     Code,
     ProgramError,
-    Reason,
     RefusedError,
     RunError,
     RunInterruptedError,
@@ -224,8 +223,8 @@ class OperatorNode(PollingNode):
             raise
         reply = self._reply
         self._control = max(self._control, reply.control)
-        if not reply.accepted:
-            raise RefusedError(Reason(Code.of(reply.code), reply.sentence))
+        if reply.reason is not None:
+            raise RefusedError(reply.reason)
         return reply.sentence
 
     def _take_back(self, whom: str, request: Request) -> None:

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos import losses
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.losses import LOSSES_IN_A_ROW, Losses, count_telegrams
+from delta3_pacdrive.sercos.losses import LOSSES_IN_A_ROW, NO_ANSWER, Losses, count_telegrams
 from delta3_pacdrive.sercos.words import Status, in_torque
 
 FOLLOWS = int(Status.FOLLOWS_COMMAND)
@@ -31,7 +32,7 @@ class AxisFault:
 
     Attributes
     ----------
-    sentence
+    fault
         Which axis, what it tells, and in which bus cycle.
     not_following
         Whether the axis does not follow its commands any more: bit 3 of S-0-0135 is off beside its fault.
@@ -40,7 +41,7 @@ class AxisFault:
 
     """
 
-    sentence: str
+    fault: RobotFault
     not_following: bool = False
     drive: int | None = None
 
@@ -151,7 +152,8 @@ class AxisMonitor:
             if too_many(self._recent[index]):
                 in_a_row = self._recent[index].losses_in_a_row >= LOSSES_IN_A_ROW
                 many = 'two AT lost in a row' if in_a_row else 'ten AT lost in a window'
-                return AxisFault(f'{axis}: {many} in bus cycle {cycle} (8506)')
+                sentence = f'{axis}: {many} in bus cycle {cycle} ({NO_ANSWER})'
+                return AxisFault(RobotFault(FaultCode.ANSWER_LOST, sentence, axis, NO_ANSWER, cycle))
         if self.status == self._checked and cycle != program_starts:
             return None
         self._checked = list(self.status)
@@ -160,7 +162,10 @@ class AxisMonitor:
             if index in self.absent:
                 continue
             if status & ERROR:
-                return AxisFault(f'{axis} reports a fault in bus cycle {cycle}', not status & FOLLOWS, index)
+                sentence = f'{axis} reports a fault in bus cycle {cycle}'
+                fault = RobotFault(FaultCode.DRIVE, sentence, axis, cycle=cycle)
+                return AxisFault(fault, not status & FOLLOWS, index)
             if cycle >= program_starts and not in_torque(status):
-                return AxisFault(f'{axis} is not enabled in bus cycle {cycle}, in which a program runs')
+                sentence = f'{axis} is not enabled in bus cycle {cycle}, in which a program runs'
+                return AxisFault(RobotFault(FaultCode.NOT_ENABLED, sentence, axis, cycle=cycle))
         return None

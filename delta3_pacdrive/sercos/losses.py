@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from delta3_pacdrive.numerics.kernel import kernel
 
 LOSSES_IN_A_ROW, LOSSES_IN_WINDOW = 2, 10
+NO_ANSWER = 8506  # diagnostic message of the master that misses answers
 CLEARING_CYCLES = 100
 
 

@@ -5,10 +5,10 @@ left when nothing is left that it waits for; ``TRANSITIONS`` says where to, and 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.sercos.configuration_check import (
     DRIVES,
     PARTICIPANTS,
@@ -17,6 +17,7 @@ from delta3_pacdrive.sercos.configuration_check import (
     disagreements,
     missing,
 )
+from delta3_pacdrive.sercos.losses import NO_ANSWER
 from delta3_pacdrive.sercos.participants import Announcement, Participants
 from delta3_pacdrive.sercos.telegrams import new_session
 from delta3_pacdrive.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
@@ -72,9 +73,9 @@ class Begin:
 
 @dataclass(frozen=True)
 class GiveUp:
-    """Everything that needs cyclic operation is given up, which has ended for a reason; a new session begins."""
+    """Everything that needs cyclic operation is given up, which a fault has ended; a new session begins."""
 
-    reason: str
+    fault: RobotFault
     session: bytes
 
 
@@ -82,14 +83,14 @@ class GiveUp:
 class Note:
     """A fault is noted."""
 
-    reason: str
+    fault: RobotFault
 
 
 @dataclass(frozen=True)
 class Stop:
     """The robot stops for a fault that leaves the bus working."""
 
-    reason: str
+    fault: RobotFault
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class Drop:
     """The bus goes on without a drive."""
 
     index: int
-    reason: str
+    fault: RobotFault
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,7 @@ class BusMaster:
         if self.phase != Phase.CP0 and disagreement is None:
             actions.append(Greet(self.phase, self.session))
         if disagreement is not None:
-            return [*actions, Note(disagreement.sentence)]
+            return [*actions, Note(disagreement)]
         waiting = self._obstacle(doubled)
         if waiting != self.waiting:
             self.waiting = waiting
@@ -210,18 +211,18 @@ class BusMaster:
         if waiting is not None:
             self._looks_in_vain += 1
         elif self.phase == Phase.CP2 and (nowhere := self._locate([self._resting[n] for n in range(3)])):
-            actions.append(Note(nowhere.sentence))
+            actions.append(Note(RobotFault(FaultCode.PLACE, nowhere.sentence)))
         elif ready or self.phase != Phase.CP3:
             actions += self._take(ONWARD[self.phase], next_cycle)
         return actions
 
-    def _disagreement(self) -> Reason | None:
+    def _disagreement(self) -> RobotFault | None:
         """Say who rests on something else than the master, which matters from CP2 on."""
         if self.phase < Phase.CP2:
             return None
         present = {name: self._participants.identities[name] for name in PARTICIPANTS}
         sentences = disagreements(self._identity, present)
-        return Reason(Code.CONTENT, '; '.join(sentences)) if sentences else None
+        return RobotFault(FaultCode.PARAMETERS, '; '.join(sentences)) if sentences else None
 
     def _obstacle(self, doubled: Reason | None) -> Reason | None:
         """Say what the present phase waits for."""
@@ -256,14 +257,15 @@ class BusMaster:
         if not self._participants.announced(announcement):
             return []
         name = announcement.name
-        reason = f'{name} was started again, or has left the bus, in bus cycle {answered}'
-        return self.fall(reason, next_cycle) if name == PLANT else [Stop(reason)]
+        sentence = f'{name} was started again, or has left the bus, in bus cycle {answered}'
+        fault = RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, name, cycle=answered)
+        return self.fall(fault, next_cycle) if name == PLANT else [Stop(fault)]
 
     # cyclic operation -------------------------------------------------------------------------------------------------
 
-    def fall(self, reason: str, next_cycle: int) -> list[Action]:
+    def fall(self, fault: RobotFault, next_cycle: int) -> list[Action]:
         """Let the phase fall to CP0, from where the bus comes up again as soon as everybody is there."""
-        return self._take(Event.FALL, next_cycle, reason) if self.cyclic else [Note(reason)]
+        return self._take(Event.FALL, next_cycle, fault) if self.cyclic else [Note(fault)]
 
     def missed(
         self, silent: Sequence[int], silence_s: float, ahead: int, next_cycle: int, answered: int
@@ -283,15 +285,17 @@ class BusMaster:
 
         """
         names = ', '.join(DRIVES[index] for index in silent)
-        reason = f'no AT of {names} for {silence_s:.1f} s in bus cycle {answered} (8506)'
+        sentence = f'no AT of {names} for {silence_s:.1f} s in bus cycle {answered} ({NO_ANSWER})'
+        fault = RobotFault(FaultCode.ANSWER_LOST, sentence, names, NO_ANSWER, answered)
         if silence_s > ANSWER_SILENT_S and ahead > AHEAD:
-            return [Drop(index, reason) for index in silent]
+            return [Drop(index, fault) for index in silent]
         if silence_s > BUS_SILENT_S:
             # where nobody can go on, or nobody may, the plant is as good a guess as the drives
-            return self.fall(f'{reason}: is the plant running?', next_cycle)
+            guess, source = f'{sentence}: is the plant running?', ', '.join((names, PLANT))
+            return self.fall(replace(fault, sentence=guess, source=source), next_cycle)
         return []
 
-    def _take(self, event: Event, next_cycle: int, reason: str = '') -> list[Action]:
+    def _take(self, event: Event, next_cycle: int, fault: RobotFault | None = None) -> list[Action]:
         """Let an event happen, which has a row in the present phase; return what it brings about."""
         self.phase, acts = TRANSITIONS[self.phase, event]
         self.cyclic = self.phase == Phase.CP4
@@ -307,6 +311,7 @@ class BusMaster:
             Announce: Announce(self.phase, self.session, start, entered=True),
             Stand: Stand(first),
             Begin: Begin(first),
-            GiveUp: GiveUp(reason, self.session),
         }
+        if fault is not None:
+            values[GiveUp] = GiveUp(fault, self.session)
         return [values[act] for act in acts]

@@ -263,7 +263,7 @@ class CyclicOperation:
                 self._stop(emergency_stop(cycle))
 
     def _stop(self, stop: Stop, cause: str = '') -> None:
-        self.stopped = self.stopped or stop.reason + cause
+        self.stopped = self.stopped or f'{stop.fault}{cause}'
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:

@@ -1,17 +1,19 @@
 """An operator without hands: stays with a robot and gets it going again whatever has happened, as people do."""
 
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from delta3_pacdrive.bringup.bringup import Bringup
-from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, RefusedError, RobotFault, RunError
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import PLANT
 
 # wall time in which everything has to be as before, also on a machine that has other things to do
 PATIENCE_S = 60.0
+THERE_M = 1e-4  # by which a robot that stands at a place may be off it: it need not move there
 ATTEMPTS = 3  # a fault may be injected while the last one is overcome
 RESET_S = 1.0  # wall time after which a reset is tried again
 RECOVERY_M_S = 1.0
@@ -98,8 +100,8 @@ class AutomatedOperator:
             self.wait(lambda: self.fresh()['in_torque'], 'torque')
         try:
             self.drive([{'move_l': {'to_m': list(home_m), 'speed_m_s': RECOVERY_M_S}}])
-        except ProgramError as error:
-            if 'already stands' not in str(error):
+        except ProgramError:
+            if math.dist(self.progress['tcp_m'], home_m) > THERE_M:
                 raise
         self.wait(lambda: operator.state in ('idle', 'error'), 'end of the motion')
 
@@ -135,12 +137,18 @@ class AutomatedOperator:
                 self.operator.send_program(document)
                 return
             except (RunError, ProgramError) as error:
-                unheard = isinstance(error, RunError) or 'has not located' in str(error)
+                refused = error.reason.code if isinstance(error, RefusedError) else None
+                unheard = isinstance(error, RunError) or refused is Code.BUS
                 if not unheard or time.monotonic() > deadline:
                     raise
                 self.fresh()
 
-    def observe(self, seconds: float) -> str:
+    @property
+    def fault(self) -> RobotFault | None:
+        """The fault that has stopped the robot, as it said last."""
+        return RobotFault.of(self.progress, self.progress['fault'])
+
+    def observe(self, seconds: float) -> RobotFault | None:
         """Wait until a fault has stopped the robot, or some bus time is over and nothing moves; return the fault."""
         started: float | None = None  # bus time since which the bus is in cyclic operation
         over = time.monotonic() + PATIENCE_S
@@ -157,7 +165,7 @@ class AutomatedOperator:
             passed = 0.0 if started is None else progress['bus_time_s'] - started
             if passed > seconds and self.operator.state != 'moving':
                 break
-        return str(self.progress['fault'])
+        return self.fault
 
 
 def run_operated(bringup: Bringup, operate: Callable[[], None]) -> None:

@@ -6,6 +6,7 @@ import pytest
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_stop
 from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Status
@@ -56,7 +57,8 @@ def test_answers_of_drives_that_do_well_stop_nobody_and_are_evaluated(controller
 def test_a_fault_stops_the_robot_when_all_commands_that_are_out_are_over(controller, robot):
     stop = controller.evaluate(7, (FOLLOWS, FAULT_ON_PATH, FOLLOWS))
     first = 7 + robot.bus.outstanding_cycles_max
-    assert stop == Stop('axis2 reports a fault in bus cycle 7', 7, first, hard=False, drive=1)
+    fault = RobotFault(FaultCode.DRIVE, 'axis2 reports a fault in bus cycle 7', 'axis2', cycle=7)
+    assert stop == Stop(fault, first, hard=False, drive=1)
 
 
 def test_an_axis_that_does_not_follow_makes_the_stop_hard_also_when_one_is_under_way(controller):
@@ -72,8 +74,9 @@ def test_a_robot_that_is_stopped_is_not_stopped_again_by_an_axis_that_follows(co
 
 def test_one_lost_answer_stops_nobody_and_the_second_in_a_row_does(controller):
     assert controller.evaluate(0, lost=[0]) is None
-    assert 'two AT lost in a row' in controller.evaluate(1, lost=[0]).reason
+    assert 'two AT lost in a row' in controller.evaluate(1, lost=[0]).fault.sentence
 
 
 def test_an_emergency_stop_begins_with_the_command_of_its_cycle():
-    assert emergency_stop(40) == Stop('emergency stop in bus cycle 40', 40, 40, hard=False)
+    fault = RobotFault(FaultCode.EMERGENCY_STOP, 'emergency stop in bus cycle 40', cycle=40)
+    assert emergency_stop(40) == Stop(fault, 40, hard=False)

@@ -9,10 +9,10 @@ import pytest
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.robot_actions import Entered
 from delta3_pacdrive.controller.robot_state import DISPLACED_M, ENABLE_FIRST
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 
 LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'
-FAULT = 'something is broken'
+FAULT = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
 
 
 def moving(rig: Any) -> None:
@@ -106,7 +106,7 @@ def test_what_is_not_in_the_table_is_refused_and_changes_nothing(
     elif event == Event.START:
         accepted, sentence = rig.ask('program', LINE)
         assert not accepted
-        assert str(state) in sentence or FAULT in sentence
+        assert str(state) in sentence or FAULT.sentence in sentence
         assert not rig.ask('start')[0]
     elif event == Event.RESET:
         assert rig.do('reset') == (False, 'there is no fault')
@@ -153,7 +153,7 @@ def test_a_program_that_is_held_survives_disabling_and_goes_on_when_it_is_enable
     stood = rig.task.state['tcp'][0].copy()
     assert rig.do('disable')[0]
     rig.run(100)
-    assert (rig.state.motion, rig.state.fault, rig.state.in_torque) == ('stopped', '', False)
+    assert (rig.state.motion, rig.state.fault, rig.state.in_torque) == ('stopped', None, False)
     assert rig.ask('resume') == (False, ENABLE_FIRST)
     rig.enable()
     assert rig.ask('resume') == (True, 'resumed')
@@ -222,7 +222,7 @@ def test_a_reset_is_answered_when_the_bus_falls_meanwhile(rig: Any) -> None:
     rig.do('emergency_stop')
     answers: list[Any] = []
     rig.state.reset(lambda *answer: answers.append(answer))
-    rig.state.lose_bus('nobody is there')
+    rig.state.lose_bus(RobotFault(FaultCode.ANSWER_LOST, 'nobody is there'))
     rig.settle()
     assert [reason.code for reason, _ in answers] == [Code.BUS]
 
@@ -232,7 +232,7 @@ def test_nothing_is_enabled_after_a_fault_nor_outside_cyclic_operation(rig: Any)
     assert rig.state.enable() == Reason(Code.BUS, 'the drives cannot be enabled, the bus is in CP0')
     rig.in_cyclic_operation = True
     failed(rig)
-    assert rig.state.enable() == Reason(Code.FAULT, f'not after a fault: {FAULT}')
+    assert rig.state.enable() == Reason(Code.FAULT, f'not after a fault: {FAULT}', FAULT)
     assert not rig.state.enabled
 
 
@@ -248,7 +248,7 @@ def test_a_robot_that_is_disabled_in_motion_stops_on_its_path_and_says_who_did_i
     accepted, sentence = rig.do('disable')
     assert accepted
     assert sentence.startswith('stops on its path from bus cycle')
-    assert rig.state.fault.startswith('disabled by the operator in motion')
+    assert rig.state.fault.code is FaultCode.DISABLED
     rig.run(300)
     assert not rig.state.in_torque
     assert abs(rig.task.state['tcp'][0][1]) < 1e-9

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.errors import FaultCode, RobotFault
+
 SEQUENCES = int(os.environ.get('DELTA3_SEQUENCES', '300'))
 LENGTH = 50
 # the first and the last lead anywhere but beyond the workspace; short, so that they end within a sequence
@@ -44,7 +46,7 @@ class Sequence:
             rig.control.release(chance.choice('AB'))
             rig.tell()
         elif kind < 0.86:
-            rig.state.stop('a fault that somebody has injected')
+            rig.state.stop(RobotFault(FaultCode.DISABLED, 'a fault that somebody has injected'))
             rig.settle()
             rig.tell()
         else:

@@ -83,7 +83,7 @@ def test_losses_of_before_are_no_evidence(catalogue: Catalogue) -> None:
 def test_a_fault_that_stops_the_robot_is_timed_and_measured(catalogue: Catalogue) -> None:
     found = outcome_of(catalogue, State.MOVING, '8171', fault='encoder_failure', axis='axis3')
     assert found.as_expected, found
-    assert '8171' in found.reported
+    assert (found.reported.code, found.reported.number) == ('drive', 8171)
     assert 0.0 <= (found.detected_s or 0.0) <= 0.002
     assert 1e-4 < found.deviation_m < 0.03
     assert not found.exercised

@@ -46,12 +46,12 @@ def test_two_lost_in_a_row_are_8506_and_two_apart_are_not(master):
     master.extrapolate(2)
     assert master.check(9, NEVER) is None
     master.extrapolate(2)
-    assert master.check(10, NEVER).sentence == 'axis3: two AT lost in a row in bus cycle 10 (8506)'
+    assert master.check(10, NEVER).fault.sentence == 'axis3: two AT lost in a row in bus cycle 10 (8506)'
 
 
 def test_a_status_with_error_is_told_once_and_names_axis_and_cycle(master):
     master.accept(0, (1.0, 2.0, 3.0), FOLLOWS | int(Status.ERROR))
-    assert master.check(4, NEVER).sentence == 'axis1 reports a fault in bus cycle 4'
+    assert master.check(4, NEVER).fault.sentence == 'axis1 reports a fault in bus cycle 4'
     assert master.faulty() == [0]
     assert master.check(5, NEVER) is None
 
@@ -59,7 +59,10 @@ def test_a_status_with_error_is_told_once_and_names_axis_and_cycle(master):
 def test_a_program_needs_torque_from_its_first_cycle_on(master):
     master.accept(1, (1.0, 2.0, 3.0), int(Status.READY_TO_ENABLE))
     assert master.check(99, 100) is None
-    assert master.check(100, 100).sentence == 'axis2 is not enabled in bus cycle 100, in which a program runs'
+    assert (
+        master.check(100, 100).fault.sentence
+        == 'axis2 is not enabled in bus cycle 100, in which a program runs'
+    )
 
 
 def test_an_absent_axis_is_neither_checked_nor_counted(master):
@@ -249,7 +252,7 @@ def test_ten_answers_lost_one_by_one_in_a_window_are_a_fault_nine_are_not(master
             master.extrapolate(1)
         said.append(master.check(cycle, 10**6))
     assert said[:18] == [None] * 18
-    assert said[18].sentence == 'axis2: ten AT lost in a window in bus cycle 18 (8506)'
+    assert said[18].fault.sentence == 'axis2: ten AT lost in a window in bus cycle 18 (8506)'
     master.clear_losses()
     master.accept(1, [0.0, 0.0, 0.0], FOLLOWS)
     assert master.check(40, 10**6) is None
@@ -262,7 +265,7 @@ def test_only_answers_in_a_row_make_a_loss_forgotten(master):
             master.accept(1, (1.0, 2.0, 3.0), FOLLOWS)
         assert master.check(7, NEVER) is None
     master.extrapolate(1)
-    assert master.check(8, NEVER).sentence == 'axis2: ten AT lost in a window in bus cycle 8 (8506)'
+    assert master.check(8, NEVER).fault.sentence == 'axis2: ten AT lost in a window in bus cycle 8 (8506)'
 
 
 def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
@@ -277,7 +280,10 @@ def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
 def test_an_axis_that_reports_a_fault_does_not_follow_unless_it_says_so(follows, not_following, master):
     master.accept(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
     fault = master.check(7, 10**6)
-    assert (fault.sentence, fault.not_following) == ('axis1 reports a fault in bus cycle 7', not_following)
+    assert (fault.fault.sentence, fault.not_following) == (
+        'axis1 reports a fault in bus cycle 7',
+        not_following,
+    )
 
 
 # buffer ---------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
 from delta3_pacdrive.sercos.master import (
     CALL_EVERY,
@@ -105,10 +105,13 @@ def test_a_phase_that_waits_for_nothing_goes_over_to_the_next(phase: Phase, bus:
     assert bus.master.cyclic == (goal == Phase.CP4)
 
 
+BURNS = RobotFault(FaultCode.PARTICIPANT_LEFT, 'the plant burns', 'plant')
+
+
 def test_the_last_row_falls_to_cp0_in_a_new_session(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
-    assert bus.master.fall('the plant burns', 7) == [
-        GiveUp('the plant burns', b'0002'),
+    assert bus.master.fall(BURNS, 7) == [
+        GiveUp(BURNS, b'0002'),
         Announce(Phase.CP0, b'0002', 7, True),
     ]
     assert (bus.master.phase, bus.master.cyclic) == (Phase.CP0, False)
@@ -123,7 +126,7 @@ def test_the_table_has_no_row_that_is_not_told_here() -> None:
 def test_before_cyclic_operation_nothing_falls_but_the_fault_is_noted(bus: Bus) -> None:
     for phase in ROWS:
         bus.up_to(phase)
-        assert bus.master.fall('no matter what', 0) == [Note('no matter what')]
+        assert bus.master.fall(BURNS, 0) == [Note(BURNS)]
         assert bus.master.phase == phase
 
 
@@ -182,7 +185,7 @@ def test_who_rests_on_something_else_keeps_the_bus_in_cp2_until_he_is_replaced(b
     bus.announce('axis2', OTHERS)
     for _ in range(3):
         (note,) = (action for action in bus.look() if isinstance(action, Note))
-        assert note.reason.startswith('axis2 has gear_ratio 40.0, but the master has 32.0')
+        assert note.fault.sentence.startswith('axis2 has gear_ratio 40.0, but the master has 32.0')
     assert bus.master.phase == Phase.CP2
     bus.announce('axis2', instance='second')
     bus.look()
@@ -199,7 +202,7 @@ def test_who_comes_in_cp3_with_something_else_keeps_the_bus_from_cyclic_operatio
 def test_a_place_that_is_none_keeps_the_bus_in_cp2(bus: Bus) -> None:
     bus.up_to(Phase.CP2)
     bus.nowhere = Reason(Code.CONTENT, 'arm 1 reaches no such place')
-    assert bus.look()[-1] == Note('arm 1 reaches no such place')
+    assert bus.look()[-1] == Note(RobotFault(FaultCode.PLACE, 'arm 1 reaches no such place'))
     bus.nowhere = None
     bus.look()
     assert bus.master.phase == Phase.CP3
@@ -242,7 +245,8 @@ def test_bus_time_never_goes_back(bus: Bus) -> None:
 def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_lets_the_phase_fall(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     (stop,) = bus.announce('axis2', instance='second', occasion=Occasion.STARTED)
-    assert stop == Stop('axis2 was started again, or has left the bus, in bus cycle 90')
+    sentence = 'axis2 was started again, or has left the bus, in bus cycle 90'
+    assert stop == Stop(RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, 'axis2', cycle=90))
     assert bus.announce('plant', occasion=Occasion.LEFT, session='beef') == []  # of a recording
     give_up, announce = bus.announce('plant', occasion=Occasion.LEFT)
     assert isinstance(give_up, GiveUp)
@@ -254,10 +258,12 @@ def test_the_bus_goes_on_without_a_drive_only_if_others_do(bus: Bus) -> None:
     assert bus.master.missed([1], ANSWER_SILENT_S, 5, 100, 90) == []
     assert bus.master.missed([1], ANSWER_SILENT_S + 0.1, 2, 100, 90) == []
     (drop,) = bus.master.missed([1], ANSWER_SILENT_S + 0.1, 3, 100, 90)
-    assert drop == Drop(1, 'no AT of axis2 for 0.6 s in bus cycle 90 (8506)')
+    sentence = 'no AT of axis2 for 0.6 s in bus cycle 90 (8506)'
+    assert drop == Drop(1, RobotFault(FaultCode.ANSWER_LOST, sentence, 'axis2', 8506, 90))
     assert bus.master.missed([0, 1, 2], BUS_SILENT_S, 0, 100, 90) == []
     give_up, _ = bus.master.missed([0, 1, 2], BUS_SILENT_S + 0.1, 0, 100, 90)
-    assert give_up.reason.endswith('is the plant running?')
+    assert give_up.fault.sentence.endswith('is the plant running?')
+    assert give_up.fault.sources == (*DRIVES, 'plant')
 
 
 def test_a_start_up_that_begins_anew_asks_everybody_again(bus: Bus) -> None:

@@ -14,6 +14,7 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
+from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS
 from delta3_pacdrive.ros.qos import LATCHED
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -63,26 +64,33 @@ def test_faults_lead_to_what_they_have_to_lead_to(
 
 
 def test_no_line_of_the_table_is_wider_than_100_columns() -> None:
-    sentence = 'axis2 reports a fault in bus cycle 7: 8112 telegram invalid (class 3, reaction BD2)'
+    fault = RobotFault(FaultCode.DRIVE, 'axis2 reports a fault in bus cycle 7', 'axis2', 8112, 7)
     for case in cases.cases():
-        outcome = cases.Outcome(case, 0.999, None, sentence, True, '', 0.1234, 59.9)
+        outcome = cases.Outcome(case, 0.999, None, fault, True, '', 0.1234, 59.9)
         for line in (faults.line_of(outcome.to_row() | {'ok': True}), faults.columns(faults.HEADINGS)):
             assert len(line) <= 100, line
 
 
 @pytest.mark.parametrize(
-    ('sentence', 'reaction'),
+    ('fault', 'reaction'),
     [
-        ('axis2 reports a fault in bus cycle 8460: 8171 encoder (class 3, reaction AD)', '8171 AD'),
-        ('axis1: two AT lost in a row in bus cycle 8112 (8506)', '8506 stop'),
-        ('unit_robot silent for 3.1 s, in bus cycle 8999', 'stop'),
-        ('emergency stop in bus cycle 8000', 'emergency stop'),
-        ('', 'goes on'),
+        (RobotFault(FaultCode.DRIVE, 'axis2 reports a fault', 'axis2', 8171, 8460), '8171 AD'),
+        (RobotFault(FaultCode.DRIVE, 'axis2 reports a fault', 'axis2', 8506, 8460), '8506 BD2'),
+        (
+            RobotFault(FaultCode.DRIVE, 'axis2 reports a fault', 'axis2', 0, 8460),
+            'stop',
+        ),  # not yet told which
+        (RobotFault(FaultCode.ANSWER_LOST, 'two AT lost', 'axis1', 8506, 8112), '8506 stop'),
+        (RobotFault(FaultCode.PLANNER_SILENT, 'unit_robot silent', 'unit_robot', 0, 8999), 'stop'),
+        (RobotFault(FaultCode.EMERGENCY_STOP, 'emergency stop', cycle=8000), 'emergency stop'),
+        (None, 'goes on'),
     ],
 )
-def test_the_reaction_is_read_out_of_the_sentence(sentence: str, reaction: str) -> None:
+def test_the_reaction_is_that_of_the_fault_whatever_its_sentence(
+    fault: RobotFault | None, reaction: str
+) -> None:
     case = cases.Case({'fault': 'emergency_stop'}, cases.State.MOVING)
-    assert cases.Outcome(case, reported=sentence).reaction == reaction
+    assert cases.Outcome(case, reported=fault).reaction == reaction
 
 
 def test_an_outcome_must_be_expected_seen_and_overcome() -> None:
@@ -91,7 +99,8 @@ def test_an_outcome_must_be_expected_seen_and_overcome() -> None:
     assert good.as_expected
     assert not cases.Outcome(case, recovered_s=1.0).as_expected  # nothing shows that the fault was there
     assert not cases.Outcome(case, evidence='1 lost').as_expected  # not overcome
-    assert not cases.Outcome(case, evidence='1 lost', reported='8506', recovered_s=1.0).as_expected
+    lost = RobotFault(FaultCode.ANSWER_LOST, 'two AT lost', 'axis1', 8506, 7)
+    assert not cases.Outcome(case, evidence='1 lost', reported=lost, recovered_s=1.0).as_expected
     assert not cases.Outcome(case, evidence='1 lost', recovered_s=1.0, problem='off its line').as_expected
 
 

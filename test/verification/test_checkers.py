@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State, cases
 from delta3_pacdrive.verification.fault_catalogue.runner import judge_reference
 from delta3_pacdrive.verification.fault_catalogue.signatures import (
@@ -351,7 +351,13 @@ def test_evidence_counts_from_the_fault_on():
 
 EXPECTED = Case({'fault': 'encoder_failure', 'axis': 'axis2'}, State.MOVING, '8171')
 HARMLESS = Case({'fault': 'drop_mdt', 'axis': 'axis2'}, State.MOVING)
-TOLD = 'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, reaction AD)'
+TOLD = RobotFault(
+    FaultCode.DRIVE,
+    'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, reaction AD)',
+    'axis2',
+    8171,
+    7,
+)
 
 
 @pytest.mark.parametrize(
@@ -359,7 +365,7 @@ TOLD = 'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, 
     [
         (Outcome(EXPECTED, reported=TOLD, recovered_s=1.0), True),
         (Outcome(EXPECTED, reported=TOLD), False),  # not overcome
-        (Outcome(EXPECTED, reported=TOLD.replace('8171', '8905'), recovered_s=1.0), False),
+        (Outcome(EXPECTED, reported=replace(TOLD, number=8905), recovered_s=1.0), False),
         (Outcome(EXPECTED, evidence='reads wrong', recovered_s=1.0), False),  # nothing was reported
         (Outcome(EXPECTED, reported=TOLD, recovered_s=1.0, problem='the fault missed the stop'), False),
         (Outcome(HARMLESS, evidence='1 lost', recovered_s=1.0), True),
@@ -379,7 +385,7 @@ def test_the_catalogue_says_what_each_fault_leads_to_in_each_state():
     assert every['freeze axis1 0.2 starting'].expected == '8506'
     assert every['kill transformation_task starting'].expected == ''
     assert {case.expected for case in every.values() if case.state == State.STOPPED_BY_FAULT} == {
-        'emergency stop',
+        FaultCode.EMERGENCY_STOP,
         '8506',
     }
     assert every['encoder_failure axis2 moving'].lasts

@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('sensor_msgs', reason='faults and soak drive robots of ROS nodes')
 
 from delta3_pacdrive.cli import faults, soak
+from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.verification.fault_catalogue import runner as catalogue
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
 from delta3_pacdrive.verification.soak import runner as soak_runner
@@ -19,7 +20,13 @@ def lines(capsys):
 
 
 LOST = Case({'fault': 'encoder_failure', 'axis': 'axis2'}, State.MOVING, '8171')
-TOLD = 'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, reaction AD)'
+TOLD = RobotFault(
+    FaultCode.DRIVE,
+    'axis2 reports a fault in bus cycle 7: 8171 encoder unreadable (class 3, reaction AD)',
+    'axis2',
+    8171,
+    7,
+)
 GOOD = Outcome(LOST, 0.004, 1.25, TOLD, True, '', 0.00234, 0.61, 0.00007)
 
 

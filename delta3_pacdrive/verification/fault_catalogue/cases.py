@@ -1,11 +1,11 @@
 """The catalogue: every fault in every state, and what each has to lead to."""
 
-import re
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, FAULTS
+from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
 from delta3_pacdrive.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 
@@ -32,7 +32,7 @@ class Case:
     fault
         As a request, without its time.
     expected
-        Part of the sentence about the fault that it has to lead to; empty: the robot goes on.
+        Number, code or source of the fault of the robot that it has to lead to; empty: the robot goes on.
 
     """
 
@@ -86,7 +86,7 @@ class Outcome:
     silent_s
         Wall time from the last telegram before a process was frozen or killed to the detection.
     reported
-        Sentence about the fault.
+        The fault of the robot that it led to.
     exercised
         Whether the fault showed itself only in the exercise: disable, enable, away and back.
     evidence
@@ -103,7 +103,7 @@ class Outcome:
     case: Case
     detected_s: float | None = None
     silent_s: float | None = None
-    reported: str = ''
+    reported: RobotFault | None = None
     exercised: bool = False
     evidence: str = ''
     deviation_m: float = 0.0
@@ -114,21 +114,29 @@ class Outcome:
     @property
     def as_expected(self) -> bool:
         """Whether it led to what it has to lead to, was seen, and was overcome."""
-        expected = self.case.expected
-        right = expected in self.reported if expected else not self.reported
+        right = self._right
         seen = bool(self.reported or self.evidence)
         return right and seen and self.recovered_s is not None and not self.problem
 
     @property
+    def _right(self) -> bool:
+        """Whether it led to what it has to lead to."""
+        fault, expected = self.reported, self.case.expected
+        if fault is None or not expected:
+            return fault is None and not expected
+        return expected in (str(fault.number), fault.code, *fault.sources)
+
+    @property
     def reaction(self) -> str:
-        """Message number and reaction of the sentence, or what happened else, in two words."""
-        if not self.reported:
+        """Message number and reaction to the fault, or what happened else, in two words."""
+        fault = self.reported
+        if fault is None:
             return 'goes on'
-        if self.reported.startswith('emergency stop'):
+        if fault.code is FaultCode.EMERGENCY_STOP:
             return 'emergency stop'
-        number = re.search(r'\b8\d{3}\b', re.sub(r'cycle \d+', '', self.reported))
-        reaction = re.search(r'reaction (\w+)', self.reported)
-        return f'{number.group() if number else ""} {reaction.group(1) if reaction else "stop"}'.strip()
+        told = FAULT_OF_NUMBER.get(fault.number) if fault.code is FaultCode.DRIVE else None
+        reaction = FAULTS[told].reaction.name if told else 'stop'
+        return f'{fault.number or ""} {reaction}'.strip()
 
     def to_row(self) -> dict[str, Any]:
         """Return it for a table."""
@@ -139,6 +147,8 @@ class Outcome:
             'reaction': self.reaction,
             'expected': self.case.expected,
             'ok': self.as_expected,
+            'reported': str(self.reported or ''),
+            **RobotFault.facts(self.reported),
         }
 
 
@@ -187,7 +197,7 @@ _ROWS = [
         for number, (fault, expected) in enumerate(_OF_AXES)
     ),
     _Row({'fault': 'payload_lost'}),
-    _Row({'fault': 'emergency_stop'}, 'emergency stop'),
+    _Row({'fault': 'emergency_stop'}, FaultCode.EMERGENCY_STOP),
     *(_Row({'fault': 'freeze', 'node': node, 'seconds': 0.2}, '', _STARTS) for node in NODES),
     *(
         _Row({'fault': 'freeze', 'node': node, 'seconds': HUNG_S}, expected, _STARTS)
@@ -196,7 +206,7 @@ _ROWS = [
     _Row(
         {'fault': 'freeze', 'node': UNIT_ROBOT, 'seconds': HUNG_S},
         '',
-        _STARTS | {State.MOVING: 'unit_robot silent for'},
+        _STARTS | {State.MOVING: FaultCode.PLANNER_SILENT},
     ),
     *(_Row({'fault': 'kill', 'node': node}, node, _STARTS) for node in (*DRIVES, PLANT)),
     _Row({'fault': 'kill', 'node': TASK}, '8506', {State.STOPPED_BY_FAULT: '8506', State.STARTING: ''}),
@@ -227,7 +237,7 @@ def _of_row(row: _Row) -> list[Case]:
             continue  # without cyclic operation nothing else can be injected
         expected = row.expected
         if state == State.STOPPED_BY_FAULT:
-            expected = 'emergency stop'  # the first cause stays
+            expected = FaultCode.EMERGENCY_STOP  # the first cause stays
         cases.append(Case(row.fault, state, row.otherwise.get(state, expected)))
     return cases
 

@@ -13,7 +13,7 @@ from delta3_pacdrive import dynamics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
-from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
+from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault, RunError
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
@@ -132,7 +132,7 @@ class Catalogue(FaultObserver):
         self._log.begin()
         self._first = self._failed_s = None
         self._process_fault = ''
-        notes = len(self._bringup.notes)
+        notes, processes = len(self._bringup.notes), list(self._bringup.processes())
         held = self._static_torque() if case.kind == 'payload_lost' else 0.0
         end = self._begin[case.state](self, case)
         outcome.reported = self._observe(case)
@@ -140,8 +140,9 @@ class Catalogue(FaultObserver):
         self._time_detection(case, outcome)
         if not outcome.reported:
             self._exercise(case)
-            outcome.reported = str(self.fresh()['fault'])
-            outcome.exercised = bool(outcome.reported)
+            self.fresh()
+            outcome.reported = self.fault
+            outcome.exercised = outcome.reported is not None
             outcome.deviation_m = max(
                 outcome.deviation_m, _distance_from_line(self._log.tcp(), self._home, self._away)
             )
@@ -149,27 +150,27 @@ class Catalogue(FaultObserver):
             # what can be measured has to be: a node may say that a fault begins, and nothing comes of it
             outcome.evidence = self._evidence(case, losses, repeated)
         else:
-            killed = (note for note in self._bringup.notes[notes:] if 'was killed' in note)
-            outcome.evidence = self._process_fault or next(killed, '')
+            replaced = self._bringup.notes[notes:] if processes != self._bringup.processes() else []
+            outcome.evidence = self._process_fault or '; '.join(replaced)
         if case.kind == 'payload_lost' and not outcome.reported:
             outcome.evidence = self._payload_evidence(held)
 
-    def _observe(self, case: Case) -> str:
-        """Return the sentence about the fault, if it has stopped the robot."""
+    def _observe(self, case: Case) -> RobotFault | None:
+        """Return the fault, if it has stopped the robot."""
         if case.state != State.STOPPED_BY_FAULT:
             return self.observe(OBSERVED_S + case.fault.get('for_s', 0.0))
         self.let_pass(OBSERVED_S)
         self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
         self.let_pass(EXPLANATION_S)
-        return str(self.progress['fault'])
+        return self.fault
 
     def _time_detection(self, case: Case, outcome: Outcome) -> None:
         """Note how long the detection took: in bus time, or on the wall clock if bus time stood meanwhile."""
-        if not outcome.reported or self._first is None or case.state == State.STOPPED_BY_FAULT:
+        fault = outcome.reported
+        if fault is None or self._first is None or case.state == State.STOPPED_BY_FAULT:
             return
         if case.kind not in PROCESS_FAULTS:
-            cycles = self.progress['fault_cycle'] - self._first
-            outcome.detected_s = cycles * self._robot.bus.cycle_time_s
+            outcome.detected_s = (fault.cycle - self._first) * self._robot.bus.cycle_time_s
             return
         shafts = self._log.telegrams(SHAFTS)
         before = np.flatnonzero(shafts.cycles <= self._first)

@@ -11,7 +11,7 @@ import psutil
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
-from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification.invariants import Invariants
@@ -192,7 +192,7 @@ class Soak(AutomatedOperator):
         for kind in drawn.kinds:
             figures.kinds[kind] = figures.kinds.get(kind, 0) + 1
         reported = self.observe(OBSERVED_S + drawn.last_fault_s)
-        figures.stopped += bool(reported)
+        figures.stopped += reported is not None
         if not drawn.faults:
             self._look_back(drawn, reported)
         try:
@@ -202,12 +202,12 @@ class Soak(AutomatedOperator):
             self._violate(f'not recovered: {error}', self.progress['cycles'])
             self.replace_the_machine()
             self.make_ready(HOME_M)
-        self._compare(drawn, before, complete=not reported)
+        self._compare(drawn, before, complete=reported is None)
 
-    def _look_back(self, drawn: Drawn, reported: str) -> None:
+    def _look_back(self, drawn: Drawn, reported: RobotFault | None) -> None:
         """Judge a program that nothing was to disturb."""
-        if reported:
-            self._violate(f'stopped without an injected fault: {reported}', self.progress['fault_cycle'])
+        if reported is not None:
+            self._violate(f'stopped without an injected fault: {reported}', reported.cycle)
             return
         self.let_pass(SETTLE_S)
         error, end = self._invariants.check_undisturbed(self._log.end(), drawn.end_m)
