@@ -311,7 +311,8 @@ LOCATED = Topic(
 )
 PROGRESS = Topic(
     'motion/progress', String, REPORT, (TASK,), (),
-    'JSON: state, move, master, remaining time, override, overruns, lateness, fault', '5 Hz', recorded=True,
+    'JSON: state, move, master, remaining time, override, overruns, lateness, fault and its value',
+    '5 Hz', recorded=True,
 )
 DIAGNOSTICS = Topic(
     '/diagnostics', DiagnosticArray, REPORT, (TASK, DRIVE), (),

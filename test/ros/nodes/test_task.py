@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import ProgramError, RefusedError, RobotFault
 from delta3_pacdrive.faults.fault import TASK, parse
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.ros import cdr, interfaces
@@ -71,6 +71,10 @@ def test_a_fault_is_refused_where_it_cannot_be_and_told_with_the_cycle_of_its_st
     fault = json.loads(reports[-1].data)
     assert 'axis2 reports a fault in bus cycle' in fault['fault']
     assert f'in bus cycle {fault["fault_cycle"]}' in fault['fault']
+    assert (fault['fault_code'], fault['fault_number'], fault['fault_source']) == ('drive', 8171, 'axis2')
+    with pytest.raises(RefusedError) as refused:
+        operator.enable(True)
+    assert refused.value.reason.fault == RobotFault.of(fault, f'not after a fault: {fault["fault"]}')
     assert first <= fault['fault_cycle'] <= first + 3
     assert fault['cycles'] > fault['fault_cycle']
 
