@@ -1,4 +1,7 @@
-"""Every block of the README and of the documentation runs as it stands. Pages that need a robot: ``../system``."""
+"""Every block of the README and of the documentation runs as it stands.
+
+Pages whose commands compute for long: ``test_long_pages``; those that need a robot: ``../system``.
+"""
 
 import re
 
@@ -7,7 +10,7 @@ import pytest
 import pages
 
 README_LINES_MAX = 150
-HERE = [page for page in pages.PAGES if not pages.needs_robot(page)]
+HERE = [page for page in pages.PAGES if not pages.needs_robot(page) and page not in pages.LONG]
 NAMES = [str(page.relative_to(pages.SOURCE)) for page in pages.PAGES]
 
 

@@ -21,6 +21,7 @@ PAGES = [
     SOURCE / name
     for name in ('README.md', 'CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
 ]
+LONG = [SOURCE / 'docs/tuning.md', SOURCE / 'docs/studies.md']  # their commands compute for a minute
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
 ROBOT = re.compile(

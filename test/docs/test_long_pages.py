@@ -1,0 +1,11 @@
+"""Every block of the pages whose commands compute for long runs as it stands, in a worker of its own."""
+
+import pytest
+
+import pages
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('page', pages.LONG, ids=lambda page: page.name)
+def test_every_block_of_a_long_page_runs_as_it_stands(page, tmp_path):
+    pages.run_page(page, tmp_path)
