@@ -35,6 +35,7 @@ from delta3_pacdrive.controller.program_run import (
 )
 from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.robot_state import STANDING_M
+from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
@@ -46,7 +47,6 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
-MASTER_SILENT_S = 1.0  # without a status, after which that of another master counts
 NO_CAPS = (0.0, 0.0, 0.0)
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
 ACTIONS = ('program', 'start', 'resume', 'clear', 'override', 'withdraw')
@@ -70,8 +70,6 @@ class Planner:
     ----------
     actions
         What has to be done, in this order; whoever does it takes them away.
-    status
-        The newest word of the transformation task, None before the first.
     override
         Override, 1 = as planned.
 
@@ -86,11 +84,10 @@ class Planner:
     ) -> None:
         self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
         self.actions: list[Action] = []
-        self.status: Status | None = None
         self.override = 1.0
         self._now_s = 0.0
-        self._received, self._received_s = 0, 0.0  # how many statuses came, and when the last one
-        self._serials, self._profiles = Numbering(), Numbering()
+        self._task = TaskStatus()
+        self._profiles = Numbering()
         self._here: Floats | None = None
         self._mirrored: MotionState | None = None
 
@@ -105,6 +102,11 @@ class Planner:
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
 
     # what is known ----------------------------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> Status | None:
+        """The newest word of the transformation task, None before the first."""
+        return self._task.newest
 
     @property
     def motion(self) -> MotionState:
@@ -131,17 +133,10 @@ class Planner:
     def receive_status(self, status: Status, now_s: float) -> bool:
         """Take the word of the transformation task; False for what is old or comes from elsewhere."""
         self._now_s = now_s
-        if status.state not in {str(state) for state in MotionState}:
-            return False
         before = self.status
+        if not self._task.take(status, now_s):
+            return False
         anew = before is None or status.session != before.session
-        foreign = anew and before is not None and status.previous != before.session
-        if foreign and now_s - self._received_s < MASTER_SILENT_S:
-            # another master, or a recording: believed when the present one says nothing any more
-            return False
-        if not self._serials.is_new(status.session, status.serial):
-            return False
-        self.status, self._received, self._received_s = status, self._received + 1, now_s
         if anew:
             self._begin_session()
         elif before is not None and status.losses != before.losses and not self._starts_by_itself:
@@ -247,7 +242,7 @@ class Planner:
         self._now_s = now_s
         if request.action == 'withdraw':
             self._withdraw(request)
-        elif (reason := self._requests.add(request, now_s, self._received)) is not None:
+        elif (reason := self._requests.add(request, now_s, self._task.received)) is not None:
             self.actions.append(Replied(request, reason, ''))
         else:
             self._go_on()
@@ -301,7 +296,7 @@ class Planner:
                 reason = refused.reason
             except Delta3Error as error:
                 reason = Reason(Code.CONTENT, str(error))
-            if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._received):
+            if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._task.received):
                 self._serving = None
                 return
             self._requests.pop()

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive.controller.messages import Request, Status, Verdict
-from delta3_pacdrive.controller.planner import MASTER_SILENT_S, VERDICT_S, Planner
+from delta3_pacdrive.controller.planner import VERDICT_S, Planner
 from delta3_pacdrive.controller.planner_actions import (
     Cancelled,
     Changed,
@@ -19,6 +19,7 @@ from delta3_pacdrive.controller.planner_actions import (
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.controller.request_queue import NEWS_S, WAITING_MAX
+from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 

@@ -2,7 +2,8 @@
 
 In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``motion/plan``,
 ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error), ``unit_robot/alive`` (5 Hz).
-What operators ask and are told: see ``ros.planner_services``. What is decided, ``controller.planner`` decides.
+What operators ask and are told: see ``ros.planner_services``. What is decided, ``controller.planner`` decides. Longer
+than other nodes, because what comes in, what goes out and two timers meet here.
 """
 
 import time
