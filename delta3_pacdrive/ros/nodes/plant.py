@@ -3,6 +3,8 @@
 In: ``axisN/motor_current`` of the three drives (currents of a period, brake output), ``sercos/phase``. Out:
 ``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. When the
 plant goes on, and how it comes to rest: see ``plant_clock``; how it takes part in the bus: see ``sercos.slave``.
+
+It is longer than other nodes because it serves three drives, greets them, and decides which of them has lost power.
 """
 
 import time

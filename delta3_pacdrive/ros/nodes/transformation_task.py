@@ -3,6 +3,8 @@
 Its topics and services are those of ``TASK`` in ``ros.interfaces``; what it decides is in
 ``controller.robot_controller``. Values of every cycle: ``task_outputs``; plans: ``planner_link``; services and control:
 ``operator_services``; states and outputs: ``robot_outputs``; service channel: ``service_requests``.
+
+It is longer than other nodes because it puts all of these together, and is the port through which the controller acts.
 """
 
 import time
