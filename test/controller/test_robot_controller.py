@@ -75,6 +75,11 @@ class Cell:
         self.reports += 1
         self.change()
 
+    @property
+    def fault(self) -> str:
+        """The fault as a sentence, empty if there is none."""
+        return str(self.robot.progress()['fault'])
+
     # what happens -----------------------------------------------------------------------------------------------------
 
     def hear(self, name: str, occasion: Occasion = Occasion.CALLED, instance: str = 'first') -> None:
@@ -156,10 +161,10 @@ def test_one_lost_at_is_counted_and_two_in_a_row_stop_the_robot(cell: Cell) -> N
     cell.answer(1, skip=1)
     cell.run(10)
     assert cell.robot.totals()['at_losses'] == [0, 1, 0]
-    assert cell.robot.state.fault == ''
+    assert cell.fault == ''
     cell.answer(1, skip=2)
     cell.run(10)
-    assert cell.robot.state.fault.startswith('axis2: two AT lost in a row in bus cycle')
+    assert cell.fault.startswith('axis2: two AT lost in a row in bus cycle')
     assert cell.robot.bus.cyclic  # the drives stop in cyclic operation
 
 
@@ -168,15 +173,15 @@ def test_a_repeated_at_counts_and_changes_nothing_but_two_that_differ_stop_the_r
     content = ((float(cell.sent[0].motors[0]), 0.0, 0.0), READY, 0)
     cell.robot.cycles.take(0, 0, content, 0)
     assert cell.robot.progress()['repeated_telegrams'] == 1
-    assert cell.robot.state.fault == ''
+    assert cell.fault == ''
     cell.robot.cycles.take(0, 0, ((1.0, 0.0, 0.0), READY, 0), 0)
-    assert 'who is the second writer?' in cell.robot.state.fault
+    assert 'who is the second writer?' in cell.fault
 
 
 def test_an_at_of_a_cycle_to_come_lets_the_phase_fall(cell: Cell) -> None:
     cell.robot.cycles.take(0, OUTSTANDING, ((0.0, 0.0, 0.0), READY, 0), 0)
     assert cell.robot.bus.phase == Phase.CP0
-    assert 'without the master (8506)' in cell.robot.state.fault
+    assert 'without the master (8506)' in cell.fault
 
 
 def test_when_all_are_silent_the_phase_falls(cell: Cell) -> None:
@@ -194,7 +199,7 @@ def test_without_one_drive_the_others_go_on_to_their_stop_and_then_the_phase_fal
     cell.wait(ANSWER_SILENT_S + 2 * REPORT_S)
     assert cell.robot.axes.absent
     assert cell.robot.answered > answered
-    assert cell.robot.state.fault.startswith('no AT of axis2 for')
+    assert cell.fault.startswith('no AT of axis2 for')
     cell.run(2000, axes=(0, 2))
     assert cell.robot.bus.phase == Phase.CP0
 
@@ -202,7 +207,7 @@ def test_without_one_drive_the_others_go_on_to_their_stop_and_then_the_phase_fal
 def test_nothing_is_silent_while_nothing_is_awaited() -> None:
     cell = Cell()
     cell.wait(2 * BUS_SILENT_S)
-    assert cell.robot.state.fault == ''
+    assert cell.fault == ''
 
 
 @pytest.mark.parametrize(('name', 'phase'), [('axis1', Phase.CP4), (PLANT, Phase.CP0)])
@@ -212,7 +217,7 @@ def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_ends_the_bus(
 ) -> None:
     cell.run(10)
     cell.hear(name, occasion, 'second')
-    assert cell.robot.state.fault.startswith(f'{name} was started again')
+    assert cell.fault.startswith(f'{name} was started again')
     assert cell.robot.bus.phase == phase
 
 
@@ -252,8 +257,8 @@ def test_an_injected_loss_happens_in_its_bus_cycle(kind: str) -> None:
 def test_an_injected_emergency_stop_begins_with_the_command_of_its_cycle() -> None:
     cell = Cell({'fault': 'emergency_stop', 'after_s': 0.02}).come_up()
     cell.run(40)
-    assert cell.robot.state.fault == 'emergency stop in bus cycle 20'
-    assert cell.robot.state.fault_cycle == 20
+    assert cell.fault == 'emergency stop in bus cycle 20'
+    assert cell.robot.progress()['fault_cycle'] == 20
     assert cell.told[-1] == 39  # cycles go on
 
 
@@ -307,12 +312,9 @@ def test_whatever_happens_bus_time_never_goes_back_and_a_fault_stays(events: lis
         assert robot.next_cycle >= cycle
         assert cell.told == sorted(set(cell.told))
         assert list(cell.sent) == list(range(len(cell.sent)))
-        assert robot.state.fault.startswith(
-            fault
-        )  # only a reset ends it, and the cause may be told more exactly
-        fault, cycle = robot.state.fault, robot.next_cycle
+        assert cell.fault.startswith(fault)  # only a reset ends it, and the cause may be told more exactly
+        fault, cycle = cell.fault, robot.next_cycle
         if fault:
             assert robot.state.motion == 'error'
             assert not robot.state.enabled
             assert robot.state.ends == NEVER
-        assert robot.progress()['fault'] == fault
