@@ -11,6 +11,7 @@ from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import finite_number
+from delta3_pacdrive.cli.output import millimetres
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
 
 ACTIONS = {
@@ -248,8 +249,7 @@ def _state_text(facts: dict[str, Any]) -> str:
         parts.append(f'{facts["remaining_s"]:.2f} s left')
     if facts['override'] is not None:
         parts.append(f'override {100 * facts["override"]:g} %')
-    x, y, z = (1e3 * value for value in facts['tcp_m'])
-    parts.append(f'TCP at ({x:.3f}, {y:.3f}, {z:.3f}) mm')
+    parts.append(f'TCP at {millimetres(facts["tcp_m"])}')
     if facts['queue'] is not None:
         parts.append(f'{facts["queue"]} moves in the queue')
     if facts['planning']:

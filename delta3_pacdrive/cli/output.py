@@ -107,10 +107,15 @@ def print_json(
     print(json.dumps(result | {'provenance': origin.lines()}))
 
 
+def millimetres(place_m: Sequence[float]) -> str:
+    """Return a place [m] for people; what is rounded to zero has no sign."""
+    x, y, z = (round(1e3 * value, 3) + 0.0 for value in place_m)
+    return f'({x:.3f}, {y:.3f}, {z:.3f}) mm'
+
+
 def print_figures(result: dict[str, Any]) -> None:
     """Print the figures of a run for people."""
     axes = ' / '.join(['{:.2f}'] * 3)
-    x, y, z = (value * 1e3 for value in result['final_tcp_m'])
     factor = result['bus_time_s'] / result['wall_time_s']
     rows = [
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
@@ -119,7 +124,7 @@ def print_figures(result: dict[str, Any]) -> None:
             'TCP error',
             f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms',
         ),
-        ('final TCP', f'({x:.3f}, {y:.3f}, {z:.3f}) mm'),
+        ('final TCP', millimetres(result['final_tcp_m'])),
         ('current peak', f'{axes.format(*result["current_peak_a"])} A'),
         ('current rms', f'{axes.format(*result["current_rms_a"])} A'),
     ]

@@ -47,6 +47,10 @@ def printed(capsys):
     return rows
 
 
+def test_a_place_that_is_rounded_to_zero_has_no_sign():
+    assert output.millimetres([-1e-9, 1e-9, -0.8000004]) == '(0.000, 0.000, -800.000) mm'
+
+
 def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsys):
     output.print_figures(RESULT)
     assert printed(capsys) == {
