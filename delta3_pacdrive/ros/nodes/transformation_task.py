@@ -126,6 +126,10 @@ class TransformationTaskNode(PollingNode):
     def announce(self, announcement: master.Announce) -> None:
         """Announce a phase of the bus."""
         phase, session = announcement.phase, announcement.session
+        if announcement.entered and phase == Phase.CP4:
+            # before all else: cycles are due at the ticks, and what comes first here makes each of them late
+            self._ticker.reset()
+            self._startup.cancel()
         self._phases.publish(cdr.phase_message(phase, session, self.stamp(announcement.cycle)))
         if not announcement.entered:
             return
@@ -133,10 +137,7 @@ class TransformationTaskNode(PollingNode):
             self.get_logger().info(f'bus phase {phase.name}')
         self._receiver.session = NO_SESSION if phase == Phase.CP0 else session
         self._frames.clear()
-        if phase == Phase.CP4:
-            self._startup.cancel()
-            self._ticker.reset()
-        elif phase == Phase.CP0:
+        if phase == Phase.CP0:
             self._ticker.cancel()
             self._startup.reset()
 
