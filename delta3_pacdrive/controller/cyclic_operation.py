@@ -29,6 +29,9 @@ Content = tuple[Any, int, int]  # position, speed, torque; status word; word of 
 class CyclePort(Protocol):
     """What bus cycles do outside of the controller."""
 
+    def start_ticks(self) -> None:
+        """Start the timer whose ticks look for due cycles; the first one is due at the first tick."""
+
     def send(self, cycle: int, command: Command) -> None:
         """Send the MDT of a bus cycle."""
 
@@ -113,6 +116,7 @@ class CyclicOperation:
         self.last_answer_s = self._now_s()
         self._watchdog.received(self.last_answer_s)
         self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
+        self._port.start_ticks()  # at once: what comes between makes every cycle late
         self.running = True
 
     def due(self, index: int) -> bool:

@@ -37,6 +37,7 @@ class Cell:
         self.sent: dict[int, Command] = {}
         self.told: list[int] = []
         self.phases: list[Phase] = []
+        self.ticks_from: list[Phase] = []  # the last phase that was told when the ticks began
         self.refused: list[str] = []
         self.reports = 0
         self.ahead = [0, 0, 0]  # next cycle that each drive answers
@@ -50,6 +51,9 @@ class Cell:
     def announce(self, announcement: Any) -> None:
         if announcement.entered:
             self.phases.append(announcement.phase)
+
+    def start_ticks(self) -> None:
+        self.ticks_from.append(self.phases[-1])
 
     def greet(self, _: Any) -> None:
         for index, position in enumerate(HOME):
@@ -139,6 +143,10 @@ def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_s
     assert cell.phases == [Phase.CP1, Phase.CP2, Phase.CP3, Phase.CP4]
     assert cell.robot.closed() is None
     assert cell.robot.progress()['tcp_m'] == pytest.approx(ROBOT.motion.home_m, abs=1e-6)
+
+
+def test_the_ticks_of_cycles_begin_with_their_schedule_before_the_phase_is_told(cell: Cell) -> None:
+    assert cell.ticks_from == [Phase.CP3]
 
 
 def test_without_answers_no_more_cycles_start_than_may_be_outstanding(cell: Cell) -> None:

@@ -126,10 +126,6 @@ class TransformationTaskNode(PollingNode):
     def announce(self, announcement: master.Announce) -> None:
         """Announce a phase of the bus."""
         phase, session = announcement.phase, announcement.session
-        if announcement.entered and phase == Phase.CP4:
-            # before all else: cycles are due at the ticks, and what comes first here makes each of them late
-            self._ticker.reset()
-            self._startup.cancel()
         self._phases.publish(cdr.phase_message(phase, session, self.stamp(announcement.cycle)))
         if not announcement.entered:
             return
@@ -147,6 +143,11 @@ class TransformationTaskNode(PollingNode):
         frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
         self.publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
         self._outputs.greet()
+
+    def start_ticks(self) -> None:
+        """Start the timer of bus cycles in place of that of the start-up."""
+        self._ticker.reset()
+        self._startup.cancel()
 
     def send(self, cycle: int, command: Command) -> None:
         """Send the MDT of a bus cycle."""
