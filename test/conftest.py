@@ -30,6 +30,14 @@ def robot():
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Leave out the drawing of pictures, half of the time of a study, for facts that no picture shows."""
+    from delta3_pacdrive.analysis import report_folder
+
+    monkeypatch.setattr(report_folder, 'save', lambda figure, path, metadata: path.write_bytes(b''))
+
+
+@pytest.fixture
 def shell(tmp_path):
     """Return what runs a command line in a folder of its own, as a user of the environment under test does."""
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}'}

@@ -74,9 +74,20 @@ if not Path({PACKAGE}.__file__).is_relative_to(copy):
 import pytest
 sys.exit(pytest.main(sys.argv[2:]))
 """
-WARM_UP = f"""\
+# Compiles what the user's cache does not have yet, and copies what it has for these sources (and a few versions more).
+COPY_KERNELS = f"""\
+import shutil, sys
+from pathlib import Path
 from {PACKAGE} import parameters, simulation
+from {PACKAGE}.numerics import kernel
 simulation.load_kernels(parameters.load())
+here, there = kernel.CACHE_DIRECTORY, Path(sys.argv[1]) / kernel.CACHE_DIRECTORY.name
+there.mkdir(mode=0o700, parents=True, exist_ok=True)
+for mark in here.glob(kernel.MARK + '*'):
+    for name in mark.read_text(encoding='utf-8').split():
+        if (here / name).is_dir():
+            shutil.copytree(here / name, there / name, dirs_exist_ok=True)
+    shutil.copy2(mark, there)
 """
 
 
@@ -147,14 +158,11 @@ class Workshop:
             shutil.rmtree(target, ignore_errors=True)
             shutil.copytree(ROOT / PACKAGE, target, ignore=ignore)
             shutil.copytree(ROOT / 'config', target / 'config', ignore=ignore)
-        self.environment = os.environ | {
-            'PYTHONPATH': str(folder / 'copy'),
-            'PYTHONSAFEPATH': '1',
-            'NUMBA_CACHE_DIR': str(folder / 'kernels'),
-            'MPLBACKEND': 'Agg',
-        }
+        kernels = folder / 'kernels'
+        users = os.environ | {'PYTHONPATH': str(folder / 'copy'), 'PYTHONSAFEPATH': '1', 'MPLBACKEND': 'Agg'}
+        self.environment = users | {'NUMBA_CACHE_DIR': str(kernels)}
         self._controls: dict[str, str] = {}
-        subprocess.run([sys.executable, '-c', WARM_UP], env=self.environment, check=True, cwd=folder)
+        subprocess.run([sys.executable, '-c', COPY_KERNELS, str(kernels)], env=users, check=True, cwd=folder)
 
     def attempt(self, one: Break) -> Result:
         """Try a break."""

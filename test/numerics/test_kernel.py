@@ -18,6 +18,7 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.numerics import kernel
 
 LIMIT_S = 400.0  # for a compilation on a busy machine
+LOOK_S = 1e-3  # between two looks
 PACKAGE = Path(delta3_pacdrive.__file__).parent
 # a program that only needs a few kernels, and tells whether it had to compile
 FORWARD = """
@@ -55,6 +56,15 @@ def started(command, **options):
             process.kill()
 
 
+def over_within(process, seconds):
+    """Whether a process ends within some time."""
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
 def environment(cache, root=None):
     found = os.environ | {'NUMBA_CACHE_DIR': str(cache)}
     return found | ({'PYTHONPATH': str(root)} if root else {})
@@ -79,8 +89,22 @@ def copy(tmp_path):
     return root
 
 
-def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, tmp_path):
-    first = output_of(FORWARD, tmp_path / 'cache')
+@pytest.fixture(scope='module')
+def compiled(tmp_path_factory):
+    """Return what the program answers that has filled a cache, and that cache."""
+    cache = tmp_path_factory.mktemp('kernels') / 'cache'
+    return output_of(FORWARD, cache), cache
+
+
+@pytest.fixture
+def first(compiled, tmp_path):
+    """Return that answer; the test has a cache of its own, which the program has filled."""
+    answer, cache = compiled
+    shutil.copytree(cache, tmp_path / 'cache')
+    return answer
+
+
+def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, first, tmp_path):
     assert first['compiled'] > 5
     second = output_of(FORWARD, tmp_path / 'cache', copy)
     assert Path(second['package']).is_relative_to(copy)
@@ -88,8 +112,7 @@ def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, tm
     assert second['p'] == first['p']
 
 
-def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, tmp_path):
-    output_of(FORWARD, tmp_path / 'cache')
+def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, first, tmp_path):
     for name in (
         'analysis/run_figures.py',
         'cli/plot.py',
@@ -114,8 +137,7 @@ def test_a_kernel_of_another_module_is_not_kept_because_nobody_knows_what_it_cal
     assert not saved
 
 
-def test_a_damaged_binary_is_made_again(tmp_path):
-    first = output_of(FORWARD, tmp_path / 'cache')
+def test_a_damaged_binary_is_made_again(first, tmp_path):
     for number, path in enumerate((tmp_path / 'cache').rglob('*.nb[ci]')):
         path.write_bytes(path.read_bytes()[:100] if number % 2 else b'')
     again = output_of(FORWARD, tmp_path / 'cache')
@@ -178,8 +200,7 @@ def test_one_signal_ends_a_node_that_compiles(tmp_path):
     with started(NODE, env=environment(tmp_path)) as process:
         assert re.match(rf'{kernel.COMPILING}: \d+ of \d+$', process.stderr.readline())
         while len(list(tmp_path.rglob('*.nbc'))) < 5:
-            os.sched_yield()
-            assert process.poll() is None
+            assert not over_within(process, LOOK_S)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=20.0)
     assert process.returncode == 130
@@ -242,11 +263,9 @@ def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
     statuses = []
     for moment in range(20):
         with started(NODE, env=alone, stdout=subprocess.PIPE) as process:
-            while not catches_sigterm(process) and process.poll() is None:
-                os.sched_yield()  # until then it is Python that starts, not the node
-            try:
-                process.wait(2.0 * (moment / 20) ** 2)
-            except subprocess.TimeoutExpired:
+            while not catches_sigterm(process) and not over_within(process, LOOK_S):
+                pass  # until then it is Python that starts, not the node
+            if not over_within(process, (moment / 20) ** 2):
                 process.send_signal(signal.SIGINT)
             _, errors = process.communicate(timeout=30.0)
         assert 'Traceback' not in errors

@@ -1,15 +1,18 @@
 """Facts about estimations as they are asked for: interrupted, resumed, repeated, with every option."""
 
 import json
+import shlex
 import struct
 
 import numpy as np
 import pytest
 
+import pages
 from delta3_pacdrive import parameters
 from delta3_pacdrive.analysis.estimation import excitation
 from delta3_pacdrive.analysis.estimation.run import Settings, Study
 from delta3_pacdrive.cli import estimate
+from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_csv
@@ -25,6 +28,7 @@ def settings_of(folder, bus, **fields):
     return Settings('geometry', (str(trace),), start_off=0.3, **fields)
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     whole = Study(settings, tmp_path / 'whole', 'test', quiet).run()
@@ -48,6 +52,7 @@ def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
             assert one['estimate'] == pytest.approx(other['estimate'], abs=1e-7)
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_an_estimation_does_not_go_on_with_other_inputs(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     Study(settings, tmp_path / 'run', 'test', quiet).run()
@@ -138,6 +143,7 @@ def test_options_out_of_range_are_refused_before_anything_runs(arguments, senten
     assert sentence in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_an_input_that_cannot_be_read_leaves_an_earlier_estimation_as_it_is(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     Study(settings, tmp_path / 'run', 'test', quiet).run()
@@ -170,12 +176,14 @@ def short(tmp_path_factory):
     return str(path)
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_the_estimation_of_the_thesis_runs_as_the_documentation_has_it(tmp_path, capsys):
     report = run_json(['--group', 'thesis', '--output', str(tmp_path)], capsys)
     assert any('the initial values came back' in sentence for sentence in report['explanation'])
     assert {'K_m', 'F_s'} <= estimates(report).keys()
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_bus_cycles_from_50_percent_off_are_estimated(short, tmp_path, capsys):
     arguments = [
         short,
@@ -195,6 +203,7 @@ def test_bus_cycles_from_50_percent_off_are_estimated(short, tmp_path, capsys):
         assert row['low_95'] <= row['true'] <= row['high_95']
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_sampling_method_and_free_choose_models_and_quantities(short, tmp_path, capsys):
     base = [short, '--group', 'masses', '--output', str(tmp_path)]
     drive = run_json(base, capsys)
@@ -211,6 +220,7 @@ def test_sampling_method_and_free_choose_models_and_quantities(short, tmp_path, 
     assert 'm_n' not in estimates(drive)
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_start_off_noise_and_seed_change_the_start_and_the_measurement(short, tmp_path, capsys):
     base = [short, '--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path)]
     reports = {
@@ -234,6 +244,7 @@ def test_start_off_noise_and_seed_change_the_start_and_the_measurement(short, tm
     assert reports[('--noise', '1')]['residuals'][0]['intervals_from'] == 'residuals'
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_the_measurement_that_is_written_is_the_one_that_was_estimated_from(short, tmp_path, capsys):
     for name in ('own.npz', 'own.csv'):
         base = ['--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path / 'out')]
@@ -242,21 +253,42 @@ def test_the_measurement_that_is_written_is_the_one_that_was_estimated_from(shor
         assert estimates(one) == estimates(again)
 
 
-def test_a_design_is_a_program_for_the_group_with_its_seed(tmp_path, robot, monkeypatch, capsys):
-    path, wanted = tmp_path / 'own.yaml', []
-    design = excitation.design
+@pytest.fixture
+def designed(monkeypatch):
+    """Have designs made of a few curves only; return the list of groups and seeds that are asked for."""
+    wanted, design = [], excitation.design
 
     def quick(group, parameters, seed, on_progress=None):
         wanted.append((group, seed))
         return design(group, parameters, seed=seed, tries=2, refinements=2, on_progress=on_progress)
 
     monkeypatch.setattr(excitation, 'design', quick)
+    return wanted
+
+
+def test_a_design_is_a_program_for_the_group_with_its_seed(tmp_path, robot, designed, capsys):
+    path = tmp_path / 'own.yaml'
     for group, seed in (('geometry', '5'), ('masses', '6'), ('motor', '7')):
         assert estimate.main(['--group', group, '--design', str(path), '--seed', seed]) == 0
         assert f'# seed: {seed}' in path.read_text()
         assert programs.load(path, robot.motion).statements
-    assert wanted == [('geometry', 5), ('masses', 6), ('masses', 7)]
+    assert designed == [('geometry', 5), ('masses', 6), ('masses', 7)]
     capsys.readouterr()
+
+
+def test_the_design_of_the_documentation_runs_as_it_stands_but_with_few_curves(
+    tmp_path, designed, monkeypatch, capsys
+):
+    page = pages.SOURCE / 'docs/tuning.md'
+    (block,) = (block for block in pages.blocks(page) if block.mark == 'elsewhere')
+    assert (pages.SOURCE / block.words).samefile(__file__)
+    monkeypatch.chdir(tmp_path)
+    for line in block.text.splitlines():
+        program, *arguments = shlex.split(line, comments=True)
+        assert program == 'delta3'
+        assert main(arguments) == 0
+    assert designed == [('masses', 0)]
+    assert 'own.yaml: good, program' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -306,6 +306,7 @@ def test_the_report_says_how_the_acceleration_was_obtained_and_that_a_seed_chang
     assert document['provenance']['seed'] == 'none'
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_a_report_without_attribution_leaves_none_of_an_earlier_one(tmp_path, capsys):
     for name in ('attribution.csv', 'attribution.png', 'figure_11_01_tcp_path.png', 'report.json'):
         (tmp_path / name).write_text('old')
@@ -382,6 +383,7 @@ def test_one_changed_bit_is_no_agreement(robot, short_program):
     assert experiment_graph.same_as(changed, trace) == 'nodes and simulation differ in current'
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
     bits, seeds = [], []
     for seed in ('5', '6', '5'):
