@@ -157,7 +157,7 @@ def _bounds(robot: Any) -> dict[str, float]:
         ('free jerk', Limits(limits.speed_m_s, limits.acceleration_m_s2, np.inf)),
         ('motors alone', Limits(100.0, 1e6, np.inf)),
     ):
-        case = MovePlanner(curve, [(move.length_m, wish)], [], move.payload_kg, robot)
+        case = MovePlanner(curve, [(move.length_m, wish)], [(0.0, move.payload_kg)], robot)
         bounds[name] = case.bound_s()
     bounds |= _toppra(curve, limits, robot)
     return bounds

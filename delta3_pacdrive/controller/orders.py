@@ -207,9 +207,9 @@ class Orders:
         except ProgramError as error:
             reason = Reason(Code.CONTENT, str(error))
         if reason is not None:
-            self._refuse('course', origin, reason)
+            self._refuse('change', origin, reason)
         else:
-            self.verdicts.append(('course', verdict_of(origin, ACCEPTED, '')))
+            self.verdicts.append(('change', verdict_of(origin, ACCEPTED, '')))
 
     def _refuse(self, what: str, origin: Origin, reason: Reason) -> None:
         self.verdicts.append((what, verdict_of(origin, reason.code, reason.sentence)))

@@ -103,13 +103,15 @@ class PlanIntake:
 
     def _order(self, row: Any) -> Order:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
-            raise ProgramError('the order of a plan must be whole numbers behind a start cycle and a rate')
+            raise ProgramError(
+                'the order of a plan must be whole numbers behind a start cycle and an override'
+            )
         cycle, override = row[:ORDER_HEADER].tolist()
         if cycle % 1.0:
             raise ProgramError(f'an order starts in bus cycle {cycle:g}, which is no whole number')
         if not OVERRIDE_MIN <= override <= OVERRIDE_MAX:
             raise ProgramError(
-                f'the rate of an order is {override:g}, but must be between {OVERRIDE_MIN:g} and {OVERRIDE_MAX:g}'
+                f'the override of an order is {override:g}, but must be between {OVERRIDE_MIN:g} and {OVERRIDE_MAX:g}'
             )
         if not self._builder.moves:
             raise ProgramError('an order came without moves')

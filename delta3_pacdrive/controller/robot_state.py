@@ -202,7 +202,7 @@ class RobotState:
             return reason
         if self.motion == MotionState.STOPPED:
             # who stands has time: an order that came late is as good as one in time
-            profile = profile.at_cycle(max(profile.cycle, self._bus.earliest()))
+            profile = replace(profile, cycle=max(profile.cycle, self._bus.earliest()))
         if profile.cycle < self._task.next_cycle:
             return Reason(
                 Code.LATE, f'bus cycle {profile.cycle} is over, the next one is {self._task.next_cycle}'

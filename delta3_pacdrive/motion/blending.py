@@ -82,21 +82,12 @@ def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple
             pieces.append(corner)
             ends.append(length + 0.5 * corner.length_m)
             length += corner.length_m
-            stretches.append((length, lower(segment.limits, segments[n + 1].limits)))
+            stretches.append((length, segment.limits.lower(segments[n + 1].limits)))
         else:
             ends.append(length)
         cut = radius
     curve = curves.joined(pieces) if len(pieces) > 1 else pieces[0]
     return curve, ends, stretches
-
-
-def lower(a: Limits, b: Limits) -> Limits:
-    """Return the lower ones of two limits."""
-    return Limits(
-        min(a.speed_m_s, b.speed_m_s),
-        min(a.acceleration_m_s2, b.acceleration_m_s2),
-        min(a.jerk_m_s3, b.jerk_m_s3),
-    )
 
 
 def name_of(segments: Sequence[PathSegment]) -> str:

@@ -17,22 +17,20 @@ Arguments of the kernel here:
 
 import copy
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
 from delta3_pacdrive.motion.virtual_master import (
     PHASE_COLUMNS,
     master_at,
-    master_at_distances,
-    profile_rows,
-    sample_master,
-    slowest,
+    remainder,
+    speeds_beside,
+    way_to_rest,
 )
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
@@ -42,11 +40,7 @@ OVERRIDE_MIN, OVERRIDE_MAX = 0.01, 1.5  # of an override
 JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
 HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration
 HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
-SAMPLES, FASTER = (
-    64,
-    1e-3,
-)  # places at which a stop is compared with the present motion profile, and how much faster it may be there
-BACK_M_S = 1e-9  # rounding of a speed that never turns back
+FASTER = 1e-3  # by which a stop may be faster than the present motion profile at the same place
 PROFILE_HEADER = 4  # cycle, number of the move, override, whether it ends held
 
 PROFILE = np.dtype(
@@ -109,10 +103,6 @@ class MotionProfile:
     override: float = 1.0
     held: bool = False
 
-    def at_cycle(self, cycle: int) -> 'MotionProfile':
-        """Return the same motion profile from another bus cycle on."""
-        return replace(self, cycle=cycle)
-
     def to_array(self) -> Floats:
         """Return the motion profile as a row of numbers (for a message)."""
         header = np.array([self.cycle, self.number, self.override, float(self.held)])
@@ -124,22 +114,25 @@ class MotionProfile:
         row = np.asarray(values, dtype=np.float64)
         if row.ndim != 1 or len(row) < PROFILE_HEADER + PHASE_COLUMNS or not np.isfinite(row).all():
             raise ProgramError(
-                'a course must be a row of finite numbers with a header of 4 and at least one phase'
+                'a motion profile must be a row of finite numbers with a header of 4 and at least one phase'
             )
         if (
             (len(row) - PROFILE_HEADER) % PHASE_COLUMNS
             or (row[:2] != np.floor(row[:2])).any()
             or (row[:2] < 0).any()
         ):
-            raise ProgramError('a course must hold whole numbers in its header, and phases of 5 numbers')
+            raise ProgramError(
+                'a motion profile must hold whole numbers in its header, and phases of 5 numbers'
+            )
         table = row[PROFILE_HEADER:].reshape(-1, PHASE_COLUMNS).copy()
         if (np.diff(table[:, 0]) < 0.0).any() or table[0, 0] != 0.0 or table[-1, 2:].any():
-            raise ProgramError('a course must begin at time 0, go forward and end at rest')
+            raise ProgramError('a motion profile must begin at time 0, go forward and end at rest')
         if not OVERRIDE_MIN <= row[2] <= OVERRIDE_MAX or row[3] not in (0.0, 1.0):
             raise ProgramError(
-                f'a course has a rate of {row[2]:g}, which must be between {OVERRIDE_MIN} and {OVERRIDE_MAX}'
+                f'a motion profile has an override of {row[2]:g}, '
+                f'which must be between {OVERRIDE_MIN} and {OVERRIDE_MAX}'
             )
-        check_phases(table, 'course')
+        check_phases(table, 'motion profile')
         return MotionProfile(int(row[0]), int(row[1]), table, float(row[2]), bool(row[3]))
 
 
@@ -192,7 +185,7 @@ class Timeline:
         if self.profile is None:
             raise ProgramError('no program runs')
         if profile.cycle < self.profile.cycle or profile.number >= len(self.plan):
-            raise ProgramError(f'a course from bus cycle {profile.cycle} on comes too late')
+            raise ProgramError(f'a motion profile from bus cycle {profile.cycle} on comes too late')
         now = self.at(profile.cycle)
         first = profile.table[0]
         move = self.plan.move(profile.number)
@@ -202,11 +195,13 @@ class Timeline:
             abs(first[3] - now.acceleration_m_s2) * self.cycle_time_s if np.isfinite(move.stop_jerk) else 0.0,
         )
         if profile.number != now.number or not gap <= JOINED:
-            raise ProgramError(f'a course from bus cycle {profile.cycle} on does not continue the motion')
+            raise ProgramError(
+                f'a motion profile from bus cycle {profile.cycle} on does not continue the motion'
+            )
         if not -JOINED <= profile.table[:, 1].min() <= profile.table[:, 1].max() <= move.length_m + JOINED:
-            raise ProgramError('a course leaves its move')
+            raise ProgramError('a motion profile leaves its move')
         if not profile.held and abs(profile.table[-1, 1] - move.length_m) > JOINED:
-            raise ProgramError('a course does not reach the end of its move')
+            raise ProgramError('a motion profile does not reach the end of its move')
 
     def change(self, profile: MotionProfile) -> None:
         """Go over to another motion profile; raises ProgramError if it does not continue the present one."""
@@ -236,9 +231,8 @@ class Timeline:
             return remainder(profile.table, elapsed, 1.0)
         number = self.at(cycle).number
         time = float(record['time']) + profile.override * (elapsed - float(record['duration']))
-        return remainder(
-            self.plan.move(number).master, time - float(self.plan.tables.starts[number]), profile.override
-        )
+        into_move = time - float(self.plan.tables.starts[number])
+        return remainder(self.plan.move(number).master, into_move, profile.override)
 
     def _follow(self, profile: MotionProfile, plan_time_s: float) -> None:
         self.profile = profile
@@ -259,9 +253,9 @@ class Timeline:
     @property
     def end_cycle(self) -> int:
         """First bus cycle in which the master stands at the end of plan or stop; ``NEVER`` before a start."""
-        return (
-            NEVER if self.profile is None else self.end_cycle_of(self.profile, float(self.record['time'][0]))
-        )
+        if self.profile is None:
+            return NEVER
+        return self.end_cycle_of(self.profile, float(self.record['time'][0]))
 
     def end_cycle_of(self, profile: MotionProfile, plan_time_s: float | None = None) -> int:
         """First bus cycle in which the master stands, if it follows a motion profile."""
@@ -287,7 +281,7 @@ class Timeline:
         if acceleration_m_s2 > acceleration:
             acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
         for harder in range(HARDER_MAX):
-            table = velocity_stop(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
+            table = way_to_rest(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
             if never_faster(table, present):
                 break
             if harder == 0:
@@ -304,46 +298,7 @@ class Timeline:
 
 def never_faster(table: Floats, other: Floats) -> bool:
     """Whether phases never turn back, end no farther than others, and are nowhere faster at the same place."""
-    if slowest(table) < -BACK_M_S or not table[-1, 1] <= other[-1, 1] + JOINED:
+    speeds = speeds_beside(table, other)
+    if speeds is None or not table[-1, 1] <= other[-1, 1] + JOINED:
         return False
-    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
-    allowed = master_at_distances(np.maximum.accumulate(s), other)[:, 2]
-    return bool((v <= allowed * (1.0 + FASTER) + FASTER * other[:, 2].max()).all())
-
-
-def remainder(phases: Floats, time: float, override: float) -> Floats:
-    """Phases of a master from a time on, at an override, their times from 0 on."""
-    row = max(int(np.searchsorted(phases[:, 0], time, side='right')) - 1, 0)
-    rest = phases[row:].copy()
-    if row < len(phases) - 1:
-        s, v, a, j = sample_master([time], phases)[0]
-        rest[0] = time, s, v, a, j
-    rest[:, 0] = (rest[:, 0] - time) / override
-    rest[:, 2:] *= np.array([override, override**2, override**3])
-    rest[0, 0] = 0.0
-    rest[-1, 2:] = 0.0
-    return rest
-
-
-def velocity_stop(
-    distance: float, speed: float, acceleration: float, acceleration_max: float, jerk_max: float
-) -> Floats:
-    """Phases (n, 5) that bring a master to rest as quickly as its limits allow."""
-    if speed <= 0.0 and acceleration == 0.0:
-        return np.array([[0.0, distance, 0.0, 0.0, 0.0]])
-    request = InputParameter(1)
-    request.control_interface = ControlInterface.Velocity
-    request.current_position, request.current_velocity = [distance], [max(speed, 0.0)]
-    bound = max(acceleration_max, abs(acceleration))
-    request.current_acceleration = [acceleration] if math.isfinite(jerk_max) else [0.0]
-    request.target_velocity, request.target_acceleration = [0.0], [0.0]
-    request.max_acceleration, request.max_jerk = [bound], [jerk_max]
-    trajectory = Trajectory(1)
-    result = Ruckig(1).calculate(request, trajectory)
-    if result not in (Result.Working, Result.Finished):
-        raise ProgramError(
-            f'no stop from {speed} m/s within {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'
-        )
-    rows = profile_rows(trajectory)
-    rows[-1, 2:] = 0.0
-    return rows
+    return bool((speeds[0] <= speeds[1] * (1.0 + FASTER) + FASTER * other[:, 2].max()).all())

@@ -5,9 +5,12 @@ limit must come nearer to it, without a step back, and keep it from where it has
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, UnreachableError
@@ -40,59 +43,113 @@ class Limits:
     acceleration_m_s2: float
     jerk_m_s3: float
 
-
-def check_workspace(
-    distance_m: Floats, position_m: Floats, parameters: Parameters, returning: bool = False
-) -> None:
-    """Refuse a path that leaves the workspace cylinder; shapes (n,), (n, 3); raises ProgramError."""
-    k = parameters.kinematics
-    radius = np.hypot(position_m[:, 0], position_m[:, 1])
-    z = position_m[:, 2]
-    place = (distance_m, position_m, returning)
-    _require_below(radius, 0.5 * k.workspace_diameter_m, 'the distance from the z axis', 'm', *place)
-    _require_below(z, k.workspace_top_m, 'z', 'm', *place)
-    _require_above(z, k.workspace_bottom_m, 'z', 'm', *place)
+    def lower(self, other: 'Limits') -> 'Limits':
+        """Return the lower ones of these limits and others."""
+        return Limits(*map(min, astuple(self), astuple(other)))
 
 
-def check_arms(
-    distance_m: Floats,
-    position_m: Floats,
-    coefficients: Floats,
-    parameters: Parameters,
-    returning: bool = False,
-) -> None:
+@dataclass(frozen=True)
+class CheckedPath:
+    """Samples of a path are checked against limits.
+
+    Attributes
+    ----------
+    distance_m, position_m
+        Where they are: on the path, shape (n,), and in space, shape (n, 3).
+    returning
+        Whether the path may begin beyond limits.
+
+    """
+
+    distance_m: Floats
+    position_m: Floats
+    returning: bool = False
+
+    def require_below(self, values: Floats, limit: float, what: str, unit: str) -> None:
+        """Refuse a value, (n,) or (n, 3), that exceeds its limit anywhere but on the way back: its worst place."""
+        self._require(values, limit, 1.0, what, unit)
+
+    def require_above(self, values: Floats, limit: float, what: str, unit: str) -> None:
+        """Refuse a value that falls below its limit in the same way."""
+        self._require(values, limit, -1.0, what, unit)
+
+    def _require(self, values: Floats, limit: float, sign: float, what: str, unit: str) -> None:
+        rising, bound = sign * values, np.asarray(sign * limit)
+        if self.returning:
+            bound = np.maximum(bound, np.minimum.accumulate(rising))
+            bound[-1] = sign * limit
+        wrong = ~(rising <= bound + ROUNDING)
+        if not wrong.any():
+            return
+        worst = int(np.nanargmax(np.where(wrong, rising, -np.inf)))
+        n, *axis = (int(index) for index in np.unravel_index(worst, values.shape))
+        which = f' {axis[0] + 1}' if axis else ''
+        unit = f' {unit}' if unit else ''
+        where = place_text(self.distance_m, self.position_m, n)
+        raise ProgramError(
+            f'{what}{which} is {values.flat[worst]:.4g}{unit} {where}, the limit is {limit:.4g}{unit}'
+        )
+
+
+def check_workspace(path: CheckedPath, parameters: Parameters) -> None:
+    """Refuse a path that leaves the workspace cylinder; raises ProgramError."""
+    k, (x, y, z) = parameters.kinematics, path.position_m.T
+    path.require_below(np.hypot(x, y), 0.5 * k.workspace_diameter_m, 'the distance from the z axis', 'm')
+    path.require_below(z, k.workspace_top_m, 'z', 'm')
+    path.require_above(z, k.workspace_bottom_m, 'z', 'm')
+
+
+def _check_angles(path: CheckedPath, theta_rad: Floats, parameters: Parameters) -> None:
+    k, theta = parameters.kinematics, np.degrees(theta_rad)
+    path.require_below(theta, k.arm_angle_max_deg, 'the angle of arm', 'deg')
+    path.require_above(theta, k.arm_angle_min_deg, 'the angle of arm', 'deg')
+
+
+def check_arms(path: CheckedPath, coefficients: Floats, parameters: Parameters) -> None:
     """Refuse a path on which an arm leaves its limits; raises ProgramError with axis, value, limit and place."""
     k = parameters.kinematics
-    place = (distance_m, position_m, returning)
-    _check_angles(np.degrees(coefficients[:, THETA]), parameters, *place)
+    serial, parallel = k.serial_singularity_min, k.parallel_singularity_min
+    _check_angles(path, coefficients[:, THETA], parameters)
     swing = np.degrees(coefficients[:, SWING])
-    _require_below(swing, k.forearm_swing_max_deg, 'the forearm swing of arm', 'deg', *place)
-    _require_above(
-        coefficients[:, SERIAL],
-        k.serial_singularity_min,
-        'the distance from the serial singularity of arm',
-        '',
-        *place,
-    )
-    _require_above(
-        coefficients[:, PARALLEL],
-        k.parallel_singularity_min,
-        'the distance from the parallel singularity',
-        '',
-        *place,
-    )
+    path.require_below(swing, k.forearm_swing_max_deg, 'the forearm swing of arm', 'deg')
+    what = 'the distance from the serial singularity of arm'
+    path.require_above(coefficients[:, SERIAL], serial, what, '')
+    path.require_above(coefficients[:, PARALLEL], parallel, 'the distance from the parallel singularity', '')
+
+
+def legal_coefficients(
+    distance_m: Floats,
+    samples: Floats,
+    payload: NDArray[np.int64],
+    payloads_kg: tuple[float, ...],
+    parameters: Parameters,
+    returning: bool = False,
+) -> Floats:
+    """Return the ``path_coefficients`` of a path; refuse one that leaves the workspace or the range of the arms.
+
+    Raises
+    ------
+    ProgramError
+        It leaves them, anywhere but on the way back of a path that is ``returning``.
+
+    """
+    path = CheckedPath(distance_m, samples[:, 0], returning)
+    check_workspace(path, parameters)
+    coefficients = path_coefficients(samples, payload, payloads_kg, parameters)
+    check_arms(path, coefficients, parameters)
+    return coefficients
 
 
 def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> None:
     """Refuse a foreign move whose path leaves the workspace or the range of the arms; raises ProgramError."""
     distance = np.linspace(move.master[0, 1], move.length_m, REACH_SAMPLES)
-    position = sample_path(distance, move.segments)[:, 0]
-    check_workspace(distance, position, parameters, returning)
+    path = CheckedPath(distance, sample_path(distance, move.segments)[:, 0], returning)
+    check_workspace(path, parameters)
     try:
-        theta = np.degrees(kinematics.inverse(position, parameters.kinematics))
+        theta = kinematics.inverse(path.position_m, parameters.kinematics)
     except UnreachableError as error:
         raise ProgramError(str(error)) from None
-    _check_angles(theta, parameters, distance, position, returning)
+    _check_angles(path, theta, parameters)
 
 
 def check_speed(move: Move, override: float, parameters: Parameters) -> float:
@@ -103,63 +160,13 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
     master = sample_master(times, move.master)
     samples = sample_path(master[:, 0], move.segments)
-    coefficients = path_coefficients(
-        samples, np.zeros(len(samples), np.int64), (move.payload_kg,), parameters
-    )
-    speed = np.abs(coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
+    payload = np.zeros(len(samples), np.int64)
+    rates = path_coefficients(samples, payload, (move.payload_kg,), parameters)[:, RATE]
+    speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
-    _require_below(speed, limit, 'the speed of motor', 'rad/s', master[:, 0], samples[:, 0])
+    CheckedPath(master[:, 0], samples[:, 0]).require_below(speed, limit, 'the speed of motor', 'rad/s')
     fastest = float(speed.max())
     return override * limit / fastest if fastest > 0.0 else math.inf
-
-
-def _check_angles(
-    theta_deg: Floats, parameters: Parameters, distance_m: Floats, position_m: Floats, returning: bool
-) -> None:
-    k = parameters.kinematics
-    place = (distance_m, position_m, returning)
-    _require_below(theta_deg, k.arm_angle_max_deg, 'the angle of arm', 'deg', *place)
-    _require_above(theta_deg, k.arm_angle_min_deg, 'the angle of arm', 'deg', *place)
-
-
-def _require_below(
-    values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats, returning: bool = False
-) -> None:
-    """Raise if a value (n,) or (n, 3) exceeds its limit anywhere but on the way back; report the worst place."""
-    if not (values <= limit + ROUNDING).all():
-        _refuse(values, _worst(values, limit, returning), limit, what, unit, s, p)
-
-
-def _require_above(
-    values: Floats, limit: float, what: str, unit: str, s: Floats, p: Floats, returning: bool = False
-) -> None:
-    if not (values >= limit - ROUNDING).all():
-        _refuse(values, _worst(-values, -limit, returning), limit, what, unit, s, p)
-
-
-def _worst(values: Floats, limit: float, returning: bool) -> int | None:
-    """Return the flat index of the largest value that must not be; None if all are on a way back below a limit."""
-    wrong = ~(values <= limit + ROUNDING)
-    if returning:
-        bound = np.maximum(limit, np.minimum.accumulate(values))
-        bound[-1] = limit
-        wrong = ~(values <= bound + ROUNDING)
-        if not wrong.any():
-            return None
-    return int(np.nanargmax(np.where(wrong, values, -np.inf)))
-
-
-def _refuse(
-    values: Floats, worst: int | None, limit: float, what: str, unit: str, s: Floats, p: Floats
-) -> None:
-    if worst is None:
-        return
-    index = np.unravel_index(worst, values.shape)
-    axis = f' {int(index[1]) + 1}' if len(index) > 1 else ''
-    unit = f' {unit}' if unit else ''
-    raise ProgramError(
-        f'{what}{axis} is {values[index]:.4g}{unit} {place_text(s, p, int(index[0]))}, the limit is {limit:.4g}{unit}'
-    )
 
 
 def place_text(distance_m: Floats, position_m: Floats, n: int) -> str:
@@ -190,54 +197,61 @@ class Excess:
         return float(self.stretch.max())
 
 
+def require_holdable(found: Excess) -> None:
+    """Refuse what no slowness makes possible; raises ProgramError."""
+    if not math.isfinite(found.worst):
+        raise ProgramError(f'{found.text}, even at standstill')
+
+
 def excess(
-    dynamics: PathDynamics,
-    limits: tuple[Floats, Floats, Floats],
-    parameters: Parameters,
-    motors_only: bool = False,
+    dynamics: PathDynamics, parameters: Parameters, limits: tuple[Floats, Floats, Floats] | None = None
 ) -> Excess:
-    """Compare a motion with the limits of motors and, unless ``motors_only``, of the TCP: speed, acceleration, jerk."""
+    """Compare a motion with the limits of the motors and, where there are some, of the TCP: speed, acceleration, jerk.
+
+    ``limits`` of the TCP are [m/s], [m/s^2], [m/s^3], shapes (n,).
+    """
     entries = list(_motor_stretches(dynamics, parameters))
-    if not motors_only:
+    if limits is not None:
         tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
         names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
         for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
-            entries.append((np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
-    total = np.maximum.reduce([entry[0] for entry in entries])
+            entries.append(_Entry(np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
+    total = np.maximum.reduce([entry.stretch for entry in entries])
     worst = int(np.argmax(total))
-    _, name, unit, value, bounds = next(entry for entry in entries if entry[0][worst] == total[worst])
-    bound = np.broadcast_to(bounds, total.shape)[worst]
+    found = next(entry for entry in entries if entry.stretch[worst] == total[worst])
+    bound = np.broadcast_to(found.limit, total.shape)[worst]
     where = place_text(dynamics.distance_m, dynamics.position_m, worst)
-    return Excess(
-        total, f'{name} would be {value[worst]:.4g} {unit} {where}, the limit is {bound:.4g} {unit}'
-    )
+    value = f'{found.value[worst]:.4g} {found.unit}'
+    return Excess(total, f'{found.name} would be {value} {where}, the limit is {bound:.4g} {found.unit}')
 
 
-def _motor_stretches(
-    dynamics: PathDynamics, parameters: Parameters
-) -> list[tuple[Floats, str, str, Floats, Floats | float]]:
+class _Entry(NamedTuple):
+    """One quantity of a motion is compared with its limit."""
+
+    stretch: Floats
+    name: str
+    unit: str
+    value: Floats
+    limit: Floats | float
+
+
+def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator[_Entry]:
     motor = parameters.motor
-    entries: list[tuple[Floats, str, str, Floats, Floats | float]] = []
     rpm = np.abs(dynamics.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
+    volts, amperes = np.abs(dynamics.phase_voltage_v), np.abs(dynamics.motor_current_a)
     voltage_max = parameters.drive.dc_link_voltage_v / np.sqrt(6.0)
     standing = dynamics.standing_current_a
     moving = dynamics.motor_current_a - standing
     with np.errstate(divide='ignore', invalid='ignore'):
         room = motor.peak_current_a - np.abs(standing)
-        current_stretch = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
+        current = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
+    # what exceeds only because moving and standing share were counted with the same sign does not
+    over = amperes > motor.peak_current_a
+    current = np.where(over, np.maximum(current, 1.0), amperes / motor.peak_current_a)
     for axis in range(AXES):
-        name = f'motor {axis + 1}'
-        entries.append(
-            (rpm[:, axis] / motor.max_speed_rpm, f'speed of {name}', 'rpm', rpm[:, axis], motor.max_speed_rpm)
-        )
-        volts = np.abs(dynamics.phase_voltage_v[:, axis])
-        entries.append((volts / voltage_max, f'voltage of {name}', 'V', volts, voltage_max))
-        amperes = np.abs(dynamics.motor_current_a[:, axis])
-        # what exceeds only because moving and standing share were counted with the same sign does not
-        stretch = np.where(
-            amperes > motor.peak_current_a,
-            np.maximum(current_stretch[:, axis], 1.0),
-            amperes / motor.peak_current_a,
-        )
-        entries.append((stretch, f'current of {name}', 'A', amperes, motor.peak_current_a))
-    return entries
+        for stretch, name, unit, values, limit in (
+            (rpm / motor.max_speed_rpm, 'speed', 'rpm', rpm, motor.max_speed_rpm),
+            (volts / voltage_max, 'voltage', 'V', volts, voltage_max),
+            (current, 'current', 'A', amperes, motor.peak_current_a),
+        ):
+            yield _Entry(stretch[:, axis], f'{name} of motor {axis + 1}', unit, values[:, axis], limit)

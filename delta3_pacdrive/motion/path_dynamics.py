@@ -139,9 +139,6 @@ class PathDynamics:
     time_s: Floats
     distance_m: Floats
     position_m: Floats
-    arm_angle_rad: Floats
-    arm_speed_rad_s: Floats
-    arm_acceleration_rad_s2: Floats
     motor_speed_rad_s: Floats
     motor_current_a: Floats
     standing_current_a: Floats  # share of weight and friction in it, which no slowness takes away
@@ -151,35 +148,32 @@ class PathDynamics:
     tcp_jerk_m_s3: Floats
 
 
+def tcp_motion(
+    samples: Floats, speed: Floats, acceleration: Floats, jerk: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of the TCP, (n,) each, for those of the master at samples."""
+    _, first, second, third = np.moveaxis(samples, 1, 0)
+    v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
+    return (
+        np.linalg.norm(first * v, axis=1),
+        np.linalg.norm(first * a + second * v**2, axis=1),
+        np.linalg.norm(first * j + 3.0 * second * (v * a) + third * v**3, axis=1),
+    )
+
+
 def timed_dynamics(
     time_s: Floats, master: Floats, samples: Floats, coefficients: Floats, parameters: Parameters
 ) -> PathDynamics:
     """Evaluate coefficients for a master (n, 4): distance, speed, acceleration, jerk; friction included (4.27)."""
     motor = parameters.motor
-    s, v, a, j = (column[:, None] for column in master.T)
-    rate = coefficients[:, RATE] * v
-    acceleration = coefficients[:, CURVATURE] * v**2 + coefficients[:, RATE] * a
+    v, a = master[:, 1:2], master[:, 2:3]
     torque = coefficients[:, INERTIAL] * a + coefficients[:, CENTRIFUGAL] * v**2
-    motor_speed = rate * parameters.dynamics.gear_ratio
+    motor_speed = coefficients[:, RATE] * v * parameters.dynamics.gear_ratio
     friction = motor.static_friction_n_m * np.tanh(motor_speed / motor.friction_smoothing_rad_s)
     friction += motor.viscous_friction_n_m_s_rad * motor_speed
     standing = (coefficients[:, WEIGHT] + friction) / motor.torque_constant_n_m_a
     current = torque / motor.torque_constant_n_m_a + standing
     # per phase, rms: resistance and back-EMF; the inductance adds below 1 V at the currents' rates of change here
     voltage = motor.winding_resistance_ohm / 2.0 * current + motor.torque_constant_n_m_a / 3.0 * motor_speed
-    p, first, second, third = np.moveaxis(samples, 1, 0)
-    return PathDynamics(
-        time_s,
-        s[:, 0],
-        p,
-        coefficients[:, THETA],
-        rate,
-        acceleration,
-        motor_speed,
-        current,
-        standing,
-        voltage,
-        np.linalg.norm(first * v, axis=1),
-        np.linalg.norm(first * a + second * v**2, axis=1),
-        np.linalg.norm(first * j + 3.0 * second * (v * a) + third * v**3, axis=1),
-    )
+    motors = motor_speed, current, standing, voltage
+    return PathDynamics(time_s, master[:, 0], samples[:, 0], *motors, *tcp_motion(samples, *master.T[1:]))

@@ -11,8 +11,8 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.move_planner import PlannedMove
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
+from delta3_pacdrive.motion.planned_move import PlannedMove
 from delta3_pacdrive.motion.program import Cubic, MoveC, MoveL, MoveSB, Program, Statement, point_text
 from delta3_pacdrive.motion.round_planner import RoundPlanner
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
@@ -116,19 +116,15 @@ def capped(program: Program, caps: tuple[float, float, float]) -> Program:
         A cubic has its times, which no cap can keep.
 
     """
-    speed, acceleration, jerk = (cap or math.inf for cap in caps)
+    most = Limits(*(cap or math.inf for cap in caps))
     statements: list[Statement] = []
-    for n, statement in enumerate(program.statements):
-        if isinstance(statement, Cubic):
+    for n, one in enumerate(program.statements):
+        if isinstance(one, Cubic):
             raise ProgramError(f'moves[{n}].cubic: its duration is fixed, it takes no cap of speed')
-        if isinstance(statement, MoveL | MoveC | MoveSB):
-            own = statement.limits
-            limits = Limits(
-                min(own.speed_m_s, speed), min(own.acceleration_m_s2, acceleration), min(own.jerk_m_s3, jerk)
-            )
-            statements.append(replace(statement, limits=limits))
+        if isinstance(one, MoveL | MoveC | MoveSB):
+            statements.append(replace(one, limits=one.limits.lower(most)))
         else:
-            statements.append(statement)
+            statements.append(one)
     return replace(program, statements=tuple(statements))
 
 
@@ -170,12 +166,7 @@ def _whole(
         if fault.after_s > plan_.duration_s
     ]
     return Planned(
-        program.name,
-        plan_,
-        tuple(notices),
-        (rms[0], rms[1], rms[2]),
-        override_max,
-        program.repeat,
+        program.name, plan_, tuple(notices), (rms[0], rms[1], rms[2]), override_max, program.repeat
     )
 
 
@@ -199,8 +190,6 @@ def _rate_for_rms(load: ThermalLoad, nominal: float, program: Program) -> float:
 
 
 def _slower(move: Move, factor: float) -> Move:
-    return (
-        move
-        if move.kind == MoveKind.DWELL
-        else replace(move, master=time_parametrization.slowed(move.master, factor))
-    )
+    if move.kind == MoveKind.DWELL:
+        return move
+    return replace(move, master=time_parametrization.slowed(move.master, factor))

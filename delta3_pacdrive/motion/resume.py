@@ -4,17 +4,22 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.execution import BACK_M_S, MotionProfile, Timeline, remainder
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move, MoveKind
-from delta3_pacdrive.motion.virtual_master import master_at_distances, profile_rows, sample_master, slowest
+from delta3_pacdrive.motion.virtual_master import (
+    State,
+    remainder,
+    rest,
+    sample_master,
+    speeds_beside,
+    way_between,
+)
 from delta3_pacdrive.numerics.types import Floats
 
 CANDIDATES = 200  # places of a move at which the plan may be joined
-SAMPLES = 64  # places at which a way to the plan is compared with it
 OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
 ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
 END_M = 1e-7  # a master this close to the end of its move is there
@@ -38,9 +43,7 @@ def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
     move = timeline.plan.move(now.number)
     if move.kind == MoveKind.DWELL:
         left = max(timeline.left_of_move_s(cycle), 0.0)
-        return MotionProfile(
-            cycle, now.number, np.array([[0.0] * 5, [left / override, 0.0, 0.0, 0.0, 0.0]]), override
-        )
+        return MotionProfile(cycle, now.number, rest(left / override), override)
     held = timeline.profile is not None and timeline.profile.held
     if held and move.length_m - now.distance_m < END_M:
         return MotionProfile(cycle, now.number, np.array([[0.0, move.length_m, 0.0, 0.0, 0.0]]), override)
@@ -78,7 +81,7 @@ def _after(present: Floats, delay: float, table: Floats) -> Floats:
 
 
 def _join(
-    move: Move, state: tuple[float, float, float], override: float, room: float, limits: tuple[float, float]
+    move: Move, state: State, override: float, room: float, limits: tuple[float, float]
 ) -> Floats | None:
     """Phases from a state (s, v, a) to the first place where the plan, at an override, can be joined; None: nowhere."""
     s0, v0, _ = state
@@ -93,46 +96,29 @@ def _join(
         target = (float(s[n]), float(v[n]), float(planned[n, 2]) * override**2)
         table = _connection(state, target, limits, speed_max)
         if table is not None and _stays_under(table, move.master, max(room, override), speed_max):
-            rest = remainder(move.master, float(times[n]), override)
-            rest[:, 0] += table[-1, 0]
-            return np.vstack([table[:-1], rest])
+            ahead = remainder(move.master, float(times[n]), override)
+            ahead[:, 0] += table[-1, 0]
+            return np.vstack([table[:-1], ahead])
     return None
 
 
-def _connection(
-    start: tuple[float, float, float],
-    end: tuple[float, float, float],
-    limits: tuple[float, float],
-    speed_max: float,
-) -> Floats | None:
+def _connection(start: State, end: State, limits: tuple[float, float], speed_max: float) -> Floats | None:
     """Phases from state to state; None if there are none within the limits."""
-    request = InputParameter(1)
-    request.current_position, request.current_velocity, request.current_acceleration = (
-        [value] for value in start
-    )
-    request.target_position, request.target_velocity, request.target_acceleration = ([value] for value in end)
-    if not math.isfinite(limits[1]):
-        request.current_acceleration = request.target_acceleration = [0.0]
-    acceleration_max = max(
-        limits[0], abs(request.current_acceleration[0]), abs(request.target_acceleration[0])
-    )
-    request.max_velocity = [max(speed_max, start[1], end[1]) * ROUNDING]
-    request.max_acceleration, request.max_jerk = [acceleration_max * ROUNDING], [limits[1]]
-    trajectory = Trajectory(1)
+    acceleration_max, jerk_max = limits
+    if not math.isfinite(jerk_max):
+        start, end = (*start[:2], 0.0), (*end[:2], 0.0)
+    acceleration_max = max(acceleration_max, abs(start[2]), abs(end[2]))
+    most = (max(speed_max, start[1], end[1]) * ROUNDING, acceleration_max * ROUNDING, jerk_max)
     try:
-        result = Ruckig(1).calculate(request, trajectory)
-    except RuckigError:
+        return way_between(start, end, most)
+    except ProgramError:
         return None
-    return profile_rows(trajectory) if result in (Result.Working, Result.Finished) else None
 
 
 def _stays_under(table: Floats, master: Floats, factor: float, speed_max: float) -> bool:
     """Whether the phases never turn back nor exceed the planned speed, times a factor, at the same place."""
-    if slowest(table) < -BACK_M_S:
-        return False
-    s, v, _, _ = sample_master(np.linspace(0.0, table[-1, 0], SAMPLES), table)[:-1].T
-    allowed = master_at_distances(np.maximum.accumulate(s), master)[:, 2] * factor
-    return bool((v <= allowed * OVER_PLAN + 1e-4 * speed_max).all())
+    speeds = speeds_beside(table, master)
+    return speeds is not None and bool((speeds[0] <= speeds[1] * factor * OVER_PLAN + 1e-4 * speed_max).all())
 
 
 def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:

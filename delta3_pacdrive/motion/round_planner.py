@@ -1,6 +1,5 @@
 """Planning of a program's statements once through: they become moves, with their outputs and payloads."""
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,20 +11,15 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
-from delta3_pacdrive.motion.limits import Limits, excess
-from delta3_pacdrive.motion.move_planner import (
-    NO_TCP_LIMITS,
+from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind
+from delta3_pacdrive.motion.planned_move import (
     Event,
     PlannedMove,
-    check_legal_samples,
-    dynamics_at,
     event_rows,
     plan_cubic,
+    plan_dwell,
     plan_move,
-    require_holdable,
 )
-from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind
 from delta3_pacdrive.motion.program import (
     Cubic,
     Dwell,
@@ -38,8 +32,6 @@ from delta3_pacdrive.motion.program import (
     Target,
     point_text,
 )
-from delta3_pacdrive.motion.thermal_load import dwell_load
-from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -182,25 +174,14 @@ class RoundPlanner:
                 raise ProgramError('the last cubic of a sequence must end with end_velocity_m_s [0, 0, 0]')
             curve = curves.joined([one for one, _, _ in sequence])
         events = self._take_outputs(0.0)
-        limits = self._parameters.motion
-        bounds = Limits(limits.speed_max_m_s, limits.acceleration_max_m_s2, math.inf)
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(number, name):
-            planned = plan_cubic(curve, bounds, self.payload, name, self._parameters, returning)
+            planned = plan_cubic(curve, self.payload, name, self._parameters, returning)
         self._append(planned, events)
 
     def _dwell(self, time_s: float) -> None:
-        curve = curves.point(self.here)
-        samples = sample_path([0.0], curve.segments)
-        check_legal_samples(np.zeros(1), samples, self._parameters)
         events = self._take_outputs(0.0)
-        times = np.zeros(1)
-        d = dynamics_at(
-            times, np.zeros((1, 4)), samples, np.zeros(1, np.int64), (self.payload,), self._parameters
-        )
-        require_holdable(excess(d, NO_TCP_LIMITS, self._parameters, motors_only=True))
-        move = Move(MoveKind.DWELL, rest(time_s), curve.segments, payload_kg=self.payload)
-        self._append(PlannedMove(move, dwell_load(d, time_s)), events)
+        self._append(plan_dwell(self.here, time_s, self.payload, self._parameters), events)
 
     def _end_move(self) -> None:
         """Join the segments with their blends, and time and check the move that they make."""

@@ -1,6 +1,6 @@
 """How moves heat the motors: the rms current at any rate, and the largest override within the limits of the motors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.path_dynamics import PathDynamics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+
+AMOUNTS = ('moving', 'mixed', 'standing', 'duration_s', 'dwelling', 'dwell_s')  # what adds up
 
 
 @dataclass(frozen=True)
@@ -27,26 +29,22 @@ class ThermalLoad:
 
     def times(self, count: float) -> 'ThermalLoad':
         """Return the effort of doing it ``count`` times."""
-        return ThermalLoad(
-            count * self.moving,
-            count * self.mixed,
-            count * self.standing,
-            count * self.duration_s,
-            count * self.dwelling,
-            count * self.dwell_s,
-            self.override_max,
-        )
+        return replace(self, **{name: count * getattr(self, name) for name in AMOUNTS})
 
     def __add__(self, other: 'ThermalLoad') -> 'ThermalLoad':
         """Return the effort of doing one after the other."""
-        return ThermalLoad(
-            self.moving + other.moving,
-            self.mixed + other.mixed,
-            self.standing + other.standing,
-            self.duration_s + other.duration_s,
-            self.dwelling + other.dwelling,
-            self.dwell_s + other.dwell_s,
-            min(self.override_max, other.override_max),
+        amounts = {name: getattr(self, name) + getattr(other, name) for name in AMOUNTS}
+        return ThermalLoad(**amounts, override_max=min(self.override_max, other.override_max))
+
+    def slowed(self, factor: float) -> 'ThermalLoad':
+        """Return the effort of the same moves, ``factor`` times as slow."""
+        return replace(
+            self,
+            moving=self.moving / factor**3,
+            mixed=self.mixed / factor,
+            standing=self.standing * factor,
+            duration_s=self.duration_s * factor,
+            override_max=1.0,
         )
 
     def rms(self, rate: float, override: float = 1.0) -> Floats:

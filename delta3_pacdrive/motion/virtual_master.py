@@ -18,15 +18,17 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.kernel import kernel, row_at
 from delta3_pacdrive.numerics.types import Floats
 
-PHASE_COLUMNS = (
-    5  # time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]
-)
+# time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]
+PHASE_COLUMNS = 5
+BACK_M_S = 1e-9  # rounding of a speed that never turns back
+COMPARED = 64  # places at which phases are compared
+State = tuple[float, float, float]
 
 
 def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:
@@ -46,32 +48,48 @@ def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk
             raise ProgramError(f'{name} is {value}, but must be a positive number')
     if not jerk_max > 0.0:
         raise ProgramError(f'jerk_m_s3 is {jerk_max}, but must be positive (.inf for infinite jerk)')
+    rows = way_between((0.0, 0.0, 0.0), (length_m, 0.0, 0.0), (speed_max, acceleration_max, jerk_max))
+    rows[-1] = rows[-1, 0], length_m, 0.0, 0.0, 0.0
+    return rows
+
+
+def way_between(start: State, end: State, limits: State, to_speed: bool = False) -> Floats:
+    """Time-optimal phases (n, 5) between two states (distance, speed, acceleration) of a master.
+
+    Parameters
+    ----------
+    start, end
+        Distance [m], speed [m/s] and acceleration [m/s^2].
+    limits
+        Of speed [m/s], acceleration [m/s^2] and jerk [m/s^3]; an infinite jerk gives phases of constant acceleration.
+    to_speed
+        Whether the distance of the end is free.
+
+    Raises
+    ------
+    ProgramError
+        There is no such way.
+
+    """
     request = InputParameter(1)
-    request.current_position, request.target_position = [0.0], [length_m]
-    request.max_velocity, request.max_acceleration, request.max_jerk = (
-        [speed_max],
-        [acceleration_max],
-        [jerk_max],
-    )
+    request.current_position, request.current_velocity, request.current_acceleration = ([x] for x in start)
+    request.target_position, request.target_velocity, request.target_acceleration = ([x] for x in end)
+    request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
+    if to_speed:
+        request.control_interface = ControlInterface.Velocity
     trajectory = Trajectory(1)
     try:
         result = Ruckig(1).calculate(request, trajectory)
     except RuckigError:
         result = Result.Error
     if result not in (Result.Working, Result.Finished):
+        speed, acceleration, jerk = limits
         raise ProgramError(
-            f'no profile over {length_m} m within {speed_max} m/s, {acceleration_max} m/s2, {jerk_max} m/s3 ({result})'
+            f'no way over {end[0] - start[0]:g} m from {start[1]:g} to {end[1]:g} m/s within '
+            f'{speed:g} m/s, {acceleration:g} m/s2, {jerk:g} m/s3 ({result})'
         )
-    rows = profile_rows(trajectory)
-    rows[-1] = rows[-1, 0], length_m, 0.0, 0.0, 0.0
-    return rows
-
-
-def profile_rows(trajectory: Trajectory) -> Floats:
-    """Phases (n, 5) of a calculated profile, those without duration left out; the last row is the end, without jerk."""
-    profile = trajectory.profiles[0][0]
-    rows = []
-    time = 0.0
+    # phases without duration are left out; the last row is the end, without jerk
+    rows, time, profile = [], 0.0, trajectory.profiles[0][0]
     for part in (profile.brake, profile):
         for n, duration in enumerate(part.t):
             if duration > 0.0:
@@ -79,6 +97,33 @@ def profile_rows(trajectory: Trajectory) -> Floats:
                 time += duration
     rows.append((time, profile.p[-1], profile.v[-1], profile.a[-1], 0.0))
     return np.array(rows)
+
+
+def way_to_rest(
+    distance: float, speed: float, acceleration: float, acceleration_max: float, jerk_max: float
+) -> Floats:
+    """Phases (n, 5) that bring a master to rest as quickly as its limits allow."""
+    if speed <= 0.0 and acceleration == 0.0:
+        return np.array([[0.0, distance, 0.0, 0.0, 0.0]])
+    start = (distance, max(speed, 0.0), acceleration if math.isfinite(jerk_max) else 0.0)
+    limits = (math.inf, max(acceleration_max, abs(acceleration)), jerk_max)
+    rows = way_between(start, (distance, 0.0, 0.0), limits, to_speed=True)
+    rows[-1, 2:] = 0.0
+    return rows
+
+
+def remainder(phases: Floats, time: float, override: float) -> Floats:
+    """Phases of a master from a time on, at an override, their times from 0 on."""
+    row = max(int(np.searchsorted(phases[:, 0], time, side='right')) - 1, 0)
+    ahead = phases[row:].copy()
+    if row < len(phases) - 1:
+        s, v, a, j = sample_master([time], phases)[0]
+        ahead[0] = time, s, v, a, j
+    ahead[:, 0] = (ahead[:, 0] - time) / override
+    ahead[:, 2:] *= np.array([override, override**2, override**3])
+    ahead[0, 0] = 0.0
+    ahead[-1, 2:] = 0.0
+    return ahead
 
 
 def rest(duration_s: float) -> Floats:
@@ -178,3 +223,11 @@ def slowest(phases: Floats) -> float:
     with np.errstate(divide='ignore', invalid='ignore'):
         turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
     return float((v + turn * (a + 0.5 * turn * j)).min(initial=float(phases[:, 2].min())))
+
+
+def speeds_beside(phases: Floats, others: Floats) -> tuple[Floats, Floats] | None:
+    """Speeds of a master at places on its way, and those of another at the same places; None if it turns back."""
+    if slowest(phases) < -BACK_M_S:
+        return None
+    s, v, _, _ = sample_master(np.linspace(0.0, phases[-1, 0], COMPARED), phases)[:-1].T
+    return v, master_at_distances(np.maximum.accumulate(s), others)[:, 2]

@@ -1,5 +1,6 @@
 """Facts about the transformation task's end of orders: whose are taken, and what becomes of those taken back."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,7 @@ def test_a_change_that_is_heard_twice_counts_once(rig: Any, rows: list[Any]) -> 
     rig.run(60)
     profile = rig.task.profile
     label = Origin('COURSE', ME, SESSION, 500).label()
-    rig.orders.take_profile(label, profile.at_cycle(rig.next_cycle + 50).to_array())
+    rig.orders.take_profile(label, replace(profile, cycle=rig.next_cycle + 50).to_array())
     rig.orders.verdicts.clear()
     with pytest.raises(TelegramError, match='change 500 of this planner was heard before'):
         rig.orders.take_profile(label, profile.to_array())

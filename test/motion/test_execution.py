@@ -1,6 +1,7 @@
 """Facts about motion profiles: a plan that is started, held, resumed and overridden keeps to its path and limits."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.execution import MotionProfile, Timeline, velocity_stop
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.resume import resume
-from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest
+from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest, way_to_rest
 from delta3_pacdrive.sercos.bus_time import NEVER
 
 CYCLE_S = 1e-3
@@ -245,7 +246,7 @@ def test_the_place_is_a_place_of_the_path_whatever_the_motion_profile(plan):
     [(1.0, 0.0, 500.0), (1.0, 12.0, 500.0), (0.3, -12.0, 500.0), (0.01, 3.0, 500.0), (1.0, 0.0, math.inf)],
 )
 def test_a_stop_ends_at_rest_and_never_turns_back(speed, acceleration, jerk):
-    table = velocity_stop(0.5, speed, acceleration, 12.0, jerk)
+    table = way_to_rest(0.5, speed, acceleration, 12.0, jerk)
     assert table[-1, 2:].tolist() == [0.0, 0.0, 0.0]
     assert table[0, :3].tolist() == pytest.approx([0.0, 0.5, speed])
     assert (np.diff(table[:, 1]) >= -ROUNDING).all()
@@ -285,8 +286,8 @@ def spoilt(row, index, value):
         (lambda row: row[:-1], 'phases of 5 numbers'),
         (lambda row: spoilt(row, 0, 1.5), 'whole numbers'),
         (lambda row: spoilt(row, 1, -1.0), 'whole numbers'),
-        (lambda row: spoilt(row, 2, 0.0), 'a rate of 0'),
-        (lambda row: spoilt(row, 2, 3.0), 'a rate of 3'),
+        (lambda row: spoilt(row, 2, 0.0), 'an override of 0'),
+        (lambda row: spoilt(row, 2, 3.0), 'an override of 3'),
         (lambda row: spoilt(row, 3, 2.0), 'must be between'),
         (lambda row: spoilt(row, 4, 0.1), 'begin at time 0'),
         (lambda row: spoilt(row, -3, 0.5), 'end at rest'),
@@ -308,7 +309,7 @@ def shifted(profile, column, by):
 @pytest.mark.parametrize(
     ('change', 'reason'),
     [
-        (lambda c: c.at_cycle(c.cycle + 20), 'does not continue the motion'),
+        (lambda c: replace(c, cycle=c.cycle + 20), 'does not continue the motion'),
         (lambda c: shifted(c, 1, 1e-3), 'does not continue the motion'),
         (lambda c: shifted(c, 2, 1e-3), 'does not continue the motion'),
         (lambda c: MotionProfile(c.cycle, c.number + 1, c.table, 1.0, True), 'does not continue the motion'),
@@ -317,7 +318,7 @@ def shifted(profile, column, by):
             lambda c: MotionProfile(c.cycle, c.number, c.table, 1.0, False),
             'does not reach the end of its move',
         ),
-        (lambda c: c.at_cycle(-5), 'comes too late'),
+        (lambda c: replace(c, cycle=-5), 'comes too late'),
     ],
 )
 def test_a_motion_profile_that_does_not_continue_the_motion_is_refused(change, reason, plan):

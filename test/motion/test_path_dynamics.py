@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.path_dynamics import path_coefficients, timed_dynamics
+from delta3_pacdrive.motion.path_dynamics import CURVATURE, RATE, THETA, path_coefficients, timed_dynamics
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
 from planned import GEAR, HOME, dwell, output, plan
@@ -33,13 +33,10 @@ def test_demand_is_the_derivative_of_inverse_kinematics_over_time(kind, payload_
     inner = np.abs(times[:, None] - joints).min(axis=1) > 2.0 * h
     times, at = times[inner], at[inner]
     samples = sample_path(at[:, 0], curve.segments)
-    d = timed_dynamics(
-        times,
-        at,
-        samples,
-        path_coefficients(samples, np.zeros(len(at), np.int64), (payload_kg,), robot),
-        robot,
-    )
+    coefficients = path_coefficients(samples, np.zeros(len(at), np.int64), (payload_kg,), robot)
+    d = timed_dynamics(times, at, samples, coefficients, robot)
+    arm_speed = coefficients[:, RATE] * at[:, 1:2]
+    arm_acceleration = coefficients[:, CURVATURE] * at[:, 1:2] ** 2 + coefficients[:, RATE] * at[:, 2:3]
 
     def theta_at(shift):
         s = sample_master(times + shift, master)[:, 0]
@@ -47,11 +44,11 @@ def test_demand_is_the_derivative_of_inverse_kinematics_over_time(kind, payload_
 
     rate = (theta_at(h) - theta_at(-h)) / (2.0 * h)
     acceleration = (theta_at(h) + theta_at(-h) - 2.0 * theta_at(0.0)) / h**2
-    assert np.abs(d.arm_speed_rad_s - rate).max() < 1e-4  # second order in h
-    assert np.abs(d.arm_acceleration_rad_s2 - acceleration).max() < 1e-2
-    assert np.array_equal(d.motor_speed_rad_s, GEAR * d.arm_speed_rad_s)
+    assert np.abs(arm_speed - rate).max() < 1e-4  # second order in h
+    assert np.abs(arm_acceleration - acceleration).max() < 1e-2
+    assert np.array_equal(d.motor_speed_rad_s, GEAR * arm_speed)
     loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
-    torque = dynamics.inverse(d.arm_angle_rad, d.arm_speed_rad_s, d.arm_acceleration_rad_s2, loaded) / GEAR
+    torque = dynamics.inverse(coefficients[:, THETA], arm_speed, arm_acceleration, loaded) / GEAR
     torque += 0.10 * np.tanh(d.motor_speed_rad_s) + 3.0e-4 * d.motor_speed_rad_s
     assert np.abs(d.motor_current_a - torque / 0.78).max() < 1e-9
 

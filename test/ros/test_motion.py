@@ -327,7 +327,7 @@ def test_spoilt_plans_and_motion_profiles_from_a_stranger_move_nothing(cell: Cel
         'an order came without moves',
         '10.000 mm away',
         "'ORDER' is no label",
-        'a course must be a row of finite numbers',
+        'a motion profile must be a row of finite numbers',
         'the robot is idle',
     ):
         assert reason in sentences

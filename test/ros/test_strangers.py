@@ -262,9 +262,9 @@ def good_plan() -> list[float]:
 
 
 ORDERS = [
-    ([-1.0, 50.0, 0.0], 'the rate of an order is 50'),
-    ([-1.0, 0.0, 0.0], 'the rate of an order is 0'),
-    ([-1.0, -1.0, 0.0], 'the rate of an order is -1'),
+    ([-1.0, 50.0, 0.0], 'the override of an order is 50'),
+    ([-1.0, 0.0, 0.0], 'the override of an order is 0'),
+    ([-1.0, -1.0, 0.0], 'the override of an order is -1'),
     ([1e15, 1.0, 0.0], 'an order starts in bus cycle 1e+15'),
     ([1e300, 1.0, 0.0], 'an order starts in bus cycle 1e+300'),
     ([-7.0, 1.0, 0.0], 'an order starts in bus cycle -7'),

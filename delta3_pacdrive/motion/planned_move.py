@@ -1,0 +1,142 @@
+"""One move of a plan: it is timed and checked, slowed down where a motor asks for that, and its load is known."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import curves
+from delta3_pacdrive.motion.blending import PathSegment, name_of
+from delta3_pacdrive.motion.curves import Curve
+from delta3_pacdrive.motion.limits import Limits, excess, legal_coefficients, require_holdable
+from delta3_pacdrive.motion.move_planner import GRID_MAX, GRID_MIN, MovePlanner, require_end_of_time
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
+from delta3_pacdrive.motion.plan import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.thermal_load import ThermalLoad, dwell_load, thermal_load
+from delta3_pacdrive.motion.time_parametrization import slowed
+from delta3_pacdrive.motion.virtual_master import plan_master, rest
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
+SAMPLE_S = 2e-3  # between two places at which a cubic is checked
+
+
+@dataclass(frozen=True)
+class Event:
+    """An output or a payload that changes at a distance [m] on a move."""
+
+    distance_m: float
+    output: int
+    value: float
+    payload_kg: float | None
+
+
+@dataclass
+class PlannedMove:
+    """A move that is planned, with what the whole program needs to know about it."""
+
+    move: Move
+    load: ThermalLoad
+    notices: list[str] = field(default_factory=list)
+
+
+def event_rows(events: Sequence[Event]) -> Floats:
+    """Return events in order of their distance as the rows of a plan."""
+    rows = [
+        (e.distance_m, e.output, e.value, UNCHANGED if e.payload_kg is None else e.payload_kg) for e in events
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, EVENT_COLUMNS)
+
+
+def plan_move(
+    segments: list[PathSegment],
+    curve: Curve,
+    stretches: list[tuple[float, Limits]],
+    events: list[Event],
+    payload_kg: float,
+    parameters: Parameters,
+    returning: bool = False,
+) -> PlannedMove:
+    """Time one move and check it; one that is ``returning`` may begin beyond limits."""
+    ordered = sorted(events, key=lambda event: event.distance_m)
+    changes = [(event.distance_m, event.payload_kg) for event in ordered if event.payload_kg is not None]
+    planner = MovePlanner(curve, stretches, [(0.0, payload_kg), *changes], parameters, returning)
+    limits = segments[0].limits
+    if len(segments) == 1:
+        phases = plan_master(curve.length_m, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
+    else:
+        phases = planner.fastest(with_motors=False)
+    asked = float(phases[-1, 0])
+    notices = []
+    found = planner.excess(planner.dynamics(phases))
+    if found.worst > KEPT:
+        if any(segment.strict for segment in segments):
+            raise ProgramError(f'{found.text} (strict)')
+        phases = planner.fastest(with_motors=True)
+        notices.append(_slowed_down(name_of(segments), float(phases[-1, 0]), asked, found.text))
+    require_end_of_time(float(phases[-1, 0]))
+    move = Move(
+        segments[0].kind if len(segments) == 1 else MoveKind.BLENDED,
+        phases,
+        curve.segments,
+        min(limits.acceleration_m_s2 for _, limits in stretches),
+        min(limits.jerk_m_s3 for _, limits in stretches),
+        payload_kg,
+        event_rows(ordered),
+    )
+    return PlannedMove(move, planner.load(phases), notices)
+
+
+def _slowed_down(name: str, taken: float, asked: float, why: str) -> str:
+    return f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {why}'
+
+
+def plan_cubic(
+    curve: Curve, payload_kg: float, name: str, parameters: Parameters, returning: bool = False
+) -> PlannedMove:
+    """Check a sequence of cubics in time (chapter 5), and slow it down as a whole if a motor asks for that."""
+    duration = curve.length_m
+    times = np.linspace(0.0, duration, min(max(GRID_MIN, int(duration / SAMPLE_S)), GRID_MAX))
+    d = _even(curve, times, 1.0, payload_kg, parameters, returning)
+    found = excess(d, parameters)
+    require_holdable(found)
+    load = thermal_load(d, np.gradient(times), duration, parameters)
+    factor, notices = 1.0, []
+    if found.worst > KEPT:
+        factor = found.worst
+        load = load.slowed(factor)
+        notices.append(_slowed_down(name, duration * factor, duration, found.text))
+    phases = slowed(np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [duration, duration, 0.0, 0.0, 0.0]]), factor)
+    stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
+    return PlannedMove(
+        Move(MoveKind.CUBIC, phases, curve.segments, stop, math.inf, payload_kg), load, notices
+    )
+
+
+def plan_dwell(here: Floats, time_s: float, payload_kg: float, parameters: Parameters) -> PlannedMove:
+    """Let the robot stand at a point [m] for a time [s]; refuse a point at which a motor cannot hold its arm."""
+    curve = curves.point(here)
+    d = _even(curve, np.zeros(1), 0.0, payload_kg, parameters)
+    require_holdable(excess(d, parameters))
+    move = Move(MoveKind.DWELL, rest(time_s), curve.segments, payload_kg=payload_kg)
+    return PlannedMove(move, dwell_load(d, time_s))
+
+
+def _even(
+    curve: Curve,
+    times: Floats,
+    speed: float,
+    payload_kg: float,
+    parameters: Parameters,
+    returning: bool = False,
+) -> PathDynamics:
+    """Return what a master of even speed, 0 or 1 s/s, asks of the robot; refuses a path that is not legal."""
+    samples, payload = sample_path(times, curve.segments), np.zeros(len(times), np.int64)
+    coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning)
+    master = np.zeros((len(times), 4))
+    master[:, 0], master[:, 1] = times, speed
+    return timed_dynamics(times, master, samples, coefficients, parameters)
