@@ -171,6 +171,11 @@ class Reason:
         """Return the sentence."""
         return self.sentence
 
+    @staticmethod
+    def of(error: Delta3Error) -> 'Reason':
+        """Return the reason of a refused request; any other error tells what breaks a rule."""
+        return error.reason if isinstance(error, RefusedError) else Reason(Code.CONTENT, str(error))
+
 
 class RefusedError(ProgramError):
     """A request that is refused, with the reason."""

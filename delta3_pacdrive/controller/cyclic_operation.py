@@ -3,7 +3,6 @@
 All of it happens in each bus cycle, a thousand times a second on a clock and more often without one.
 """
 
-import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -94,8 +93,8 @@ class CyclicOperation:
         faults: Schedule,
         port: CyclePort,
         fall: Callable[[RobotFault], None],
-        now_s: Callable[[], float] = time.monotonic,
-        now_ns: Callable[[], int] = time.time_ns,
+        now_s: Callable[[], float],
+        now_ns: Callable[[], int],
     ) -> None:
         self._state, self._cycle, self._axes, self._services = state, cycle, axes, services
         self._watchdog, self._statistics, self._faults = watchdog, statistics, faults

@@ -184,7 +184,7 @@ class Orders:
         try:
             self._check_faults(order.faults)
         except ProgramError as error:
-            return Reason(Code.CONTENT, str(error))
+            return Reason.of(error)
         disagreement = self._watch.disagreement()
         if disagreement is not None:
             return Reason(Code.CONTENT, f'it was planned for another robot: {disagreement}')
@@ -205,7 +205,7 @@ class Orders:
         try:
             reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:
-            reason = Reason(Code.CONTENT, str(error))
+            reason = Reason.of(error)
         if reason is not None:
             self._refuse('change', origin, reason)
         else:

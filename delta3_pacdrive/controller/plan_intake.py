@@ -78,7 +78,7 @@ class PlanIntake:
             if self._error is None:
                 self._take_part(origin.kind, row)
         except ProgramError as error:
-            reason = Reason(Code.CONTENT, str(error))
+            reason = Reason.of(error)
             if origin.kind == ORDER:
                 self.begin()
                 return reason

@@ -1,4 +1,4 @@
-"""UnitRobot's decisions: who may ask for what when, the queue, what runs, and what an answer is worth.
+"""UnitRobot's decisions: who may ask for what when, what is queued and ordered, and what an answer is worth.
 
 Pure: what the transformation task says, what operators ask for and what a planning thread has found come in as calls;
 what has to be published, planned or answered goes out as actions. A request is answered when what it asks for has
@@ -14,6 +14,7 @@ import numpy as np
 from delta3_pacdrive.controller.control import control_refusal
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.override import Override
 from delta3_pacdrive.controller.planner_actions import (
     Action,
     Cancelled,
@@ -23,7 +24,7 @@ from delta3_pacdrive.controller.planner_actions import (
     Working,
 )
 from delta3_pacdrive.controller.planning_job import Caps, Job, Result
-from delta3_pacdrive.controller.profile_change import Change, ChangeEvent, ProfileChange
+from delta3_pacdrive.controller.profile_change import ChangeEvent
 from delta3_pacdrive.controller.program_queue import ProgramQueue
 from delta3_pacdrive.controller.program_run import (
     Order,
@@ -34,15 +35,11 @@ from delta3_pacdrive.controller.program_run import (
     RunState,
 )
 from delta3_pacdrive.controller.request_queue import RequestQueue
-from delta3_pacdrive.controller.robot_state import STANDING_M
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN, Timeline
-from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.resume import left_of_plan, resume
+from delta3_pacdrive.motion.resume import way_back
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -70,8 +67,6 @@ class Planner:
     ----------
     actions
         What has to be done, in this order; whoever does it takes them away.
-    override
-        Override, 1 = as planned.
 
     """
 
@@ -82,9 +77,8 @@ class Planner:
         program: Program | None,
         newest_cycle: Callable[[], int],
     ) -> None:
-        self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
+        self._robot, self._identity = parameters, identity
         self.actions: list[Action] = []
-        self.override = 1.0
         self._now_s = 0.0
         self._task = TaskStatus()
         self._profiles = Numbering()
@@ -95,10 +89,11 @@ class Planner:
         self._serving: Request | None = None
         self._job: tuple[Job, Callable[[Result], None]] | None = None
         self._jobs = 0
-        self._numbers = OrderNumbers()
+        numbers = OrderNumbers()
         self._queue = ProgramQueue(program)
-        self._run = ProgramRun(self._numbers, parameters.bus.cycle_time_s)
-        self._change = ProfileChange()
+        self._run = ProgramRun(numbers, parameters.bus.cycle_time_s)
+        self._override = Override(self._run, numbers, newest_cycle)
+        self._change = self._override.change
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
 
     # what is known ----------------------------------------------------------------------------------------------------
@@ -117,6 +112,11 @@ class Planner:
     def queue(self) -> tuple[int, float]:
         """Number of moves in the queue, and how long they take [s]; 0 while they are not planned."""
         return (0, 0.0) if self._run.waits else self._queue.size
+
+    @property
+    def override(self) -> float:
+        """Override, 1 = as planned."""
+        return self._override.value
 
     @property
     def listened_to(self) -> bool:
@@ -160,7 +160,7 @@ class Planner:
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
         if self._run.waits or self._change.waits:
-            self._reply(Reason(Code.BUS, 'the bus was phased up anew meanwhile'), '')
+            self._reply(Reason(Code.BUS, 'the bus was phased up anew meanwhile'))
         self._change.happen(ChangeEvent.PHASE_UP)
         if self._run.waits or self.motion != MotionState.ERROR:
             self._happen(RunEvent.PHASE_UP)
@@ -209,31 +209,15 @@ class Planner:
             self._queue.clear()
         self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
         order = self._run.order
-        self._reply(reason, order.sentence if order else '')
+        self._reply(reason or (order.sentence if order else ''))
 
     def _revoke_order(self, reason: Reason) -> None:
         self._happen(RunEvent.REVOKE)
-        self._reply(reason, '')
+        self._reply(reason)
 
     def _end_change(self, reason: Reason | None) -> None:
         """Answer whoever waits for the verdict on a change of motion profile, or send it again for a later cycle."""
-        change = self._change.change
-        if reason is not None and reason.code == Code.LATE and self._change.may_be_later:
-            self._change.happen(ChangeEvent.MISS)
-            try:
-                self._send_change(change)
-            except Delta3Error as error:
-                self._change.happen(ChangeEvent.REFUSE)
-                self._reply(Reason(Code.CONTENT, str(error)), '')
-            return
-        sentence = change.sentence
-        ended = reason is not None and reason.code == Code.STATE and self.motion == MotionState.IDLE
-        if change.lasting and ended:
-            reason, sentence = None, f'{sentence}, from the next program on: this one has ended'
-        self._change.happen(ChangeEvent.REFUSE if reason else ChangeEvent.ACCEPT)
-        if reason is None:
-            self.override = change.override
-        self._reply(reason, sentence)
+        self._tell(self._override.take_verdict(reason, self.motion, self._now_s))
 
     # requests ---------------------------------------------------------------------------------------------------------
 
@@ -265,7 +249,7 @@ class Planner:
             if self._job is not None:
                 job, self._job = self._job[0], None
                 self.actions.append(Cancelled(job.number))
-                self._reply(reason, '')
+                self._reply(reason)
             elif self._run.waits:
                 self._revoke_order(reason)
             # a change of motion profile that is under way is answered at once
@@ -285,28 +269,22 @@ class Planner:
         while not self._busy and (waiting := self._requests.first) is not None:
             request = waiting.request
             unknown = self.status is None or self.status.control < request.control
-            if (unknown and waiting.may_wait(self._now_s)) or self._must_follow_first(request):
+            changes = request.action == 'override' and self._override.must_wait(self.motion)
+            if (unknown and waiting.may_wait(self._now_s)) or changes:
                 return
             self._serving = request
             reason = None
             try:
                 self._require_control(request)
                 self._serve(request)
-            except RefusedError as refused:
-                reason = refused.reason
             except Delta3Error as error:
-                reason = Reason(Code.CONTENT, str(error))
+                reason = Reason.of(error)
             if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._task.received):
                 self._serving = None
                 return
             self._requests.pop()
             if reason is not None:
-                self._reply(reason, '')
-
-    def _must_follow_first(self, request: Request) -> bool:
-        """Whether a change of motion profile is still to take effect, on which the next one builds."""
-        under_way = request.action == 'override' and self.motion == MotionState.MOVING
-        return under_way and self._newest_cycle() < self._run.changes_from()
+                self._reply(reason)
 
     def _require_control(self, request: Request) -> None:
         status = self.status
@@ -324,21 +302,29 @@ class Planner:
             case 'resume':
                 self._resume()
             case 'override':
-                self._override(request.text)
+                self._tell(self._override.ask(request.text, self.motion, self._now_s))
             case 'clear':
                 self._queue.clear()
                 self._happen(RunEvent.CLEAR)
-                self._reply(None, 'the queue is empty')
+                self._reply('the queue is empty')
             case _:
                 raise ProgramError(
                     f'there is no action {request.action!r:.40}, expected {", ".join(ACTIONS)}'
                 )
 
-    def _reply(self, reason: Reason | None, sentence: str) -> None:
-        """Answer the request that is being served."""
+    def _reply(self, outcome: Reason | str) -> None:
+        """Answer the request that is being served: why it is refused, or what was done."""
         request, self._serving = self._serving, None
         if request is not None:
-            self.actions.append(Replied(request, reason, sentence))
+            refused = isinstance(outcome, Reason)
+            self.actions.append(Replied(request, outcome if refused else None, '' if refused else outcome))
+
+    def _tell(self, outcome: Changed | Reason | str) -> None:
+        """Send a change of motion profile to the task, or answer whoever asked for one."""
+        if isinstance(outcome, Changed):
+            self.actions.append(outcome)
+        else:
+            self._reply(outcome)
 
     def _require_rest(self) -> Floats:
         """Return where the robot stands; moves are taken only by a robot that is ready and stands."""
@@ -375,10 +361,8 @@ class Planner:
                 self._starts_by_itself = False
                 raise RefusedError(result.reason)
             then(result)
-        except RefusedError as refused:
-            self._reply(refused.reason, '')
         except Delta3Error as error:
-            self._reply(Reason(Code.CONTENT, str(error)), '')
+            self._reply(Reason.of(error))
         self._go_on()
 
     def _take_planned(self, result: Result) -> None:
@@ -392,7 +376,7 @@ class Planner:
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
         if self._refusal is not None:
             sentence += f'; it cannot start yet: {self._refusal}'
-        self._reply(None, sentence)
+        self._reply(sentence)
 
     # running ----------------------------------------------------------------------------------------------------------
 
@@ -459,7 +443,7 @@ class Planner:
             refusal = self._refusal
             if refusal is not None and refusal.code == Code.DISABLED:
                 raise RefusedError(refusal)
-            self._send_change(Change(self.override, 'resumed', lasting=False))
+            self._tell(self._override.resume(self.motion, self._now_s))
             return
         cut_off = self._run.cut_off
         if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
@@ -467,58 +451,13 @@ class Planner:
         self._resume_after_fault(cut_off)
 
     def _resume_after_fault(self, timeline: Timeline) -> None:
-        """Go back to the path on a straight line, then on along it; whoever was told to restart may still do so."""
+        """Go back to the path, then on along it; whoever was told to restart may still do so."""
         here = self._require_rest()
         self._require_readiness()
-        on_path, moves = left_of_plan(timeline)
-        if float(np.linalg.norm(here - on_path)) > STANDING_M:
-            document = {'moves': [{'move_l': {'to_m': on_path.tolist()}}]}
-            program = programs.parse(document, self._robot.motion)
-            way_back = program_planner.plan(program, here, self._robot, returning=True)
-            moves = [*way_back.plan.moves, *moves]
-        plan, override_max = Plan.of(moves), self._run.override_max
+        plan, override_max = way_back(timeline, here, self._robot), self._run.override_max
         override = min(self.override, override_max)
-        sentence = f'resumed after the fault: {len(moves)} moves, {plan.duration_s / override:.3f} s'
+        sentence = f'resumed after the fault: {len(plan)} moves, {plan.duration_s / override:.3f} s'
         self._send(Order(plan, (), -1, override, override_max, self._run.program, sentence))
-
-    def _override(self, text: str) -> None:
-        try:
-            percent = float(text)
-        except ValueError:
-            raise ProgramError(f'override is {text!r:.40}, which is no number') from None
-        if not 100.0 * OVERRIDE_MIN <= percent <= 100.0 * OVERRIDE_MAX:
-            raise ProgramError(
-                f'override is {percent:g} %, but must be between {100 * OVERRIDE_MIN:g} and {100 * OVERRIDE_MAX:g} %'
-            )
-        override, override_max = percent / 100.0, self._run.override_max
-        under_way = self.motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
-        if under_way and override > override_max:
-            raise ProgramError(
-                f'override is {percent:g} %, but the motors bear at most {100 * override_max:.0f} % in this program'
-            )
-        sentence = f'override {percent:g} %'
-        if self.motion == MotionState.MOVING:
-            self._send_change(Change(override, sentence, lasting=True))
-            return
-        self.override = override
-        self._reply(None, sentence)
-
-    def _send_change(self, change: Change) -> None:
-        """Plan how to go over to another override from a bus cycle in the near future on, and send it to the task."""
-        timeline = self._run.timeline
-        if timeline is None or timeline.profile is None:
-            raise ProgramError('the program that runs is not one of this planner')
-        cycle = self._newest_cycle() + self._change.lead_cycles
-        if self.motion == MotionState.STOPPED:
-            cycle = max(cycle, timeline.end_cycle)
-        cycle = max(cycle, timeline.profile.cycle + 1)
-        if not timeline.profile.held and cycle >= timeline.end_cycle:
-            self.override = change.override
-            self._reply(None, f'{change.sentence}, from the next program on: this one is about to end')
-            return
-        profile = resume(timeline, cycle, change.override)
-        self._change.send(change, self._numbers.next(), self._now_s)
-        self.actions.append(Changed(self._change.number, profile))
 
 
 def _refused(code: Code, sentence: str) -> RefusedError:

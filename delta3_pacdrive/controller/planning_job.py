@@ -70,7 +70,7 @@ def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> R
     except CancelledError as error:
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
     except Delta3Error as error:
-        return Result(job.number, None, None, Reason(Code.CONTENT, str(error)))
+        return Result(job.number, None, None, Reason.of(error))
 
 
 def _read(job: Job, robot: Parameters) -> Program:

@@ -1,5 +1,6 @@
 """What the state of the robot wants told, asked and done."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +9,7 @@ from delta3_pacdrive.errors import Reason
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.sercos.service_channel import Access
+from delta3_pacdrive.sercos.service_channel import Access, Answer
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,11 @@ class Switched:
 
 @dataclass(frozen=True)
 class Asked:
-    """A drive is asked through its service channel; the answer goes to ``drive_answered``."""
+    """A drive is asked through its service channel; ``done`` is called with its number and the answer."""
 
     index: int
     access: Access
+    done: Callable[[int, Answer], None]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ the actions of the state. Tests let it run without ROS.
 """
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any, Protocol
@@ -13,6 +12,7 @@ from typing import Any, Protocol
 from delta3_pacdrive.controller.control import Control
 from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.cyclic_operation import Content, CyclePort, CyclicOperation
+from delta3_pacdrive.controller.enabling import Enabling
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_actions import Said
@@ -62,15 +62,15 @@ class RobotController:
         Those that are injected into the controller.
     port
         Does what has to be done outside.
-    now_s
-        Returns the time of a clock that never jumps [s].
+    now_s, now_ns
+        Return the time: of a clock that never jumps [s], of day [ns].
 
     Attributes
     ----------
     bus, cycles, state, task, axes
         The phases of the bus, its cycles, the state of the robot, its transformation, what is known of the drives.
-    services, control, planners, orders
-        What is asked of the drives, who has control, which planner is there, what it has ordered.
+    enabling, services, control, planners, orders
+        What operators and clients ask of the drives, who has control, which planner is there, what it has ordered.
     statistics
         Counts.
     wait_for_program
@@ -86,7 +86,8 @@ class RobotController:
         wait_for_program: bool,
         faults: Schedule,
         port: Port,
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float],
+        now_ns: Callable[[], int],
     ) -> None:
         bus, identity = parameters.bus, Identity.of(parameters)
         self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
@@ -99,6 +100,7 @@ class RobotController:
         self.bus = BusMaster(identity, self._locate)
         self.services = ServiceRequests(self.bus.channel_closed)
         self.state = RobotState(self, self.task, self.axes)
+        self.enabling = Enabling(self, self.task, self.axes, self.state)
         self.cycles = CyclicOperation(
             parameters,
             period_s,
@@ -112,6 +114,7 @@ class RobotController:
             port,
             self._fall,
             now_s,
+            now_ns,
         )
         self.control = Control(report_s)
         self.planners = PlannerWatch(report_s, identity)
@@ -171,7 +174,7 @@ class RobotController:
         try:
             self.task.locate(motor_positions_rad)
         except UnreachableError as error:
-            return Reason(Code.CONTENT, str(error))
+            return Reason.of(error)
         return None
 
     def _fall(self, fault: RobotFault) -> None:
@@ -193,13 +196,13 @@ class RobotController:
                     self._give_up(fault, session)
                 case master.Note(fault):
                     self.state.note(fault)
-                case master.Stop(fault):
+                case master.StopRobot(fault):
                     self.state.stop(fault)
                 case master.Drop(index, fault):
                     self._drop(index, fault)
                 case master.Wait(waiting):
                     self.state.actions.append(Said(str(waiting)))
-        if any(isinstance(action, (master.GiveUp, master.Stop, master.Drop)) for action in actions):
+        if any(isinstance(action, (master.GiveUp, master.StopRobot, master.Drop)) for action in actions):
             self._port.report()
         elif self.state.actions:
             self._port.change()
@@ -217,6 +220,7 @@ class RobotController:
         self.axes.begin()
         self.services.close()
         self.state.lose_bus(fault)
+        self.enabling.lose_bus(fault)
         self.wait_for_program = False
         self.orders.begin_session(session.decode())
 
@@ -242,7 +246,7 @@ class RobotController:
             code = FaultCode.PLANNER_SILENT if silent else FaultCode.PLANNER_RESTARTED
             sentence = f'{lost}, in bus cycle {self.answered}'
             self.state.stop(RobotFault(code, sentence, UNIT_ROBOT, cycle=self.answered))
-        self.state.look()
+        self.enabling.look()
 
     def _look_for_drives(self, now_s: float) -> None:
         silence_s = self._watchdog.silence_s(now_s)

@@ -1,19 +1,18 @@
-"""The state of one robot: its motion, its faults, whether its drives are enabled; what operators may change of it.
+"""The state of one robot: its motion, and what has stopped it; programs that start, change, are held and given up.
 
 Pure: requests, orders and answers of bus cycles come in as calls, what has to be told or asked goes out as actions.
-This is the only owner of enabling, stops and faults; ``Transformation`` carries them out in the right bus cycle.
+This is the only owner of stops and faults; ``Transformation`` carries them out in the right bus cycle. What leads out
+of a fault, and who may be enabled, stands in ``enabling``.
 """
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
-from delta3_pacdrive.controller.fault_reset import FaultReset, ResetEvent, ResetState
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
 from delta3_pacdrive.controller.robot_actions import (
     Action,
-    Answered,
     Asked,
     Entered,
     Followed,
@@ -24,20 +23,16 @@ from delta3_pacdrive.controller.robot_actions import (
 )
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
-from delta3_pacdrive.errors import Code, FaultCode, ProgramError, Reason, RobotFault, UnreachableError
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
 from delta3_pacdrive.motion.execution import MotionProfile
+from delta3_pacdrive.motion.plan import STANDING_M
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
 from delta3_pacdrive.sercos.words import in_torque
 
-RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)
 DIAGNOSTIC_NUMBER = Access(parse_idn('S-0-0390'), Operation.READ)
-STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
-SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
-DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
 START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
 FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node knows of it by then
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
@@ -98,7 +93,6 @@ class RobotState:
         self._due = NEVER  # command cycle at which something ends
         self._told: MotionProfile | None = None  # the motion profile that was told last
         self._outputs, self._payload = task.outputs, task.payload
-        self._reset = FaultReset()
         self._reporting: int | None = None  # drive whose report is the first cause of the fault
 
     # what is known --------------------------------------------------------------------------------------------------
@@ -210,7 +204,7 @@ class RobotState:
         try:
             self._task.change(profile)
         except ProgramError as error:
-            return Reason(Code.CONTENT, str(error))
+            return Reason.of(error)
         self.ends = self._task.coming_last_cycle
         self._due = NEVER
         self._told = profile
@@ -274,9 +268,12 @@ class RobotState:
         self.finished = True
         self._end(Event.END, cycle)
 
-    def _end(self, event: Event, cycle: int) -> None:
+    def _forget_program(self) -> None:
         self._aborting = False
         self.starts = self.ends = self._due = NEVER
+
+    def _end(self, event: Event, cycle: int) -> None:
+        self._forget_program()
         self._task.unload()
         self._enter(event)
         self.locate(self._task.state['tcp'][0], cycle)
@@ -289,8 +286,7 @@ class RobotState:
             return
         self.fault = fault if fault.cycle >= 0 else replace(fault, cycle=self._bus.answered)
         self.actions.append(Said(fault.sentence, error=True))
-        self.starts = self.ends = self._due = NEVER
-        self._aborting = False
+        self._forget_program()
         self._enter(Event.FAIL)
 
     def stop(self, fault: RobotFault, hard: bool = False) -> None:
@@ -302,7 +298,8 @@ class RobotState:
         """Stop as the evaluation of a bus cycle asks, and ask faulty drives for the cause."""
         if self.fault is None:
             self._reporting = stop.drive
-            self.actions.extend(Asked(index, DIAGNOSTIC_NUMBER) for index in self._axes.faulty())
+            asked = self._axes.faulty()
+            self.actions.extend(Asked(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked)
         self._task.stop_at(stop.first, stop.hard)
         self.note(stop.fault)
 
@@ -310,119 +307,26 @@ class RobotState:
         """Give everything up that needs cyclic operation, which has ended."""
         self.note(fault)
         self._task.give_up()
-        if self._reset.happen(ResetEvent.LOSE_BUS):
-            self._answer_reset(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
 
-    def drive_answered(self, index: int, access: Access, answer: Answer) -> None:
-        """Take what a drive has answered to ``Asked``."""
-        if access == RESET_CLASS_1:
-            self._take_reset_answer(index, answer)
-        elif answer.error == 0:
-            number = int(answer.value)
-            told = FAULT_OF_NUMBER.get(number)
-            if told and self.fault and index == self._reporting:
-                sentence = f'{self.fault}: {fault_text(told)}'
-                self.fault = replace(self.fault, sentence=sentence, number=number)
-                self.actions.append(Said(sentence, error=True))
+    def _take_number(self, index: int, answer: Answer) -> None:
+        """Take the number of the diagnostic message that a drive has answered."""
+        number = 0 if answer.error else int(answer.value)
+        told = FAULT_OF_NUMBER.get(number)
+        if told and self.fault and index == self._reporting:
+            sentence = f'{self.fault}: {fault_text(told)}'
+            self.fault = replace(self.fault, sentence=sentence, number=number)
+            self.actions.append(Said(sentence, error=True))
 
-    # requests -------------------------------------------------------------------------------------------------------
-
-    def enable(self) -> Reason | str:
-        """Enable the drives; returns why not, or from which cycle on."""
-        if self.fault:
-            return Reason(Code.FAULT, f'not after a fault: {self.fault}', self.fault)
-        if self._bus.closed():
-            return Reason(Code.BUS, f'the drives cannot be enabled, {self._bus.closed()}')
-        if self.enabled:
-            return f'enabled already, effective in bus cycle {self._task.enable_cycle + 1}'
-        reason = self._take_over_position()
-        if reason is not None:
-            return reason
-        self._task.enable(self._bus.next_cycle)
-        return f'effective in bus cycle {self._bus.next_cycle + 1}'
-
-    def disable(self) -> str:
-        """Disable the drives, after a stop on the path if the TCP moves; returns when."""
-        cycle = self._bus.next_cycle
-        if self.motion in (MotionState.MOVING, MotionState.STOPPING):
-            sentence = f'disabled by the operator in motion, in bus cycle {cycle}'
-            self.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
-            return f'stops on its path from bus cycle {cycle} on'
-        if self.fault:
-            return 'the fault has taken the torque off, or will as soon as the TCP stands'
-        self._task.disable()
-        return f'effective in bus cycle {cycle + 1}'
-
-    def _take_over_position(self) -> Reason | None:
-        """Command the TCP to be where the brakes hold it; returns why that is not possible."""
-        if self.in_torque:
-            return Reason(Code.STATE, 'a drive is in torque still')
-        try:
-            away = self._task.distance_m(self._axes.positions)
-        except UnreachableError as error:
-            return Reason(Code.CONTENT, str(error))
-        if self._task.loaded:
-            # a program that is held goes on where it was left
-            if away <= DISPLACED_M:
-                return None
-            where = f'{1e3 * away:.1f} mm from where its program was held'
-            return Reason(Code.STATE, f'the robot was moved {where}: abort it first')
-        if away > SETTLED_M:
-            self.locate(self._task.locate(self._axes.positions), self._bus.answered)
-        return None
+    def recover(self, tcp_m: Floats) -> None:
+        """Stand ready where the motors are, without a fault and without a program."""
+        self.fault = self._reporting = None
+        self._axes.clear_losses()
+        self._task.give_up()
+        self._forget_program()
+        self._enter(Event.RESET)
+        self.locate(tcp_m, self._bus.answered)
 
     def emergency_stop(self) -> str:
         """Stop on the path, then take the torque off (stop category 1); returns the first cause of a stop."""
         self.stop(emergency_stop(self._bus.next_cycle).fault)
         return str(self.fault)
-
-    def reset(self, request: Any) -> Reason | None:
-        """Clear the faults of all drives (S-0-0099); returns why not, else the answer to the request follows."""
-        if not self.fault:
-            return Reason(Code.STATE, 'there is no fault')
-        if self._reset.under_way:
-            return Reason(Code.STATE, 'faults are being cleared already')
-        if self._bus.closed():
-            waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
-            return Reason(Code.BUS, f'cannot be cleared now: {self.fault}{waiting}', self.fault)
-        self._reset.begin(request)
-        self.look()
-        return None
-
-    def look(self) -> None:
-        """Look whether a reset need not wait any more: a drive that is still to be enabled would be so at once."""
-        if self._reset.state is ResetState.WAITING and self.without_torque:
-            self._reset.ask(len(DRIVES))
-            self.actions.extend(Asked(index, RESET_CLASS_1) for index in range(len(DRIVES)))
-
-    def _take_reset_answer(self, index: int, answer: Answer) -> None:
-        error = f'{DRIVES[index]}: {answer.sentence}' if answer.error else ''
-        if self._reset.answered(error):
-            self._answer_reset(self._clear_faults())
-
-    def _clear_faults(self) -> Reason | None:
-        """Stand ready where the motors are, now that the drives have cleared their faults; returns why not."""
-        if self._reset.errors:
-            errors = '; '.join(self._reset.errors)
-            return Reason(Code.FAULT, f'{errors}; the cause may last: {self.fault}', self.fault)
-        if self.in_torque:
-            return Reason(Code.STATE, 'a drive is in torque still')
-        try:
-            tcp = self._task.locate(self._axes.positions)
-        except UnreachableError as error:
-            return Reason(Code.CONTENT, f'{error}; the cause lasts: {self.fault}', self.fault)
-        self.fault = self._reporting = None
-        self._axes.clear_losses()
-        self._task.give_up()
-        self._aborting = False
-        self.starts = self.ends = self._due = NEVER
-        self._enter(Event.RESET)
-        self.locate(tcp, self._bus.answered)
-        return None
-
-    def _answer_reset(self, reason: Reason | None) -> None:
-        sentence = (
-            f'reset refused: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
-        )
-        self.actions.append(Said(sentence, error=reason is not None))
-        self.actions.append(Answered(self._reset.request, reason, sentence))

@@ -3,7 +3,6 @@
 Pure: telegrams come in as calls, what has to go out is done by a ``DrivePort``. Tests let it run without ROS.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -81,7 +80,7 @@ class BusDrive:
         faults: Schedule,
         port: DrivePort,
         look_s: float,
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float],
     ) -> None:
         self._axis, self._port, self._now_s = DRIVES[index], port, now_s
         self._ahead_max = parameters.bus.outstanding_cycles_max + AHEAD

@@ -38,6 +38,7 @@ MOVES_MAX = 20_000
 ROWS_MAX = 200_000  # phases, segments or events of one move
 COUNT_MAX = 10**9  # larger numbers in a header are not worth printing
 BACKWARDS_M_S = 1e-6  # below it a speed is rounding
+STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 JOINED_M = 1e-5  # largest distance between the end of a move and the start of the next
 CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
 OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')

@@ -6,9 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import Move, MoveKind
+from delta3_pacdrive.motion.plan import STANDING_M, Move, MoveKind, Plan
+from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.virtual_master import (
     State,
     remainder,
@@ -18,6 +21,7 @@ from delta3_pacdrive.motion.virtual_master import (
     way_between,
 )
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 CANDIDATES = 200  # places of a move at which the plan may be joined
 OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
@@ -146,3 +150,21 @@ def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
     if not later:
         raise ProgramError('the program was at its end')
     return here, later
+
+
+def way_back(timeline: Timeline, here_m: Floats, parameters: Parameters) -> Plan:
+    """Return the plan that leads a robot from where it stands to the path of a stopped program, then on along it.
+
+    Raises
+    ------
+    ProgramError
+        The straight line back is refused, the program was not stopped, or is at its end.
+
+    """
+    on_path, moves = left_of_plan(timeline)
+    if float(np.linalg.norm(here_m - on_path)) > STANDING_M:
+        motion, (x, y, z) = parameters.motion, on_path.tolist()
+        limits = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
+        program = Program('way back', (MoveL(Target((x, y, z)), limits),))
+        moves = [*program_planner.plan(program, here_m, parameters, returning=True).plan.moves, *moves]
+    return Plan.of(moves)

@@ -13,6 +13,7 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.controller.control import Control, Operator
+from delta3_pacdrive.controller.enabling import Enabling
 from delta3_pacdrive.controller.messages import (
     ABORT,
     DISABLE,
@@ -44,7 +45,7 @@ class OperatorServices:
     ----------
     node
         Has the services.
-    state, control
+    state, enabling, control
         Of the same transformation task.
     session
         Returns the session of the bus.
@@ -59,12 +60,13 @@ class OperatorServices:
         self,
         node: RobotNode,
         state: RobotState,
+        enabling: Enabling,
         control: Control,
         session: Callable[[], bytes],
         changed: Callable[[], None],
         told: Callable[[], None],
     ) -> None:
-        self._log, self._state, self._control = node.get_logger(), state, control
+        self._log, self._state, self._enabling, self._control = node.get_logger(), state, enabling, control
         self._changed, self._told = changed, told
         self._operator = interfaces.CONTROL_OPERATOR.publisher(node)
         self._server = RequestServer(
@@ -130,7 +132,7 @@ class OperatorServices:
             if action in (TAKE, TAKE_OVER, RELEASE):
                 outcome = self._change_control(operator, action, text)
             elif action == RESET:
-                outcome = self._state.reset(tell)
+                outcome = self._enabling.reset(tell)
             else:
                 outcome = self._act(action)
         self._changed()
@@ -147,8 +149,8 @@ class OperatorServices:
             HOLD: state.hold,
             ABORT: state.abort,
             EMERGENCY_STOP: state.emergency_stop,
-            ENABLE: state.enable,
-            DISABLE: state.disable,
+            ENABLE: self._enabling.enable,
+            DISABLE: self._enabling.disable,
         }
         if action not in acts:
             return Reason(Code.CONTENT, f'there is no action {shown(action)}')

@@ -108,14 +108,13 @@ class RobotOutputs:
 
     def _ask(self, action: Asked) -> None:
         def take(index: int, answer: Answer) -> None:
-            self._state.drive_answered(index, action.access, answer)
+            action.done(index, answer)
             self.carry_out()
 
         try:
             self._drives.ask(action.index, action.access, take)
         except TelegramError:
-            answer = Answer(action.access.idn, ServiceError.NOT_OPEN)
-            self._state.drive_answered(action.index, action.access, answer)
+            action.done(action.index, Answer(action.access.idn, ServiceError.NOT_OPEN))
 
     def _say(self, action: Said) -> None:
         if action.error:

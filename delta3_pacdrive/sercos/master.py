@@ -87,7 +87,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRobot:
     """The robot stops for a fault that leaves the bus working."""
 
     fault: RobotFault
@@ -108,7 +108,7 @@ class Wait:
     reason: Reason
 
 
-Action = Announce | Greet | Stand | Begin | GiveUp | Note | Stop | Drop | Wait
+Action = Announce | Greet | Stand | Begin | GiveUp | Note | StopRobot | Drop | Wait
 
 TRANSITIONS: dict[tuple[Phase, Event], tuple[Phase, tuple[type[Action], ...]]] = {
     (Phase.CP0, Event.PRESENT): (Phase.CP1, (Announce,)),
@@ -259,7 +259,7 @@ class BusMaster:
         name = announcement.name
         sentence = f'{name} was started again, or has left the bus, in bus cycle {answered}'
         fault = RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, name, cycle=answered)
-        return self.fall(fault, next_cycle) if name == PLANT else [Stop(fault)]
+        return self.fall(fault, next_cycle) if name == PLANT else [StopRobot(fault)]
 
     # cyclic operation -------------------------------------------------------------------------------------------------
 

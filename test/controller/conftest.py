@@ -11,6 +11,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.controller.cycle import ControllerCycle
+from delta3_pacdrive.controller.enabling import Enabling
 from delta3_pacdrive.controller.messages import COURSE, FAULT, ORDER, REVOKE, Origin, Request
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner import Planner
@@ -19,7 +20,7 @@ from delta3_pacdrive.controller.planning_job import Job, Result, work
 from delta3_pacdrive.controller.robot_actions import Answered, Asked, Followed
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -32,6 +33,8 @@ PERIOD_S = 0.2
 IN_TORQUE = int(Word.IN_TORQUE | Word.FOLLOWS_COMMAND)
 READY = int(Word.READY_TO_ENABLE)
 ENABLING = 40  # cycles from the control word to torque
+LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'
+FAILURE = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
 
 
 class Rig:
@@ -55,6 +58,7 @@ class Rig:
         self.axes.status = [READY] * 3
         self.task.locate(self.axes.positions)
         self.state = RobotState(self, self.task, self.axes)
+        self.enabling = Enabling(self, self.task, self.axes, self.state)
         self.cycle = ControllerCycle(self.task, self.axes, robot)
         self.control = Control(PERIOD_S)
         identity = Identity.of(robot)
@@ -98,7 +102,7 @@ class Rig:
         self.orders.look(self.now_s)
         if self.control.lost(self.now_s) and self.state.motion == 'moving':
             self.state.hold()
-        self.state.look()
+        self.enabling.look()
         self.settle()
         self.tell()
         self.planner.look(self.now_s)
@@ -150,9 +154,8 @@ class Rig:
     def _carry_out(self, action: Any) -> None:
         self.said.append(action)
         match action:
-            case Asked(index, access):
-                answer = Answer(access.idn, 0 if not self.drives_refuse else 0x7004)
-                self.state.drive_answered(index, access, answer)
+            case Asked(index, access, done):
+                done(index, Answer(access.idn, 0 if not self.drives_refuse else 0x7004))
             case Followed(profile):
                 origin = Origin.from_label(self.orders.profile_label())
                 self.planner.receive_profile(origin, profile.to_array())
@@ -206,7 +209,10 @@ class Rig:
         def tell(reason: Reason | None, sentence: str) -> None:
             answers.append((reason is None, reason.sentence if reason else sentence))
 
-        outcome: Any = self.state.reset(tell) if action == 'reset' else getattr(self.state, action)()
+        if action == 'reset':
+            outcome: Any = self.enabling.reset(tell)
+        else:
+            outcome = getattr(self.enabling if action in ('enable', 'disable') else self.state, action)()
         if isinstance(outcome, Reason):
             tell(outcome, '')
         elif outcome is not None:
@@ -219,6 +225,23 @@ class Rig:
         self.tell()
         assert len(answers) == 1, f'"{action}" got {len(answers)} answers'
         return answers[0]
+
+    def lead_to(self, motion: str) -> None:
+        """Bring an idle robot into a state of its motion."""
+        self.enable()
+        if motion == 'error':
+            self.state.stop(FAILURE)
+            self.settle()
+            self.run(100)
+        elif motion != 'idle':
+            self.start(LINE)
+            self.run(60)
+        if motion in ('stopping', 'stopped'):
+            assert isinstance(self.state.hold(), str)
+            self.settle()
+        if motion == 'stopped':
+            self.run(200)
+        assert self.state.motion == motion
 
     def take_control(self, identity: str, by_force: bool = False) -> Reason | None:
         reason = self.control.take(Operator(identity, f'operator {identity}'), by_force, self.now_s)

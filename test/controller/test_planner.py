@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 
-from delta3_pacdrive.controller.messages import Request, Status, Verdict
+from delta3_pacdrive.controller.messages import Status, Verdict
 from delta3_pacdrive.controller.planner import VERDICT_S, Planner
 from delta3_pacdrive.controller.planner_actions import (
     Cancelled,
-    Changed,
     Mirrored,
     Ordered,
     Replied,
@@ -17,90 +16,10 @@ from delta3_pacdrive.controller.planner_actions import (
     Working,
 )
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
-from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.controller.request_queue import NEWS_S, WAITING_MAX
 from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
 from delta3_pacdrive.errors import Code
-from delta3_pacdrive.motion.execution import MotionProfile, Timeline
-
-LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.2}}]'
-HOME = (0.0, 0.0, -0.75)
-ME = 'a1b2c3d4'
-
-
-class Client:
-    """A planner, and what a test says to it."""
-
-    def __init__(self, robot: Any) -> None:
-        self.robot = robot
-        self.cycle = 1000
-        self.planner = Planner(robot, ME, None, lambda: self.cycle)
-        self.now_s = 0.0
-        self.told = Status('5e55', '', 0, ME, 'idle', 'CP4', '', '', 1, HOME, 0, '', '', 0, 0, 0, 1000)
-        self.number = 0
-        self.say()
-
-    def say(self, **facts: Any) -> bool:
-        """Tell a status that is newer than the last."""
-        self.told = replace(self.told, serial=self.told.serial + 1, **facts)
-        return self.planner.receive_status(self.told, self.now_s)
-
-    def do(self, kind: type) -> Any:
-        """Take the only action of a kind."""
-        (action,) = [action for action in self.planner.actions if isinstance(action, kind)]
-        self.planner.actions = [other for other in self.planner.actions if other is not action]
-        return action
-
-    def none(self, kind: type) -> bool:
-        return not any(isinstance(action, kind) for action in self.planner.actions)
-
-    def ask(self, action: str, text: str = '', operator: str = 'op', control: int = 0) -> Request:
-        self.number += 1
-        request = Request(ME, operator, self.number, control, action, text)
-        self.planner.ask(request, self.now_s)
-        return request
-
-    def answer(self) -> tuple[Any, str]:
-        replied = self.do(Replied)
-        return replied.reason, replied.sentence
-
-    def plan(self) -> None:
-        """Do the job that the planner has begun."""
-        job = self.do(Working).job
-        self.planner.take_result(work(job, self.robot, lambda *_: None), self.now_s)
-
-    def queue(self, text: str = LINE) -> None:
-        self.ask('program', text)
-        self.plan()
-        assert self.answer()[0] is None
-
-    def order(self) -> Ordered:
-        self.queue()
-        self.ask('start')
-        return self.do(Ordered)
-
-    def verdict(self, number: int, code: str = '', sentence: str = '') -> bool:
-        return self.planner.receive_verdict(Verdict('5e55', ME, number, not code, code, sentence), self.now_s)
-
-    def run(self) -> Timeline:
-        """Let a program run; returns what the transformation task follows."""
-        ordered = self.order()
-        self.verdict(ordered.number)
-        assert self.answer()[0] is None
-        self.say(state='moving', order=ordered.number)
-        from delta3_pacdrive.motion.plan import Plan
-
-        timeline = Timeline(Plan.of(ordered.moves), self.robot.bus.cycle_time_s)
-        timeline.start(self.cycle, ordered.row[1])
-        self.follow(timeline.profile, 1)
-        self.cycle += 50
-        return timeline
-
-    def follow(self, profile: MotionProfile | None, number: int) -> bool:
-        from delta3_pacdrive.controller.messages import Origin
-
-        assert profile is not None
-        return self.planner.receive_profile(Origin('COURSE', ME, '5e55', number), profile.to_array())
+from planner_client import HOME, LINE, ME, Client
 
 
 @pytest.fixture
@@ -295,73 +214,6 @@ def test_requests_are_served_in_their_order_and_only_so_many_wait(client: Client
     client.plan()
     served = [a.request for a in client.planner.actions if isinstance(a, Replied)]
     assert served == [first, *others]
-
-
-def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_far(client: Client) -> None:
-    client.ask('program', 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]')
-    client.plan()
-    client.answer()
-    client.ask('start')
-    ordered = client.do(Ordered)
-    client.verdict(ordered.number)
-    client.answer()
-    client.say(state='moving', order=ordered.number)
-    from delta3_pacdrive.motion.plan import Plan
-
-    timeline = Timeline(Plan.of(ordered.moves), client.robot.bus.cycle_time_s)
-    timeline.start(client.cycle, 1.0)
-    client.follow(timeline.profile, 1)
-    client.cycle += 50
-    client.ask('override', '50')
-    leads = []
-    while not client.none(Changed):
-        changed = client.do(Changed)
-        leads.append(changed.profile.cycle - client.cycle)
-        client.verdict(changed.number, 'late', 'bus cycle 7 is over')
-    assert leads == [LEAD_CYCLES * 4**n for n in range(len(leads))]
-    assert leads[-1] >= LEAD_CYCLES_MAX
-    assert client.answer()[0].code == Code.LATE
-    assert client.planner.override == 1.0  # nothing has changed
-
-
-def test_an_override_counts_once_it_was_taken(client: Client) -> None:
-    client.run()
-    client.ask('override', '50')
-    changed = client.do(Changed)
-    assert (client.planner.override, client.none(Replied)) == (1.0, True)
-    client.verdict(changed.number)
-    assert client.answer() == (None, 'override 50 %')
-    assert client.planner.override == 0.5
-
-
-def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(client: Client) -> None:
-    client.run()
-    client.ask('override', '50')
-    changed = client.do(Changed)
-    client.say(state='idle', located=2)
-    client.verdict(changed.number, 'state', 'the robot is idle')
-    assert client.answer() == (None, 'override 50 %, from the next program on: this one has ended')
-    assert client.planner.override == 0.5
-
-
-def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_be_resumed(
-    client: Client,
-) -> None:
-    timeline = client.run()
-    client.ask('override', '50')
-    changed = client.do(Changed)
-    client.verdict(changed.number)
-    client.answer()
-    client.follow(changed.profile, 2)
-    stop = timeline.stop(changed.profile.cycle - 20)  # the task has dropped what was to come
-    assert client.follow(stop, 3)
-    client.say(state='stopped')
-    client.cycle = stop.cycle + 500
-    client.ask('resume')
-    resumed = client.do(Changed).profile
-    timeline.change(stop)
-    timeline.check(resumed)  # it continues where the master stands
-    assert resumed.table[0, 1] == pytest.approx(stop.table[-1, 1], abs=1e-12)
 
 
 def test_a_number_that_somebody_else_has_used_up_is_leapt_over(client: Client) -> None:

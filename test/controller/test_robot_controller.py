@@ -44,7 +44,9 @@ class Cell:
         schedule = Schedule()
         for fault in faults:
             schedule.add(Scheduled.of(parse(fault, 'fault'), 0, ROBOT.bus.cycle_time_s))
-        self.robot = RobotController(ROBOT, 0.0, REPORT_S, False, schedule, self, lambda: self.now_s)
+        self.robot = RobotController(
+            ROBOT, 0.0, REPORT_S, False, schedule, self, lambda: self.now_s, lambda: round(self.now_s * 1e9)
+        )
 
     # what the controller does on the bus ------------------------------------------------------------------------------
 
@@ -230,7 +232,7 @@ def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_ends_the_bus(
 
 
 def test_bus_time_goes_on_after_a_fall_and_nothing_is_enabled_by_itself(cell: Cell) -> None:
-    cell.robot.state.enable()
+    cell.robot.enabling.enable()
     cell.run(100)
     assert cell.robot.state.in_torque
     last, session = max(cell.sent), cell.robot.bus.session
@@ -301,7 +303,7 @@ def happen(cell: Cell, event: tuple[str, Any]) -> None:
     elif what == 'left':
         cell.hear(value, Occasion.LEFT, f'at {robot.next_cycle}')
     elif what == 'do':
-        getattr(robot.state, value)()
+        getattr(robot.enabling if value in ('enable', 'disable') else robot.state, value)()
     elif not robot.bus.cyclic:
         cell.come_up()
 

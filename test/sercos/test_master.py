@@ -23,7 +23,7 @@ from delta3_pacdrive.sercos.master import (
     Greet,
     Note,
     Stand,
-    Stop,
+    StopRobot,
     Wait,
 )
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
@@ -246,7 +246,7 @@ def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_lets_the_phase
     bus.up_to(Phase.CP4)
     (stop,) = bus.announce('axis2', instance='second', occasion=Occasion.STARTED)
     sentence = 'axis2 was started again, or has left the bus, in bus cycle 90'
-    assert stop == Stop(RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, 'axis2', cycle=90))
+    assert stop == StopRobot(RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, 'axis2', cycle=90))
     assert bus.announce('plant', occasion=Occasion.LEFT, session='beef') == []  # of a recording
     give_up, announce = bus.announce('plant', occasion=Occasion.LEFT)
     assert isinstance(give_up, GiveUp)

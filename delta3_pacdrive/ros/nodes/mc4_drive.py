@@ -8,6 +8,7 @@ on request), ``/diagnostics`` (1 Hz). When the drive goes on, and how it takes p
 It is longer than other nodes because a drive has four kinds of telegrams, parameters, and people who look at it.
 """
 
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -65,7 +66,7 @@ class MC4DriveNode(RobotNode):
         self._cycles = Clock(parameters.bus.cycle_time_s)
         self._exchanges = Clock(parameters.bus.exchange_period_s)
         faults = Faults(self, axis, lambda: self._drive_clock.cycle, lambda: self._slave.session)
-        self._bus_drive = BusDrive(parameters, self._index, faults, self, HOUSEKEEPING_S)
+        self._bus_drive = BusDrive(parameters, self._index, faults, self, HOUSEKEEPING_S, time.monotonic)
         self._drive_clock, self._slave = self._bus_drive.clock, self._bus_drive.slave
         self.drive = self._bus_drive.drive
         self._settings = DriveParameters(self, axis, self._bus_drive.register)

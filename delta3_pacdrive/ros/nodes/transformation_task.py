@@ -78,7 +78,14 @@ class TransformationTaskNode(PollingNode):
             self, TASK, lambda: self.controller.next_cycle, lambda: self.controller.bus.session
         )
         self.controller = RobotController(
-            parameters, period_s, report_s, wait_for_program, self._faults, self
+            parameters,
+            period_s,
+            report_s,
+            wait_for_program,
+            self._faults,
+            self,
+            time.monotonic,
+            time.time_ns,
         )
         controller = self.controller
         self._bus, self._cycles, self._requests = controller.bus, controller.cycles, controller.services
@@ -110,6 +117,7 @@ class TransformationTaskNode(PollingNode):
         self._operators = OperatorServices(
             self,
             controller.state,
+            controller.enabling,
             controller.control,
             lambda: self._bus.session,
             self.change,

@@ -1,0 +1,137 @@
+"""What operators ask of the drives: to be enabled, to be disabled, and to clear their faults.
+
+Pure, as ``RobotState`` is, whose actions these requests add to.
+"""
+
+from typing import Any
+
+from delta3_pacdrive.controller.fault_reset import FaultReset, ResetEvent, ResetState
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.robot_actions import Answered, Asked, Said
+from delta3_pacdrive.controller.robot_state import Bus, RobotState
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
+
+RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)
+SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
+DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
+
+
+class Enabling:
+    """The drives of one robot are enabled and disabled, and their faults are cleared, as operators ask.
+
+    Parameters
+    ----------
+    bus, task, axes, state
+        Of the same robot.
+
+    """
+
+    def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor, state: RobotState) -> None:
+        self._bus, self._task, self._axes, self._state = bus, task, axes, state
+        self._reset = FaultReset()
+
+    def enable(self) -> Reason | str:
+        """Enable the drives; returns why not, or from which cycle on."""
+        fault, closed = self._state.fault, self._bus.closed()
+        if fault:
+            return Reason(Code.FAULT, f'not after a fault: {fault}', fault)
+        if closed:
+            return Reason(Code.BUS, f'the drives cannot be enabled, {closed}')
+        if self._state.enabled:
+            return f'enabled already, effective in bus cycle {self._task.enable_cycle + 1}'
+        reason = self._take_over_position()
+        if reason is not None:
+            return reason
+        self._task.enable(self._bus.next_cycle)
+        return f'effective in bus cycle {self._bus.next_cycle + 1}'
+
+    def disable(self) -> str:
+        """Disable the drives, after a stop on the path if the TCP moves; returns when."""
+        cycle, state = self._bus.next_cycle, self._state
+        if state.motion in (MotionState.MOVING, MotionState.STOPPING):
+            sentence = f'disabled by the operator in motion, in bus cycle {cycle}'
+            state.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
+            return f'stops on its path from bus cycle {cycle} on'
+        if state.fault:
+            return 'the fault has taken the torque off, or will as soon as the TCP stands'
+        self._task.disable()
+        return f'effective in bus cycle {cycle + 1}'
+
+    def _take_over_position(self) -> Reason | None:
+        """Command the TCP to be where the brakes hold it; returns why that is not possible."""
+        if self._state.in_torque:
+            return Reason(Code.STATE, 'a drive is in torque still')
+        try:
+            away = self._task.distance_m(self._axes.positions)
+        except UnreachableError as error:
+            return Reason.of(error)
+        if self._task.loaded:
+            # a program that is held goes on where it was left
+            if away <= DISPLACED_M:
+                return None
+            where = f'{1e3 * away:.1f} mm from where its program was held'
+            return Reason(Code.STATE, f'the robot was moved {where}: abort it first')
+        if away > SETTLED_M:
+            self._state.locate(self._task.locate(self._axes.positions), self._bus.answered)
+        return None
+
+    # clearing of faults -----------------------------------------------------------------------------------------------
+
+    def reset(self, request: Any) -> Reason | None:
+        """Clear the faults of all drives (S-0-0099); returns why not, else the answer to the request follows."""
+        fault = self._state.fault
+        if not fault:
+            return Reason(Code.STATE, 'there is no fault')
+        if self._reset.under_way:
+            return Reason(Code.STATE, 'faults are being cleared already')
+        if self._bus.closed():
+            waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
+            return Reason(Code.BUS, f'cannot be cleared now: {fault}{waiting}', fault)
+        self._reset.begin(request)
+        self.look()
+        return None
+
+    def look(self) -> None:
+        """Look whether a reset need not wait any more: a drive that is still to be enabled would be so at once."""
+        if self._reset.state is ResetState.WAITING and self._state.without_torque:
+            self._reset.ask(len(DRIVES))
+            asked = [Asked(index, RESET_CLASS_1, self._take_answer) for index in range(len(DRIVES))]
+            self._state.actions.extend(asked)
+
+    def lose_bus(self, fault: RobotFault) -> None:
+        """Answer who waits for a reset, since cyclic operation has ended."""
+        if self._reset.happen(ResetEvent.LOSE_BUS):
+            self._answer(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
+
+    def _take_answer(self, index: int, answer: Answer) -> None:
+        if self._reset.answered(f'{DRIVES[index]}: {answer.sentence}' if answer.error else ''):
+            self._answer(self._clear_faults())
+
+    def _clear_faults(self) -> Reason | None:
+        """Stand ready where the motors are, now that the drives have cleared their faults; returns why not."""
+        fault = self._state.fault
+        if self._reset.errors:
+            errors = '; '.join(self._reset.errors)
+            return Reason(Code.FAULT, f'{errors}; the cause may last: {fault}', fault)
+        if self._state.in_torque:
+            return Reason(Code.STATE, 'a drive is in torque still')
+        try:
+            tcp = self._task.locate(self._axes.positions)
+        except UnreachableError as error:
+            return Reason(Code.CONTENT, f'{error}; the cause lasts: {fault}', fault)
+        self._state.recover(tcp)
+        return None
+
+    def _answer(self, reason: Reason | None) -> None:
+        sentence = (
+            f'reset refused: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
+        )
+        said, answered = (
+            Said(sentence, error=reason is not None),
+            Answered(self._reset.request, reason, sentence),
+        )
+        self._state.actions.extend((said, answered))

@@ -1,0 +1,108 @@
+"""How fast a program is driven: its override, and the changes of motion profile that go over to one.
+
+Pure: what operators ask for and verdicts of the transformation task come in as calls. What comes of it is returned: a
+motion profile for the task, or what whoever asked is answered with.
+"""
+
+from collections.abc import Callable
+
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.planner_actions import Changed
+from delta3_pacdrive.controller.profile_change import Change, ChangeEvent, ProfileChange
+from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
+from delta3_pacdrive.motion.resume import resume
+
+UNDER_WAY = (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
+
+
+class Override:
+    """Override of one planner.
+
+    Parameters
+    ----------
+    run, numbers
+        The program that runs, and the numbers of orders and changes.
+    newest_cycle
+        Returns the newest bus cycle that is known of.
+
+    Attributes
+    ----------
+    value
+        Override, 1 = as planned.
+    change
+        The change of motion profile that waits for its verdict.
+
+    """
+
+    def __init__(self, run: ProgramRun, numbers: OrderNumbers, newest_cycle: Callable[[], int]) -> None:
+        self._run, self._numbers, self._newest_cycle = run, numbers, newest_cycle
+        self.value = 1.0
+        self.change = ProfileChange()
+
+    def must_wait(self, motion: MotionState) -> bool:
+        """Whether a change is still to take effect, on which the next one builds."""
+        return motion == MotionState.MOVING and self._newest_cycle() < self._run.changes_from()
+
+    def ask(self, text: str, motion: MotionState, now_s: float) -> Changed | str:
+        """Go over to an override in percent; raises ProgramError if that cannot be."""
+        try:
+            percent = float(text)
+        except ValueError:
+            raise ProgramError(f'override is {text!r:.40}, which is no number') from None
+        if not 100.0 * OVERRIDE_MIN <= percent <= 100.0 * OVERRIDE_MAX:
+            raise ProgramError(
+                f'override is {percent:g} %, but must be between {100 * OVERRIDE_MIN:g} and {100 * OVERRIDE_MAX:g} %'
+            )
+        override, override_max = percent / 100.0, self._run.override_max
+        if motion in UNDER_WAY and override > override_max:
+            raise ProgramError(
+                f'override is {percent:g} %, but the motors bear at most {100 * override_max:.0f} % in this program'
+            )
+        sentence = f'override {percent:g} %'
+        if motion == MotionState.MOVING:
+            return self._send(Change(override, sentence, lasting=True), motion, now_s)
+        self.value = override
+        return sentence
+
+    def resume(self, motion: MotionState, now_s: float) -> Changed | str:
+        """Go on with a program that stands on its path; raises ProgramError if that cannot be."""
+        return self._send(Change(self.value, 'resumed', lasting=False), motion, now_s)
+
+    def _send(self, change: Change, motion: MotionState, now_s: float) -> Changed | str:
+        """Plan how to go over to another override from a bus cycle in the near future on, for the task."""
+        timeline = self._run.timeline
+        if timeline is None or timeline.profile is None:
+            raise ProgramError('the program that runs is not one of this planner')
+        cycle = self._newest_cycle() + self.change.lead_cycles
+        if motion == MotionState.STOPPED:
+            cycle = max(cycle, timeline.end_cycle)
+        cycle = max(cycle, timeline.profile.cycle + 1)
+        if not timeline.profile.held and cycle >= timeline.end_cycle:
+            self.value = change.override
+            return f'{change.sentence}, from the next program on: this one is about to end'
+        profile = resume(timeline, cycle, change.override)
+        self.change.send(change, self._numbers.next(), now_s)
+        return Changed(self.change.number, profile)
+
+    def take_verdict(
+        self, reason: Reason | None, motion: MotionState, now_s: float
+    ) -> Changed | Reason | str:
+        """Take the verdict on the change; one that came too late is sent again for a later cycle."""
+        change = self.change.change
+        if reason is not None and reason.code == Code.LATE and self.change.may_be_later:
+            self.change.happen(ChangeEvent.MISS)
+            try:
+                return self._send(change, motion, now_s)
+            except Delta3Error as error:
+                self.change.happen(ChangeEvent.REFUSE)
+                return Reason.of(error)
+        sentence = change.sentence
+        if change.lasting and reason is not None and reason.code == Code.STATE and motion == MotionState.IDLE:
+            reason, sentence = None, f'{sentence}, from the next program on: this one has ended'
+        self.change.happen(ChangeEvent.REFUSE if reason else ChangeEvent.ACCEPT)
+        if reason is not None:
+            return reason
+        self.value = change.override
+        return sentence
