@@ -8,7 +8,8 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.faults.effects import apply_to_drive
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.service_channel import Access, Answer, ServiceSlave
+from delta3_pacdrive.sercos.service_channel import Access, Answer
+from delta3_pacdrive.sercos.service_slave import ServiceSlave
 
 PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
 Command = tuple[float, int, int, float]  # position, control word, word of the service channel, payload

@@ -43,26 +43,21 @@ elements of a data block (IEC 61491); name, unit, minimum and maximum are known 
 import math
 import re
 import struct
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from operator import index
 
-from delta3_pacdrive.errors import ParameterError, TelegramError, shown
+from delta3_pacdrive.errors import ParameterError, shown
 
 IDLE = 0
-WAITING_MAX = 64  # accesses
-ANSWER_CYCLES_MAX = 100  # cycles an access may take; PacDrive: about 10 ms
 
-_HANDSHAKE = 1 << 15
+HANDSHAKE = 1 << 15
 _NUMBER_SHIFT = 12
 _PORTION_BITS = 12
-_PORTION_MASK = (1 << _PORTION_BITS) - 1
+PORTION_MASK = (1 << _PORTION_BITS) - 1
 _PORTIONS = 7
 _WITHOUT_VALUE = 2  # portions
-_WORD_MAX = 0xFFFF
-_IDN_MAX = 0xFFFF
+WORD_MAX = 0xFFFF
+IDN_MAX = 0xFFFF
 
 _VALUE_BITS = 64
 _IDN_SHIFT, _OPERATION_SHIFT, _ERROR_SHIFT = 66, 82, 68
@@ -182,42 +177,79 @@ def format_idn(idn: int) -> str:
     return f'{kind}-{idn >> _NUMBER_SHIFT & 7}-{idn & _NUMBER_MAX:04d}'
 
 
-def _bits(value: float) -> int:
-    return int.from_bytes(struct.pack('>d', value), 'big')
+class Sender:
+    """The portions of one message are sent in turn."""
 
-
-def _value(message: int) -> float:
-    (value,) = struct.unpack('>d', (message & (1 << _VALUE_BITS) - 1).to_bytes(8, 'big'))
-    return float(value)
-
-
-class _Sender:
-    """Sends the portions of one message in turn."""
-
-    def __init__(self, message: int, portions: int, handshake: int) -> None:
+    def __init__(self, head: int, value: float | None, handshake: int) -> None:
+        portions = _WITHOUT_VALUE if value is None else _PORTIONS
+        message = head if value is None else head | int.from_bytes(struct.pack('>d', value), 'big')
         top = _PORTION_BITS * (_PORTIONS - 1)
         self._words = [
-            handshake | n + 1 << _NUMBER_SHIFT | message >> top - _PORTION_BITS * n & _PORTION_MASK
+            handshake | n + 1 << _NUMBER_SHIFT | message >> top - _PORTION_BITS * n & PORTION_MASK
             for n in range(portions)
         ]
         self._next = 0
 
+    @staticmethod
+    def of_access(access: Access, handshake: int) -> 'Sender':
+        """Return the sender of an access, by the master."""
+        head = access.operation << _OPERATION_SHIFT | access.idn << _IDN_SHIFT
+        return Sender(head, access.value if access.operation == Operation.WRITE else None, handshake)
+
+    @staticmethod
+    def of_answer(access: Access, answer: Answer, handshake: int) -> 'Sender':
+        """Return the sender of the answer to an access, by the drive."""
+        with_value = access.operation == Operation.READ and not answer.error
+        return Sender(answer.error << _ERROR_SHIFT, answer.value if with_value else None, handshake)
+
     def word(self) -> int:
+        """Return the word that is sent next."""
         word = self._words[self._next]
         self._next = (self._next + 1) % len(self._words)
         return word
 
 
-class _Receiver:
-    """Puts the portions of one message together, in whatever order and how often they come."""
+class Receiver:
+    """The portions of one message are put together, in whatever order and how often they come."""
 
     def __init__(self) -> None:
         self._portions: list[int | None] = [None] * _PORTIONS
 
     def add(self, word: int) -> None:
-        self._portions[(word >> _NUMBER_SHIFT & 7) - 1] = word & _PORTION_MASK
+        """Take a portion."""
+        self._portions[(word >> _NUMBER_SHIFT & 7) - 1] = word & PORTION_MASK
 
-    def message(self, portions: int) -> int | None:
+    def access(self) -> Access | None:
+        """Return the access once it is whole; portions that make none are forgotten."""
+        message = self._message(_WITHOUT_VALUE)
+        if message is None:
+            return None
+        operation, idn = message >> _OPERATION_SHIFT, message >> _IDN_SHIFT & IDN_MAX
+        if operation not in _OPERATIONS or message >> _VALUE_BITS & 3:
+            self._forget()
+        elif operation != Operation.WRITE:
+            return Access(idn, Operation(operation))
+        elif (value := self._value()) is not None:
+            return Access(idn, Operation.WRITE, value)
+        return None
+
+    def answer(self, access: Access) -> Answer | None:
+        """Return the answer to an access once it is whole; portions that make none are forgotten."""
+        message = self._message(_WITHOUT_VALUE)
+        if message is None:
+            return None
+        error = message >> _ERROR_SHIFT
+        if error not in _ERRORS or message >> _VALUE_BITS & 0xF:
+            self._forget()
+        elif error:
+            return Answer(access.idn, ServiceError(error))
+        elif access.operation != Operation.READ:
+            return Answer(access.idn, value=access.value)
+        elif (value := self._value()) is not None:
+            return Answer(access.idn, value=value)
+        return None
+
+    def _message(self, portions: int) -> int | None:
         """The message of 84 bits once its first ``portions`` are there; the others count as zero."""
         message = 0
         for portion in self._portions[:portions]:
@@ -226,216 +258,17 @@ class _Receiver:
             message = message << _PORTION_BITS | portion
         return message << _PORTION_BITS * (_PORTIONS - portions)
 
+    def _value(self) -> float | None:
+        message = self._message(_PORTIONS)
+        if message is None:
+            return None
+        (value,) = struct.unpack('>d', (message & (1 << _VALUE_BITS) - 1).to_bytes(8, 'big'))
+        return float(value)
 
-def _is_portion(word: int) -> bool:
+    def _forget(self) -> None:
+        self._portions = [None] * _PORTIONS
+
+
+def is_portion(word: int) -> bool:
+    """Whether a word carries a portion."""
     return word >> _NUMBER_SHIFT & 7 != 0
-
-
-class ServiceMaster:
-    """The controller's end of one drive's service channel: one access at a time, the others wait.
-
-    Call ``to_send`` once in each cycle and ``received`` once for each AT, in order. Answers come in the order of the
-    requests, one for each.
-
-    Parameters
-    ----------
-    cycles_max
-        Most cycles that an access may take, opening of the channel included.
-
-    """
-
-    def __init__(self, cycles_max: int = ANSWER_CYCLES_MAX, waiting_max: int = WAITING_MAX) -> None:
-        self._cycles_max = cycles_max
-        self._waiting_max = waiting_max
-        self._waiting: deque[Access] = deque()
-        self._answers: deque[Answer] = deque()
-        self._access: Access | None = None
-        self._cycles = 0
-        self._open = False
-        self._opening = 0  # number of the last opening
-        self._handshake = 0
-        self._sender: _Sender | None = None
-        self._receiver = _Receiver()
-
-    @property
-    def outstanding(self) -> int:
-        """Accesses whose answers have not been handed out yet."""
-        return len(self._waiting) + len(self._answers) + (self._access is not None)
-
-    def request(self, access: Access) -> None:
-        """Queue an access.
-
-        Raises
-        ------
-        TelegramError
-            The queue is full, or the access cannot be put into words.
-
-        """
-        access = _checked(access)
-        if self.outstanding >= self._waiting_max:
-            raise TelegramError(
-                f'{format_idn(access.idn)} refused: {self.outstanding} accesses wait in the service channel already'
-            )
-        self._waiting.append(access)
-
-    def close(self) -> None:
-        """End all accesses with the error "not open": the bus went back below CP2."""
-        ended = [self._access, *self._waiting] if self._access else [*self._waiting]
-        self._answers.extend(Answer(access.idn, ServiceError.NOT_OPEN) for access in ended)
-        self._waiting.clear()
-        self._access = None
-        self._open = False
-
-    def to_send(self) -> int:
-        """Return the word for the MDT of this cycle."""
-        if self._access is not None:
-            self._cycles += 1
-            if self._cycles > self._cycles_max:
-                self._finish(Answer(self._access.idn, ServiceError.NO_ANSWER))
-                self._open = False
-        if self._access is None:
-            if not self._waiting:
-                return IDLE
-            self._begin(self._waiting.popleft())
-        if self._sender is None:
-            return self._opening
-        return self._sender.word()
-
-    def received(self, word: int | None) -> Answer | None:
-        """Take the word of the next AT, None for an AT that was lost; return an answer that is complete."""
-        if word is not None and self._access is not None and 0 <= word <= _WORD_MAX:
-            self._take(word, self._access)
-        return self._answers.popleft() if self._answers else None
-
-    def _begin(self, access: Access) -> None:
-        self._access = access
-        self._cycles = 1
-        if self._open:
-            self._send(access)
-            return
-        if self._sender is not None or self._opening == 0:
-            # the drive may still echo the last opening
-            self._opening = self._opening % _PORTION_MASK + 1
-            self._sender = None
-
-    def _send(self, access: Access) -> None:
-        self._handshake ^= _HANDSHAKE
-        message = access.operation << _OPERATION_SHIFT | access.idn << _IDN_SHIFT
-        portions = _WITHOUT_VALUE
-        if access.operation == Operation.WRITE:
-            message |= _bits(access.value)
-            portions = _PORTIONS
-        self._sender = _Sender(message, portions, self._handshake)
-        self._receiver = _Receiver()
-
-    def _take(self, word: int, access: Access) -> None:
-        if self._sender is None:
-            if word == self._opening:
-                self._open = True
-                self._send(access)
-        elif _is_portion(word) and word & _HANDSHAKE == self._handshake:
-            self._receiver.add(word)
-            self._look(access)
-
-    def _look(self, access: Access) -> None:
-        """Finish the access if its answer is complete."""
-        message = self._receiver.message(_WITHOUT_VALUE)
-        if message is None:
-            return
-        error, rest = message >> _ERROR_SHIFT, message >> _VALUE_BITS & 0xF
-        if rest or error not in _ERRORS:
-            self._receiver = _Receiver()
-        elif error:
-            self._finish(Answer(access.idn, ServiceError(error)))
-        elif access.operation == Operation.READ:
-            message = self._receiver.message(_PORTIONS)
-            if message is not None:
-                self._finish(Answer(access.idn, value=_value(message)))
-        else:
-            self._finish(Answer(access.idn, value=access.value))
-
-    def _finish(self, answer: Answer) -> None:
-        self._answers.append(answer)
-        self._access = None
-
-
-class ServiceSlave:
-    """The drive's end of the service channel.
-
-    Call ``received`` with the word of each MDT that comes and ``to_send`` for each AT.
-
-    Parameters
-    ----------
-    access
-        Called once for each access that is complete; its answer goes back. It must not raise.
-
-    """
-
-    def __init__(self, access: Callable[[Access], Answer]) -> None:
-        self._handle = access
-        self._word = IDLE  # last of the master
-        self._handshake: int | None = None  # of the access under way or answered
-        self._receiver = _Receiver()
-        self._sender: _Sender | None = None
-
-    def received(self, word: int) -> None:
-        """Take the word of an MDT."""
-        if not 0 <= word <= _WORD_MAX:
-            return
-        if _is_portion(word):
-            self._word = word
-            self._take(word)
-        elif word <= _PORTION_MASK:
-            self._word = word
-            if word != IDLE:
-                self._handshake = None  # whatever comes next begins a new access
-
-    def to_send(self) -> int:
-        """Return the word for the next AT."""
-        if not _is_portion(self._word):
-            return self._word  # echo of an opening, or silence after silence
-        return self._sender.word() if self._sender is not None else IDLE
-
-    def _take(self, word: int) -> None:
-        handshake = word & _HANDSHAKE
-        if handshake != self._handshake:
-            self._handshake = handshake
-            self._receiver = _Receiver()
-            self._sender = None
-        if self._sender is not None:
-            return
-        self._receiver.add(word)
-        message = self._receiver.message(_WITHOUT_VALUE)
-        if message is None:
-            return
-        operation, idn = message >> _OPERATION_SHIFT, message >> _IDN_SHIFT & _IDN_MAX
-        if operation not in _OPERATIONS or message >> _VALUE_BITS & 3:
-            self._receiver = _Receiver()
-        elif operation != Operation.WRITE:
-            self._answer(Access(idn, Operation(operation)))
-        else:
-            message = self._receiver.message(_PORTIONS)
-            if message is not None:
-                self._answer(Access(idn, Operation.WRITE, _value(message)))
-
-    def _answer(self, access: Access) -> None:
-        answer = self._handle(access)
-        message = answer.error << _ERROR_SHIFT
-        portions = _WITHOUT_VALUE
-        if access.operation == Operation.READ and not answer.error:
-            message |= _bits(answer.value)
-            portions = _PORTIONS
-        self._sender = _Sender(message, portions, self._handshake or 0)
-
-
-def _checked(access: Access) -> Access:
-    """Return an access with the types that it declares."""
-    try:
-        idn, operation, value = index(access.idn), Operation(access.operation), float(access.value)
-    except (AttributeError, TypeError, ValueError, OverflowError):
-        raise TelegramError(
-            f'{shown(access)} is no access: expected IDN, operation and a number of 64 bits'
-        ) from None
-    if not 0 <= idn <= _IDN_MAX:
-        raise TelegramError(f'{shown(idn)} is no IDN of 16 bits')
-    return Access(idn, operation, value)

@@ -10,9 +10,9 @@ from delta3_pacdrive.sercos.service_channel import (
     Access,
     Answer,
     ServiceError,
-    ServiceMaster,
     message_8503,
 )
+from delta3_pacdrive.sercos.service_master import ServiceMaster
 
 Done = Callable[[int, Answer], None]
 

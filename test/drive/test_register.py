@@ -27,10 +27,10 @@ from delta3_pacdrive.sercos.service_channel import (
     Answer,
     Operation,
     ServiceError,
-    ServiceSlave,
     format_idn,
     parse_idn,
 )
+from delta3_pacdrive.sercos.service_slave import ServiceSlave
 from delta3_pacdrive.sercos.words import Phase
 from service_ring import K_I, KV, MASS_OBSERVER, SPEED, UNKNOWN, WORDS, Ring
 

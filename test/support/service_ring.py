@@ -4,20 +4,32 @@ from collections import deque
 
 from hypothesis import strategies as st
 
-from delta3_pacdrive.sercos.service_channel import (
-    ANSWER_CYCLES_MAX,
-    IDLE,
-    Access,
-    Operation,
-    ServiceMaster,
-    ServiceSlave,
-    parse_idn,
-)
+from delta3_pacdrive.sercos.service_channel import IDLE, Access, Answer, Operation, parse_idn
+from delta3_pacdrive.sercos.service_master import ANSWER_CYCLES_MAX, ServiceMaster
+from delta3_pacdrive.sercos.service_slave import ServiceSlave
 
 KV, K_I, MASS_OBSERVER, SPEED, UNKNOWN = (
     parse_idn(text) for text in ('S-0-0104', 'P-0-0011', 'P-0-0022', 'S-0-0040', 'S-0-4000')
 )
 WORDS = st.integers(0, 0xFFFF)
+IDNS = st.integers(0, 0xFFFF)
+VALUES = st.floats(allow_nan=True, allow_infinity=True, width=64)
+ACCESSES = st.builds(Access, IDNS, st.sampled_from(Operation), VALUES)
+
+
+class Memory:
+    """A drive that stores whatever is written, and notes every access."""
+
+    def __init__(self):
+        self.values = {}
+        self.accesses = []
+
+    def __call__(self, access):
+        assert isinstance(access.operation, Operation)
+        self.accesses.append(access)
+        if access.operation == Operation.WRITE:
+            self.values[access.idn] = access.value
+        return Answer(access.idn, value=self.values.get(access.idn, -0.0))
 
 
 class Ring:

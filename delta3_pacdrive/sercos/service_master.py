@@ -1,0 +1,144 @@
+"""The master's end of one drive's service channel; the words that go over it are told in ``service_channel``."""
+
+from collections import deque
+from operator import index
+
+from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.sercos.service_channel import (
+    HANDSHAKE,
+    IDLE,
+    IDN_MAX,
+    PORTION_MASK,
+    WORD_MAX,
+    Access,
+    Answer,
+    Operation,
+    Receiver,
+    Sender,
+    ServiceError,
+    format_idn,
+    is_portion,
+)
+
+WAITING_MAX = 64  # accesses
+ANSWER_CYCLES_MAX = 100  # cycles an access may take; PacDrive: about 10 ms
+
+
+class ServiceMaster:
+    """The controller's end of one drive's service channel: one access at a time, the others wait.
+
+    Call ``to_send`` once in each cycle and ``received`` once for each AT, in order. Answers come in the order of the
+    requests, one for each.
+
+    Parameters
+    ----------
+    cycles_max
+        Most cycles that an access may take, opening of the channel included.
+
+    """
+
+    def __init__(self, cycles_max: int = ANSWER_CYCLES_MAX, waiting_max: int = WAITING_MAX) -> None:
+        self._cycles_max = cycles_max
+        self._waiting_max = waiting_max
+        self._waiting: deque[Access] = deque()
+        self._answers: deque[Answer] = deque()
+        self._access: Access | None = None
+        self._cycles = 0
+        self._open = False
+        self._opening = 0  # number of the last opening
+        self._handshake = 0
+        self._sender: Sender | None = None
+        self._receiver = Receiver()
+
+    @property
+    def outstanding(self) -> int:
+        """Accesses whose answers have not been handed out yet."""
+        return len(self._waiting) + len(self._answers) + (self._access is not None)
+
+    def request(self, access: Access) -> None:
+        """Queue an access.
+
+        Raises
+        ------
+        TelegramError
+            The queue is full, or the access cannot be put into words.
+
+        """
+        access = _checked(access)
+        if self.outstanding >= self._waiting_max:
+            raise TelegramError(
+                f'{format_idn(access.idn)} refused: {self.outstanding} accesses wait in the service channel already'
+            )
+        self._waiting.append(access)
+
+    def close(self) -> None:
+        """End all accesses with the error "not open": the bus went back below CP2."""
+        ended = [self._access, *self._waiting] if self._access else [*self._waiting]
+        self._answers.extend(Answer(access.idn, ServiceError.NOT_OPEN) for access in ended)
+        self._waiting.clear()
+        self._access = None
+        self._open = False
+
+    def to_send(self) -> int:
+        """Return the word for the MDT of this cycle."""
+        if self._access is not None:
+            self._cycles += 1
+            if self._cycles > self._cycles_max:
+                self._finish(Answer(self._access.idn, ServiceError.NO_ANSWER))
+                self._open = False
+        if self._access is None:
+            if not self._waiting:
+                return IDLE
+            self._begin(self._waiting.popleft())
+        if self._sender is None:
+            return self._opening
+        return self._sender.word()
+
+    def received(self, word: int | None) -> Answer | None:
+        """Take the word of the next AT, None for an AT that was lost; return an answer that is complete."""
+        if word is not None and self._access is not None and 0 <= word <= WORD_MAX:
+            self._take(word, self._access)
+        return self._answers.popleft() if self._answers else None
+
+    def _begin(self, access: Access) -> None:
+        self._access = access
+        self._cycles = 1
+        if self._open:
+            self._send(access)
+            return
+        if self._sender is not None or self._opening == 0:
+            # the drive may still echo the last opening
+            self._opening = self._opening % PORTION_MASK + 1
+            self._sender = None
+
+    def _send(self, access: Access) -> None:
+        self._handshake ^= HANDSHAKE
+        self._sender, self._receiver = Sender.of_access(access, self._handshake), Receiver()
+
+    def _take(self, word: int, access: Access) -> None:
+        if self._sender is None:
+            if word == self._opening:
+                self._open = True
+                self._send(access)
+        elif is_portion(word) and word & HANDSHAKE == self._handshake:
+            self._receiver.add(word)
+            answer = self._receiver.answer(access)
+            if answer is not None:
+                self._finish(answer)
+
+    def _finish(self, answer: Answer) -> None:
+        self._answers.append(answer)
+        self._access = None
+
+
+def _checked(access: Access) -> Access:
+    """Return an access with the types that it declares."""
+    try:
+        idn, operation, value = index(access.idn), Operation(access.operation), float(access.value)
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        raise TelegramError(
+            f'{shown(access)} is no access: expected IDN, operation and a number of 64 bits'
+        ) from None
+    if not 0 <= idn <= IDN_MAX:
+        raise TelegramError(f'{shown(idn)} is no IDN of 16 bits')
+    return Access(idn, operation, value)
