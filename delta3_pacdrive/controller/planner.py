@@ -316,8 +316,8 @@ class Planner:
         """Answer the request that is being served: why it is refused, or what was done."""
         request, self._serving = self._serving, None
         if request is not None:
-            refused = isinstance(outcome, Reason)
-            self.actions.append(Replied(request, outcome if refused else None, '' if refused else outcome))
+            reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
+            self.actions.append(Replied(request, reason, sentence))
 
     def _tell(self, outcome: Changed | Reason | str) -> None:
         """Send a change of motion profile to the task, or answer whoever asked for one."""

@@ -221,8 +221,8 @@ def excess(
     found = next(entry for entry in entries if entry.stretch[worst] == total[worst])
     bound = np.broadcast_to(found.limit, total.shape)[worst]
     where = place_text(dynamics.distance_m, dynamics.position_m, worst)
-    value = f'{found.value[worst]:.4g} {found.unit}'
-    return Excess(total, f'{found.name} would be {value} {where}, the limit is {bound:.4g} {found.unit}')
+    what = f'{found.name} would be {found.value[worst]:.4g} {found.unit}'
+    return Excess(total, f'{what} {where}, the limit is {bound:.4g} {found.unit}')
 
 
 class _Entry(NamedTuple):
