@@ -42,7 +42,7 @@ def shell(tmp_path):
     """Return what runs a command line in a folder of its own, as a user of the environment under test does."""
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}'}
 
-    def run(line, *, cwd=tmp_path, timeout=280.0, **variables):
+    def run(line, *, cwd=tmp_path, timeout=900.0, **variables):
         return subprocess.run(
             ['bash', '-c', line],
             cwd=cwd,

@@ -21,7 +21,7 @@ from delta3_pacdrive.errors import ParameterError, RunError
 def run_python(code, *arguments):
     """Run a Python process to its end."""
     command = [sys.executable, '-c', code, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300.0, check=False)
 
 
 # one robot in a namespace of a domain

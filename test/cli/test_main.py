@@ -146,7 +146,7 @@ def completed(script, *words):
     line = ' '.join(f"'{word}'" for word in words)
     ask = f'COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; _delta3; printf "%s\\n" "${{COMPREPLY[@]}}"'
     done = subprocess.run(
-        ['bash', '--norc', '-c', f'{script}\n{ask}'], capture_output=True, text=True, check=True, timeout=60
+        ['bash', '--norc', '-c', f'{script}\n{ask}'], capture_output=True, text=True, check=True, timeout=300
     )
     assert not done.stderr
     return done.stdout.split()

@@ -202,7 +202,7 @@ def test_one_signal_ends_a_node_that_compiles(tmp_path):
         while len(list(tmp_path.rglob('*.nbc'))) < 5:
             assert not over_within(process, LOOK_S)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20.0)
+        _, errors = process.communicate(timeout=120.0)
     assert process.returncode == 130
     assert errors.splitlines()[-1] == 'error: interrupted'
     assert 'Traceback' not in errors
@@ -267,7 +267,7 @@ def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
                 pass  # until then it is Python that starts, not the node
             if not over_within(process, (moment / 20) ** 2):
                 process.send_signal(signal.SIGINT)
-            _, errors = process.communicate(timeout=30.0)
+            _, errors = process.communicate(timeout=120.0)
         assert 'Traceback' not in errors
         assert process.returncode in (0, 130), errors  # 0: the node was up, and ended as a node ends
         statuses.append(process.returncode)
