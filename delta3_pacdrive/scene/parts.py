@@ -1,0 +1,268 @@
+"""The parts of the robot: names, shapes and colours, with all sizes from the parameters.
+
+Lengths that the dynamics know are those of the robot: l_A, l_B, R_A, R_B, the workspace. What they do not know is only
+for the eye, and grows with the robot: ``Sizes``. The frames of the parts, which ``poses`` places in ``base``:
+
+``base``
+    The frame of the robot: centre of the motor axes, z up.
+``motor1`` to ``motor3``
+    On the axis of the motor (radius R_A), x outward, y along the axis.
+``arm1`` to ``arm3``
+    On the axis of the motor, x along the upper arm to the elbow, y along the axis.
+``forearm1a``, ``forearm1b`` to ``forearm3b``
+    In the joint at the elbow, x along the rod to the joint at the plate. Rod a stands towards +y of its arm.
+``plate``, ``tool``, ``payload``
+    In the TCP, which is the centre of the joints of the plate; never turned.
+``workspace``
+    In ``base``: the cylinder in which moves may go.
+
+The plane of the plate's joints is that of the TCP (4.1: R = R_A - R_B shrinks the plate to a point). So the tool stands
+on the plate with its mouth in this plane, and what it has gripped hangs below.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from delta3_pacdrive.parameters import Kinematics, Parameters
+from delta3_pacdrive.scene.shapes import ALONG_X, ALONG_Y, Box, Cylinder, Shape, Sphere, about_z, product
+
+Colour = tuple[float, float, float, float]  # red, green, blue, opacity, 0 to 1
+
+ARMS = (1, 2, 3)
+RODS = tuple(f'{arm}{rod}' for arm in ARMS for rod in 'ab')
+NAMES = (
+    'base',
+    *(f'motor{arm}' for arm in ARMS),
+    *(f'arm{arm}' for arm in ARMS),
+    *(f'forearm{rod}' for rod in RODS),
+    'plate',
+    'tool',
+    'payload',
+    'workspace',
+)
+FIXED = ('base', *(f'motor{arm}' for arm in ARMS), 'workspace')  # they never move
+PAYLOAD_DENSITY_KG_M3 = 1000.0  # a cube of the mass of the payload, as heavy as water
+
+_LIGHT: Colour = (0.86, 0.87, 0.89, 1.0)
+_STEEL: Colour = (0.55, 0.58, 0.62, 1.0)
+_DARK: Colour = (0.20, 0.22, 0.25, 1.0)
+_ORANGE: Colour = (0.93, 0.45, 0.13, 1.0)
+_CARTON: Colour = (0.78, 0.60, 0.38, 1.0)
+_AIR: Colour = (0.25, 0.55, 0.90, 0.12)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Lengths for the eye [m], in proportion to the upper arm; only the distance of the rods moves something.
+
+    Attributes
+    ----------
+    rod_distance_m
+        Between the two rods of a forearm.
+    rod_radius_m, ball_radius_m
+        Of the rods, and of the balls at their ends.
+    arm_radius_m, hub_radius_m
+        Of the tube of an upper arm, and of its hub on the motor.
+    motor_radius_m, motor_length_m
+        Of a motor with its gear.
+    base_height_m
+        Of the underside of the base over the motor axes.
+    sheet_m
+        Thickness of the base and of the plate.
+    tool_radius_m, tool_height_m
+        Of the tool.
+
+    """
+
+    rod_distance_m: float
+    rod_radius_m: float
+    ball_radius_m: float
+    arm_radius_m: float
+    hub_radius_m: float
+    motor_radius_m: float
+    motor_length_m: float
+    base_height_m: float
+    sheet_m: float
+    tool_radius_m: float
+    tool_height_m: float
+
+    @classmethod
+    def of(cls, kinematics: Kinematics) -> 'Sizes':
+        """Return the sizes for a robot with these lengths."""
+        arm, plate = kinematics.upper_arm_length_m, kinematics.plate_radius_m
+        return cls(
+            rod_distance_m=max(1.6 * plate, 0.12 * arm),
+            rod_radius_m=0.015 * arm,
+            ball_radius_m=0.03 * arm,
+            arm_radius_m=0.045 * arm,
+            hub_radius_m=0.10 * arm,
+            motor_radius_m=0.11 * arm,
+            motor_length_m=0.40 * arm,
+            base_height_m=0.16 * arm,
+            sheet_m=0.04 * arm,
+            tool_radius_m=0.05 * arm,
+            tool_height_m=0.14 * arm,
+        )
+
+
+@dataclass(frozen=True)
+class Part:
+    """A rigid part has a name, a colour and the shapes of which it consists, placed in its own frame."""
+
+    name: str
+    colour: Colour
+    shapes: tuple[Shape, ...] = field(default=())
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves when the arms do."""
+        return self.name not in FIXED
+
+    def document(self) -> dict[str, Any]:
+        """Return all of it, ready for JSON."""
+        return {
+            'name': self.name,
+            'colour': list(self.colour),
+            'moves': self.moves,
+            'shapes': [shape.document() for shape in self.shapes],
+        }
+
+
+def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part, ...]:
+    """Return the parts of a robot in the order of ``NAMES``.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    payload_kg
+        What it carries [kg]; without it what the parameters say. There is no part ``payload`` for 0.
+
+    Returns
+    -------
+    tuple[Part, ...]
+        One for each of ``NAMES``, or all of them but ``payload``.
+
+    """
+    kinematics = parameters.kinematics
+    sizes = Sizes.of(kinematics)
+    carried_kg = parameters.dynamics.payload_mass_kg if payload_kg is None else payload_kg
+    arm, rod = _arm(kinematics, sizes), _rod(kinematics, sizes)
+    found = [Part('base', _LIGHT, _base(kinematics, sizes))]
+    found += [Part(f'motor{i}', _DARK, _motor(sizes)) for i in ARMS]
+    found += [Part(f'arm{i}', _ORANGE, arm) for i in ARMS]
+    found += [Part(f'forearm{i}', _DARK, rod) for i in RODS]
+    found += [Part('plate', _STEEL, _plate(kinematics, sizes)), Part('tool', _DARK, _tool(sizes))]
+    if carried_kg > 0.0:
+        edge = (carried_kg / PAYLOAD_DENSITY_KG_M3) ** (1.0 / 3.0)
+        found.append(Part('payload', _CARTON, (Box((0.0, 0.0, -0.5 * edge), size_m=(edge, edge, edge)),)))
+    found.append(Part('workspace', _AIR, (_workspace(kinematics),)))
+    return tuple(found)
+
+
+def document(parameters: Parameters, payload_kg: float | None = None) -> dict[str, Any]:
+    """Return all parts, ready for JSON, with what a page has to know to place them.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    payload_kg
+        What it carries [kg]; without it what the parameters say.
+
+    Returns
+    -------
+    dict[str, Any]
+        ``frame``, ``quaternion_order``, ``cylinder_axis`` and ``parts``; of each part name, colour (red, green, blue,
+        opacity from 0 to 1), whether it moves, and its shapes: kind (box, cylinder, sphere), place, sizes [m].
+
+    """
+    return {
+        'frame': 'base',
+        'quaternion_order': 'xyzw',
+        'cylinder_axis': 'z',
+        'parts': [part.document() for part in parts(parameters, payload_kg)],
+    }
+
+
+def _base(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
+    height = sizes.base_height_m + 0.5 * sizes.sheet_m
+    sheet = Cylinder(
+        (0.0, 0.0, height),
+        radius_m=kinematics.base_radius_m + 0.5 * sizes.hub_radius_m,
+        length_m=sizes.sheet_m,
+    )
+    post = Cylinder(
+        (0.0, 0.0, height + 1.5 * sizes.sheet_m),
+        radius_m=0.5 * kinematics.base_radius_m,
+        length_m=2.0 * sizes.sheet_m,
+    )
+    return (sheet, post)
+
+
+def _motor(sizes: Sizes) -> tuple[Shape, ...]:
+    """Return a motor beside its arm, and what it hangs on."""
+    middle = 0.6 * sizes.hub_radius_m + 0.5 * sizes.motor_length_m
+    motor = Cylinder(
+        (0.0, middle, 0.0), ALONG_Y, radius_m=sizes.motor_radius_m, length_m=sizes.motor_length_m
+    )
+    holder = Box(
+        (-0.5 * sizes.motor_radius_m, middle, 0.5 * sizes.base_height_m),
+        size_m=(sizes.motor_radius_m, 0.5 * sizes.motor_length_m, sizes.base_height_m),
+    )
+    return (motor, holder)
+
+
+def _arm(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
+    length = kinematics.upper_arm_length_m
+    hub = Cylinder((0.0, 0.0, 0.0), ALONG_Y, radius_m=sizes.hub_radius_m, length_m=sizes.hub_radius_m)
+    tube = Cylinder((0.5 * length, 0.0, 0.0), ALONG_X, radius_m=sizes.arm_radius_m, length_m=length)
+    elbow = Cylinder(
+        (length, 0.0, 0.0), ALONG_Y, radius_m=0.8 * sizes.ball_radius_m, length_m=sizes.rod_distance_m
+    )
+    return (hub, tube, elbow)
+
+
+def _rod(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
+    length = kinematics.forearm_length_m
+    tube = Cylinder((0.5 * length, 0.0, 0.0), ALONG_X, radius_m=sizes.rod_radius_m, length_m=length)
+    balls = (Sphere((x, 0.0, 0.0), radius_m=sizes.ball_radius_m) for x in (0.0, length))
+    return (tube, *balls)
+
+
+def _plate(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
+    """Return a hub, and for each forearm a spoke that ends in the axis of its joints."""
+    radius, thickness = kinematics.plate_radius_m, 0.5 * sizes.sheet_m
+    hub_radius = max(0.8 * radius, sizes.tool_radius_m)
+    shapes: list[Shape] = [Cylinder((0.0, 0.0, 0.5 * thickness), radius_m=hub_radius, length_m=thickness)]
+    for azimuth in kinematics.arm_azimuth_rad:
+        x, y, turned = radius * math.cos(azimuth), radius * math.sin(azimuth), about_z(azimuth)
+        spoke = (radius, 2.0 * sizes.ball_radius_m, thickness)
+        shapes.append(Box((0.5 * x, 0.5 * y, 0.5 * thickness), turned, size_m=spoke))
+        shapes.append(
+            Cylinder(
+                (x, y, 0.0),
+                product(turned, ALONG_Y),
+                radius_m=0.8 * sizes.ball_radius_m,
+                length_m=sizes.rod_distance_m,
+            )
+        )
+    return tuple(shapes)
+
+
+def _tool(sizes: Sizes) -> tuple[Shape, ...]:
+    height = sizes.tool_height_m
+    return (
+        Cylinder((0.0, 0.0, 0.5 * height), radius_m=sizes.tool_radius_m, length_m=height),
+        Cylinder((0.0, 0.0, 1.1 * height), radius_m=0.5 * sizes.tool_radius_m, length_m=0.2 * height),
+    )
+
+
+def _workspace(kinematics: Kinematics) -> Shape:
+    top, bottom = kinematics.workspace_top_m, kinematics.workspace_bottom_m
+    return Cylinder(
+        (0.0, 0.0, 0.5 * (top + bottom)),
+        radius_m=0.5 * kinematics.workspace_diameter_m,
+        length_m=top - bottom,
+    )

@@ -1,0 +1,69 @@
+"""Simple solids, placed in the frame of the part that they belong to."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+Position = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # x, y, z, w
+
+UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
+ALONG_X: Quaternion = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))  # turns the z axis of a shape to x
+ALONG_Y: Quaternion = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # turns it to y
+
+
+def about_z(angle_rad: float) -> Quaternion:
+    """Return the rotation about z by an angle."""
+    return (0.0, 0.0, math.sin(0.5 * angle_rad), math.cos(0.5 * angle_rad))
+
+
+def product(p: Quaternion, q: Quaternion) -> Quaternion:
+    """Return the rotation ``q`` followed by ``p``."""
+    (a, b, c, d), (x, y, z, w) = p, q
+    return (
+        d * x + a * w + b * z - c * y,
+        d * y - a * z + b * w + c * x,
+        d * z + a * y - b * x + c * w,
+        d * w - a * x - b * y - c * z,
+    )
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A solid stands with its centre at ``position_m``, turned by ``quaternion`` (x, y, z, w)."""
+
+    position_m: Position = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = UPRIGHT
+
+    @property
+    def kind(self) -> str:
+        """Its name in documents: box, cylinder or sphere."""
+        return type(self).__name__.lower()
+
+    def document(self) -> dict[str, Any]:
+        """Return kind, place and sizes, ready for JSON."""
+        return {'kind': self.kind} | {
+            name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()
+        }
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box has its edges along x, y and z."""
+
+    size_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Cylinder(Shape):
+    """A cylinder has its axis along z."""
+
+    radius_m: float = 1.0
+    length_m: float = 1.0
+
+
+@dataclass(frozen=True)
+class Sphere(Shape):
+    """A sphere has a radius."""
+
+    radius_m: float = 1.0
