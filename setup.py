@@ -37,6 +37,7 @@ TEST = [
     'pytest-xdist>=3.8',
     'ruff>=0.17.5',
     'types-PyYAML>=6.0.12',
+    'yourdfpy>=0.0.60',
 ]
 DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.benchmarks.mujoco_model import mujoco_xml
+from delta3_pacdrive.scene.mjcf import mjcf
+from delta3_pacdrive.scene.parts import RODS
+from delta3_pacdrive.scene.poses import AXES, JOINTS, joints
 
 SEED = 20090418
 PRINTED = 1e-9  # the reference values have nine decimals
@@ -278,112 +280,68 @@ def test_feed_forward_and_observer_inertia_are_those_of_the_workspace(robot):
 
 
 def mujoco_engine(robot, *, rods=False):
-    """The open tree; who asks closes it."""
+    """The exported model: arms, six rods on universal joints, and a free plate."""
     mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
-    model = mujoco.MjModel.from_xml_string(mujoco_xml(robot, rods=rods))
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, rods=rods))
     return mujoco, model, mujoco.MjData(model)
 
 
+def mujoco_loops(engine, of_site):
+    """What a function of MuJoCo makes of the sites: rows (18, 21) of rod ends less joints on the plate."""
+    _, model, _ = engine
+    rows = np.zeros((2, 6, 3, model.nv))
+    for n, rod in enumerate(RODS):
+        for side, name in enumerate((f'forearm{rod}_end', f'plate_{rod}')):
+            of_site(model.site(name).id, rows[side, n])
+    return (rows[0] - rows[1]).reshape(18, model.nv)
+
+
 def mujoco_acceleration(engine, theta, thetadot, tau, robot):
-    """Joint accelerations of MuJoCo's tree with the rods as exact constraints |plate - elbow_i| = l_B."""
+    """Arm accelerations of MuJoCo's tree with its six loops closed by exact constraints."""
     mujoco, model, data = engine
-    p = kinematics.forward(theta, robot.kinematics)
-    velocity = kinematics.jacobian(theta, p, robot.kinematics) @ thetadot
-    data.qpos[:], data.qvel[:] = np.append(theta, p), np.append(thetadot, velocity)
+    tcp = kinematics.forward(theta, robot.kinematics)
+    for name, angle in zip(JOINTS, joints(theta, robot), strict=True):
+        if not name.startswith('plate'):  # it is free here, and hangs on a rod in a tree
+            data.joint(name).qpos[:] = angle
+    data.joint('plate').qpos[:] = [*tcp, 1.0, 0.0, 0.0, 0.0]
     mujoco.mj_forward(model, data)
-    mass = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, mass)
-    rows, rates = np.empty((3, 6)), np.empty(3)
-    plate_site = model.site('plate').id
-    for i in range(3):
-        elbow_site = model.site(f'elbow{i}').id
-        jacobians = np.zeros((2, 3, 6))
-        rates_of_jacobians = np.zeros((2, 3, 6))
-        for n, site in enumerate((plate_site, elbow_site)):
-            mujoco.mj_jacSite(model, data, jacobians[n], None, site)
-            body = model.site_bodyid[site]
-            mujoco.mj_jacDot(model, data, rates_of_jacobians[n], None, data.site_xpos[site], body)
-        rod = data.site_xpos[plate_site] - data.site_xpos[elbow_site]
-        relative = jacobians[0] - jacobians[1]
-        assert np.linalg.norm(rod) == pytest.approx(robot.kinematics.forearm_length_m, abs=1e-12)
-        rows[i] = rod @ relative
-        assert rows[i] @ data.qvel == pytest.approx(0.0, abs=1e-10)
-        rod_velocity = relative @ data.qvel
-        rates[i] = (
-            rod_velocity @ rod_velocity + rod @ (rates_of_jacobians[0] - rates_of_jacobians[1]) @ data.qvel
-        )
-    saddle = np.block([[mass, rows.T], [rows, np.zeros((3, 3))]])
-    force = np.append(tau, np.zeros(3)) - data.qfrc_bias
-    return np.linalg.solve(saddle, np.append(force, -rates))[:3]
-
-
-@pytest.mark.parametrize('payload_kg', [0.0, 0.5, 2.0])
-def test_mujoco_finds_the_same_accelerations(payload_kg, robot):
-    loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
-    engine = mujoco_engine(loaded)
-    worst = 0.0
-    for theta, thetadot, push in zip(*states(150), strict=True):
-        tau = dynamics.gravity(theta, loaded) + push
-        expected = mujoco_acceleration(engine, theta, thetadot, tau, loaded)
-        found = dynamics.forward(theta, thetadot, tau, loaded)
-        worst = max(worst, float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max())))
-        back = dynamics.inverse(theta, thetadot, expected, loaded)
-        assert np.abs(back - tau).max() < ENGINE * max(1.0, math.hypot(*tau)) * 10.0
-    print(f'largest relative difference to MuJoCo: {worst:.1e}')
-    assert worst < ENGINE
-
-
-def mujoco_rod_acceleration(engine, theta, thetadot, tau, robot):
-    """Joint accelerations of MuJoCo's tree with the rods' ends held at the plate by exact constraints."""
-    mujoco, model, data = engine
-    p = kinematics.forward(theta, robot.kinematics)
-    arms, hinges = [0, 3, 6], [1, 2, 4, 5, 7, 8]
-    data.qpos[:], data.qvel[:] = 0.0, 0.0
-    data.qpos[arms], data.qpos[9:] = theta, p
-    mujoco.mj_kinematics(model, data)
-    elbow, _ = elbow_and_outward(theta, robot)
-    for i in range(3):
-        # Ry(a) Rz(b) turns the axis of the upper arm into that of the rod
-        x, y, z = data.body(f'arm{i}').xmat.reshape(3, 3).T @ (p - elbow[i])
-        data.qpos[3 * i + 1 : 3 * i + 3] = math.atan2(-z, x), math.asin(y / robot.kinematics.forearm_length_m)
+    for rod in RODS:
+        apart = data.site(f'forearm{rod}_end').xpos - data.site(f'plate_{rod}').xpos
+        assert np.abs(apart).max() < 1e-12
+    rows = mujoco_loops(engine, lambda site, out: mujoco.mj_jacSite(model, data, out, None, site))
+    arms = [int(model.joint(axis).dofadr[0]) for axis in AXES]
+    others = np.setdiff1d(np.arange(model.nv), arms)
     data.qvel[arms] = thetadot
-    data.qvel[9:] = kinematics.jacobian(theta, p, robot.kinematics) @ thetadot
-    ends, plate_site = [model.site(f'end{i}').id for i in range(3)], model.site('plate').id
-
-    def rows_of(function):
-        rows = np.zeros((4, 3, 12))
-        for n, site in enumerate([*ends, plate_site]):
-            function(site, rows[n])
-        return (rows[:3] - rows[3]).reshape(9, 12)
-
+    data.qvel[others] = np.linalg.solve(rows[:, others], -rows[:, arms] @ thetadot)
+    plate = int(model.joint('plate').dofadr[0])
+    moved = kinematics.jacobian(theta, tcp, robot.kinematics) @ thetadot
+    assert data.qvel[plate : plate + 6] == pytest.approx([*moved, 0.0, 0.0, 0.0], abs=1e-9)
     mujoco.mj_forward(model, data)
-    assert np.abs(data.site_xpos[ends] - p).max() < 1e-12
-    rows = rows_of(lambda site, out: mujoco.mj_jacSite(model, data, out, None, site))
-    data.qvel[hinges] = np.linalg.lstsq(rows[:, hinges], -rows @ data.qvel)[0]
-    assert np.abs(rows @ data.qvel).max() < 1e-9
-    mujoco.mj_forward(model, data)
-    rates = rows_of(
-        lambda site, out: mujoco.mj_jacDot(
-            model, data, out, None, data.site_xpos[site], model.site_bodyid[site]
-        )
-    )
-    mass = np.zeros((12, 12))
+
+    def rate_of_jacobian(site, out):
+        mujoco.mj_jacDot(model, data, out, None, data.site_xpos[site], model.site_bodyid[site])
+
+    rates = mujoco_loops(engine, rate_of_jacobian)
+    mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    saddle = np.block([[mass, rows.T], [rows, np.zeros((9, 9))]])
+    saddle = np.block([[mass, rows.T], [rows, np.zeros((18, 18))]])
     force = -data.qfrc_bias
     force[arms] += tau
     return np.linalg.solve(saddle, np.append(force, -rates @ data.qvel))[arms]
 
 
+@pytest.mark.parametrize('rods', [False, True], ids=['split masses', 'rods'])
 @pytest.mark.parametrize('payload_kg', [0.0, 0.5, 2.0])
-def test_mujoco_finds_the_same_accelerations_with_rods(payload_kg, robot):
+def test_mujoco_finds_the_same_accelerations(payload_kg, rods, robot):
     loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
-    engine = mujoco_engine(loaded, rods=True)
+    engine = mujoco_engine(loaded, rods=rods)
     worst = 0.0
-    for theta, thetadot, push in zip(*states(100), strict=True):
+    for theta, thetadot, push in zip(*states(150), strict=True):
         tau = dynamics.gravity(theta, loaded) + push
-        expected = mujoco_rod_acceleration(engine, theta, thetadot, tau, loaded)
-        found = dynamics.forward(theta, thetadot, tau, loaded, rods=True)
+        expected = mujoco_acceleration(engine, theta, thetadot, tau, loaded)
+        found = dynamics.forward(theta, thetadot, tau, loaded, rods=rods)
         worst = max(worst, float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max())))
+        back = dynamics.inverse(theta, thetadot, expected, loaded, rods=rods)
+        assert np.abs(back - tau).max() < ENGINE * max(1.0, math.hypot(*tau)) * 10.0
     print(f'largest relative difference to MuJoCo: {worst:.1e}')
     assert worst < ENGINE

@@ -15,11 +15,11 @@ import numpy as np
 from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.benchmarks.case import program_file
-from delta3_pacdrive.benchmarks.mujoco_model import mujoco_xml
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.scene.mjcf import mjcf
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -122,15 +122,15 @@ def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
         import mujoco
     except ImportError:
         return result
-    model = mujoco.MjModel.from_xml_string(mujoco_xml(free, step_s=step_s))
+    model = mujoco.MjModel.from_xml_string(mjcf(free, step_s=step_s))
     data = mujoco.MjData(model)
     spent = []
     for _ in range(ROUNDS):
         mujoco.mj_resetData(model, data)
-        data.qpos[:] = np.append(kinematics.inverse(home, free.kinematics), home)
-        data.qfrc_applied[:3] = torque
+        data.ctrl[:] = torque
         spent.append(_spent(partial(mujoco.mj_step, model, data, nstep=steps))[0])
-    apart = float(np.linalg.norm(data.qpos[3:] - own_tcp))
+    mujoco.mj_kinematics(model, data)
+    apart = float(np.linalg.norm(data.site('tcp').xpos - own_tcp))
     return result | {
         'mujoco': mujoco.__version__,
         'mujoco_us_per_step': float(np.median(spent)) / steps * 1e6,

@@ -21,6 +21,7 @@ COMMANDS = {
     'check': 'read and plan program, parameter and fault files; every move, every mistake',
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
+    'export': 'the robot as URDF or MJCF, from its parameters',
     'plot': 'draw the figures of a bag or a trace',
     'arm': 'kinematics of the two-link arm of chapter 3',
     'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',

@@ -155,10 +155,15 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
     found += [Part(f'forearm{i}', _DARK, rod) for i in RODS]
     found += [Part('plate', _STEEL, _plate(kinematics, sizes)), Part('tool', _DARK, _tool(sizes))]
     if carried_kg > 0.0:
-        edge = (carried_kg / PAYLOAD_DENSITY_KG_M3) ** (1.0 / 3.0)
+        edge = payload_edge(carried_kg)
         found.append(Part('payload', _CARTON, (Box((0.0, 0.0, -0.5 * edge), size_m=(edge, edge, edge)),)))
     found.append(Part('workspace', _AIR, (_workspace(kinematics),)))
     return tuple(found)
+
+
+def payload_edge(payload_kg: float) -> float:
+    """Return the edge [m] of the cube that stands for a payload of ``payload_kg`` [kg]."""
+    return float((payload_kg / PAYLOAD_DENSITY_KG_M3) ** (1.0 / 3.0))
 
 
 def document(parameters: Parameters, payload_kg: float | None = None) -> dict[str, Any]:

@@ -1,0 +1,198 @@
+"""The robot as MJCF, the format of MuJoCo: a closed chain that moves like the plant.
+
+Arms hang on hinges with the rotors' inertia and friction, each of the six rods on two hinges at its elbow, and the
+plate is free. Six constraints hold the ends of the rods in their joints on the plate. The model begins at home, its
+loops closed; its joints have the angles of ``poses.JOINTS``. ``ctrl`` of an axis is a torque of the arm side [N m].
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.dynamics import rotor_inertia
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene.masses import Inertia, masses
+from delta3_pacdrive.scene.parts import ARMS, RODS, Part, Sizes, parts
+from delta3_pacdrive.scene.poses import AXES, JOINTS, frames, joints
+from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
+
+
+def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | None = None) -> str:
+    """Return the robot as MJCF.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot, with what it carries.
+    rods
+        Whether forearms are uniform rods; without it, whether those of this robot are (``rich.forearm_rods``).
+    step_s
+        Step of the simulation [s]; without it that of the plant.
+
+    Returns
+    -------
+    str
+        The document. Bodies bear the names of the parts; the sites ``forearm1a_end`` and ``plate_1a`` and so on meet,
+        and the site ``tcp`` is the TCP.
+
+    Raises
+    ------
+    UnreachableError
+        The arms cannot reach the place ``motion.home_m`` at which the model begins.
+
+    """
+    step = parameters.drive.current_period_s if step_s is None else step_s
+    model = _Model(parameters, rods)
+    arms = '\n'.join(model.arm(arm) for arm in ARMS)
+    # as stiff as MuJoCo lets a constraint be: twice the step
+    stiff = f'solref="{2.0 * step!r} 1" solimp="0.9999 0.9999 0.001"'
+    loops = '\n'.join(
+        f'    <connect name="loop{rod}" site1="forearm{rod}_end" site2="plate_{rod}" {stiff}/>'
+        for rod in RODS
+    )
+    torque = (
+        parameters.dynamics.gear_ratio
+        * parameters.motor.torque_constant_n_m_a
+        * parameters.motor.peak_current_a
+    )
+    motors = '\n'.join(
+        f'    <motor name="{axis}" joint="{axis}" ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"/>'
+        for axis in AXES
+    )
+    return f"""\
+<mujoco model="delta3_pacdrive">
+  <compiler angle="radian" inertiafromgeom="false"/>
+  <option timestep="{step!r}" gravity="0 0 {-parameters.dynamics.gravity_m_s2!r}" integrator="implicitfast">
+    <flag contact="disable"/>
+  </option>
+  <worldbody>
+    <light pos="0 -1.5 1" dir="0 0.8 -1"/>
+{model.still('base', '    ')}
+{model.still('workspace', '    ')}
+{arms}
+{model.plate()}
+  </worldbody>
+  <equality>
+{loops}
+  </equality>
+  <actuator>
+{motors}
+  </actuator>
+</mujoco>
+"""
+
+
+class _Model:
+    """Bodies of one robot at home."""
+
+    def __init__(self, parameters: Parameters, rods: bool | None) -> None:
+        self._parameters = parameters
+        self._parts = {part.name: part for part in parts(parameters)}
+        self._masses = masses(parameters, rods=rods)
+        self._hip, self._joint = frames(parameters)
+        self._home = np.array(parameters.motion.home_m)
+        theta = kinematics.inverse(self._home, parameters)
+        self._at_home = {
+            name: float(angle) for name, angle in zip(JOINTS, joints(theta, parameters), strict=True)
+        }
+
+    def still(self, name: str, indent: str) -> str:
+        """Return what a part looks like that does not move."""
+        return '\n'.join(_geom(self._parts[name], shape, indent) for shape in self._parts[name].shapes)
+
+    def arm(self, arm: int) -> str:
+        """Return motor, upper arm and the two rods of a forearm."""
+        k, d, motor = self._parameters.kinematics, self._parameters.dynamics, self._parameters.motor
+        axis, angle = AXES[arm - 1], self._at_home[AXES[arm - 1]]
+        low, high = math.radians(d.end_stop_min_deg), math.radians(d.end_stop_max_deg)
+        joint = (
+            f'<joint name="{axis}" axis="0 1 0" ref="{angle!r}" limited="true" range="{low!r} {high!r}"'
+            f' armature="{rotor_inertia(self._parameters)!r}"'
+            f' damping="{d.gear_ratio**2 * motor.viscous_friction_n_m_s_rad!r}"'
+            f' frictionloss="{d.gear_ratio * motor.static_friction_n_m!r}"/>'
+        )
+        half = 0.5 * Sizes.of(k).rod_distance_m
+        rods = '\n'.join(
+            self._rod(f'{arm}{rod}', (k.upper_arm_length_m, side * half, 0.0))
+            for side, rod in ((1, 'a'), (-1, 'b'))
+        )
+        turned = _quaternion(Rotation.from_euler('z', k.arm_azimuth_rad[arm - 1]))
+        return f"""\
+    <body name="motor{arm}" pos="{_text(self._hip[arm - 1])}" quat="{turned}">
+{self.still(f'motor{arm}', '      ')}
+      <body name="arm{arm}" quat="{_quaternion(Rotation.from_euler('y', angle))}">
+        {joint}
+{self._body(f'arm{arm}', '        ')}
+{rods}
+      </body>
+    </body>"""
+
+    def _rod(self, rod: str, elbow: Sequence[float]) -> str:
+        name = f'forearm{rod}'
+        pitch, swing = (self._at_home[f'{name}_{angle}'] for angle in ('pitch', 'swing'))
+        # The axis of the first hinge lies still in the arm; here it stands as the rod at home sees it.
+        axis = _text((math.sin(swing), math.cos(swing), 0.0))
+        end = _text((self._parameters.kinematics.forearm_length_m, 0.0, 0.0))
+        return f"""\
+        <body name="{name}" pos="{_text(elbow)}" quat="{_quaternion(Rotation.from_euler('YZ', [pitch, swing]))}">
+          <joint name="{name}_pitch" axis="{axis}" ref="{pitch!r}"/>
+          <joint name="{name}_swing" axis="0 0 1" ref="{swing!r}"/>
+{self._body(name, '          ')}
+          <site name="{name}_end" pos="{end}"/>
+        </body>"""
+
+    def plate(self) -> str:
+        """Return the plate with its tool and what it has gripped."""
+        sites = '\n'.join(
+            f'      <site name="plate_{rod}" pos="{_text(place)}"/>'
+            for rod, place in zip(RODS, self._joint.reshape(-1, 3), strict=True)
+        )
+        payload = ''
+        if 'payload' in self._parts:
+            payload = f"""
+      <body name="payload">
+{self._body('payload', '        ')}
+      </body>"""
+        return f"""\
+    <body name="plate" pos="{_text(self._home)}">
+      <freejoint name="plate"/>
+{self._body('plate', '      ')}
+{self.still('tool', '      ')}
+      <site name="tcp"/>
+{sites}{payload}
+    </body>"""
+
+    def _body(self, name: str, indent: str) -> str:
+        return f'{indent}{_inertial(self._masses[name])}\n{self.still(name, indent)}'
+
+
+def _inertial(inertia: Inertia) -> str:
+    centre, moments = _text(inertia.centre_m), _text(inertia.moments_kg_m2)
+    return f'<inertial pos="{centre}" mass="{inertia.mass_kg!r}" diaginertia="{moments}"/>'
+
+
+def _geom(part: Part, shape: Shape, indent: str) -> str:
+    match shape:
+        case Box():
+            size = _text([0.5 * edge for edge in shape.size_m])
+        case Cylinder():
+            size = _text((shape.radius_m, 0.5 * shape.length_m))
+        case Sphere():
+            size = _text((shape.radius_m,))
+        case _:
+            raise TypeError(f'MJCF has no {shape.kind}')
+    place = f'pos="{_text(shape.position_m)}" quat="{_quaternion(Rotation.from_quat(shape.quaternion))}"'
+    return f'{indent}<geom type="{shape.kind}" size="{size}" {place} rgba="{_text(part.colour)}"/>'
+
+
+def _quaternion(rotation: Rotation) -> str:
+    """Return a rotation as MuJoCo writes it: w first."""
+    x, y, z, w = rotation.as_quat(canonical=True)
+    return _text((w, x, y, z))
+
+
+def _text(numbers: Sequence[float]) -> str:
+    return ' '.join(repr(float(number)) for number in numbers)

@@ -1,0 +1,45 @@
+"""Facts about ``delta3 export``: the model goes to the terminal or into a file, of the robot that was asked for."""
+
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.cli import export
+from delta3_pacdrive.scene.mjcf import mjcf
+from delta3_pacdrive.scene.urdf import urdf
+
+MODELS = {'urdf': urdf, 'mjcf': mjcf}
+
+
+@pytest.mark.parametrize('name', MODELS)
+def test_the_model_is_printed(name, capsys, robot):
+    assert export.main([name]) == 0
+    assert capsys.readouterr().out == MODELS[name](robot)
+
+
+@pytest.mark.parametrize('name', MODELS)
+def test_the_model_goes_into_a_file(name, tmp_path, capsys, robot):
+    assert export.main([name, '--output', str(tmp_path / 'model.xml')]) == 0
+    assert capsys.readouterr().out == ''
+    assert (tmp_path / 'model.xml').read_text() == MODELS[name](robot)
+    assert ET.parse(tmp_path / 'model.xml')
+
+
+def test_the_model_is_of_the_parameters_that_are_named(tmp_path, capsys, robot):
+    other = robot.replace(kinematics__forearm_length_m=1.1)
+    file = parameters.write(other, tmp_path / 'other.yaml')
+    assert export.main(['urdf', '--parameters', str(file)]) == 0
+    text = capsys.readouterr().out
+    assert text == urdf(other) != urdf(robot)
+
+
+def test_what_cannot_be_written_or_is_no_format_is_one_sentence(tmp_path, capsys):
+    assert export.main(['mjcf', '--output', str(tmp_path / 'absent' / 'model.xml')]) == 1
+    error = capsys.readouterr().err
+    assert 'cannot read or write' in error
+    assert 'absent/model.xml: No such file or directory' in error
+    with pytest.raises(SystemExit) as ended:
+        export.main(['sdf'])
+    assert ended.value.code == 2
+    assert "invalid choice: 'sdf'" in capsys.readouterr().err

@@ -1,0 +1,138 @@
+"""Facts about the exported model for MuJoCo: it is the robot, begins closed and at home, and moves like the plant."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.errors import UnreachableError
+from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.scene.mjcf import mjcf
+from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
+from delta3_pacdrive.scene.poses import AXES, JOINTS, joints, poses
+
+mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
+
+CLOSED = 1e-12  # [m]; rounding
+STEP_S = 62.5e-6
+# MuJoCo's step is of the first order, and its constraints give way a little
+MOTION = 3e-3  # of the way
+OPEN_M = 1e-5  # of a loop in a motion with 30 m/s^2
+NO_FRICTION = {'motor__static_friction_n_m': 0.0, 'motor__viscous_friction_n_m_s_rad': 0.0}
+
+
+def loaded(text):
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def openings(data):
+    """Distances between the rods' ends and their joints on the plate [m]."""
+    pairs = [(data.site(f'forearm{rod}_end').xpos, data.site(f'plate_{rod}').xpos) for rod in RODS]
+    return [float(np.linalg.norm(end - joint)) for end, joint in pairs]
+
+
+def moved_by_plant(robot, torque, steps):
+    """TCP of the plant after as many current samples under arm torques, from home and at rest."""
+    current = torque / (robot.dynamics.gear_ratio * robot.motor.torque_constant_n_m_a)
+    plant = Plant(robot)
+    plant.state['brake_released'], plant.state['brake_locked'] = 1, 0
+    plant.state['current'] = current
+    plant.advance(np.tile(current, (steps, 1)), [True] * 3)
+    return plant.tcp()
+
+
+def moved_by_mujoco(robot, torque, steps):
+    """TCP of the model after as many steps, and how far its loops have opened at most."""
+    model, data = loaded(mjcf(robot, step_s=STEP_S))
+    data.ctrl[:] = torque
+    worst = 0.0
+    for _ in range(10):
+        mujoco.mj_step(model, data, nstep=steps // 10)
+        worst = max(worst, *openings(data))
+    mujoco.mj_kinematics(model, data)
+    return data.site('tcp').xpos.copy(), worst
+
+
+@pytest.mark.parametrize('change', [{}, {'kinematics__arm_azimuth_deg': (30.0, 140.0, 275.0)}])
+def test_the_model_begins_at_home_with_closed_loops_and_the_angles_of_the_joints(change, robot):
+    changed = robot.replace(**change)
+    _, data = loaded(mjcf(changed))
+    assert max(openings(data)) < CLOSED
+    assert data.site('tcp').xpos == pytest.approx(robot.motion.home_m, abs=CLOSED)
+    theta = kinematics.inverse(robot.motion.home_m, changed)
+    for name, angle in zip(JOINTS, joints(theta, changed), strict=True):
+        if not name.startswith('plate'):
+            assert data.joint(name).qpos[0] == angle
+
+
+def test_its_bodies_are_where_the_parts_are(robot):
+    model, data = loaded(mjcf(robot))
+    theta = kinematics.inverse([0.2, -0.1, -0.85], robot)
+    for name, angle in zip(JOINTS, joints(theta, robot), strict=True):
+        if not name.startswith('plate'):
+            data.joint(name).qpos[:] = angle
+    data.joint('plate').qpos[:3] = kinematics.forward(theta, robot)
+    mujoco.mj_kinematics(model, data)
+    there = poses(theta, robot)
+    for name in set(NAMES) - {'base', 'tool', 'workspace'}:
+        position, (x, y, z, w) = there.of(name)
+        assert data.body(name).xpos == pytest.approx(position, abs=CLOSED)
+        assert abs(data.body(name).xquat @ [w, x, y, z]) == pytest.approx(1.0, abs=CLOSED)
+
+
+def test_its_masses_are_those_of_the_dynamics(robot):
+    model, _ = loaded(mjcf(robot))
+    d = robot.dynamics
+    arms = 3.0 * (d.upper_arm_mass_kg + d.elbow_mass_kg + d.forearm_mass_kg)
+    assert model.body_mass.sum() == pytest.approx(arms + d.plate_mass_kg + d.payload_mass_kg)
+    assert not any(model.body(name).mass for name in FIXED if name.startswith('motor'))
+    for axis in AXES:
+        assert model.joint(axis).armature == pytest.approx(dynamics.rotor_inertia(robot))
+
+
+@pytest.mark.parametrize('push', [(6.0, -2.0, 0.0), (-8.0, 5.0, 12.0)])
+@pytest.mark.parametrize(
+    'change', [{}, {'rich__enabled': True, 'bus__exchange_period_s': 250e-6}], ids=['nominal', 'rods']
+)
+def test_it_moves_like_the_plant(change, push, robot):
+    effects = ('gear', 'friction', 'ripple', 'sensors', 'geometry')
+    changed = robot.replace(**NO_FRICTION, **{f'rich__{name}': False for name in effects}, **change)
+    home = np.array(robot.motion.home_m)
+    torque = dynamics.gravity(kinematics.inverse(home, changed), changed) + push
+    expected = moved_by_plant(changed, torque, 800)
+    found, opened = moved_by_mujoco(changed, torque, 800)
+    way = np.linalg.norm(expected - home)
+    print(
+        f'{way * 1e3:.2f} mm, {np.linalg.norm(found - expected) * 1e6:.2f} um apart, loops {opened * 1e6:.2f} um'
+    )
+    assert way > 5e-3
+    assert np.linalg.norm(found - expected) < MOTION * way
+    assert opened < OPEN_M
+
+
+def test_friction_slows_it_as_it_slows_the_plant(robot):
+    home = np.array(robot.motion.home_m)
+    torque = np.add(dynamics.gravity(kinematics.inverse(home, robot), robot), [12.0, -6.0, -8.0])
+    free = moved_by_plant(robot.replace(**NO_FRICTION), torque, 800)
+    expected = moved_by_plant(robot, torque, 800)
+    found, _ = moved_by_mujoco(robot, torque, 800)
+    slowed = np.linalg.norm(expected - free)
+    print(f'slowed by {slowed * 1e3:.2f} mm, {np.linalg.norm(found - expected) * 1e3:.3f} mm apart')
+    assert slowed > 4e-3
+    assert (
+        np.linalg.norm(found - expected) < 0.1 * slowed
+    )  # Coulomb friction for the plant's F_s tanh(w / w_s)
+
+
+def test_at_rest_under_its_weight_and_the_torques_that_hold_it_the_model_stays(robot):
+    torque = dynamics.gravity(kinematics.inverse(robot.motion.home_m, robot), robot)
+    found, opened = moved_by_mujoco(robot.replace(**NO_FRICTION), torque, 1600)
+    assert found == pytest.approx(robot.motion.home_m, abs=1e-6)
+    assert opened < 1e-6
+
+
+def test_a_home_out_of_reach_is_refused(robot):
+    with pytest.raises(UnreachableError, match='out of reach of arm 1'):
+        mjcf(robot.replace(motion__home_m=(0.0, 0.0, -2.0)))
