@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.mjcf import mjcf
 from delta3_pacdrive.scene.parts import RODS
-from delta3_pacdrive.scene.poses import AXES, JOINTS, joints
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import JOINTS
 
 SEED = 20090418
 PRINTED = 1e-9  # the reference values have nine decimals
@@ -309,7 +311,7 @@ def mujoco_acceleration(engine, theta, thetadot, tau, robot):
         apart = data.site(f'forearm{rod}_end').xpos - data.site(f'plate_{rod}').xpos
         assert np.abs(apart).max() < 1e-12
     rows = mujoco_loops(engine, lambda site, out: mujoco.mj_jacSite(model, data, out, None, site))
-    arms = [int(model.joint(axis).dofadr[0]) for axis in AXES]
+    arms = [int(model.joint(axis).dofadr[0]) for axis in DRIVES]
     others = np.setdiff1d(np.arange(model.nv), arms)
     data.qvel[arms] = thetadot
     data.qvel[others] = np.linalg.solve(rows[:, others], -rows[:, arms] @ thetadot)

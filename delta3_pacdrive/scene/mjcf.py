@@ -2,11 +2,11 @@
 
 Arms hang on hinges with the rotors' inertia and friction, each of the six rods on two hinges at its elbow, and the
 plate is free. Six constraints hold the ends of the rods in their joints on the plate. The model begins at home, its
-loops closed; its joints have the angles of ``poses.JOINTS``. ``ctrl`` of an axis is a torque of the arm side [N m].
+loops closed; its joints have the angles of ``telegrams.JOINTS``. ``ctrl`` of an axis is a torque of the arm side [N m].
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,10 +14,13 @@ from scipy.spatial.transform import Rotation
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.masses import Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, RODS, Part, Sizes, parts
-from delta3_pacdrive.scene.poses import AXES, JOINTS, frames, joints
+from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import JOINTS
 
 
 def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | None = None) -> str:
@@ -60,7 +63,7 @@ def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | No
     )
     motors = '\n'.join(
         f'    <motor name="{axis}" joint="{axis}" ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"/>'
-        for axis in AXES
+        for axis in DRIVES
     )
     return f"""\
 <mujoco model="delta3_pacdrive">
@@ -106,7 +109,7 @@ class _Model:
     def arm(self, arm: int) -> str:
         """Return motor, upper arm and the two rods of a forearm."""
         k, d, motor = self._parameters.kinematics, self._parameters.dynamics, self._parameters.motor
-        axis, angle = AXES[arm - 1], self._at_home[AXES[arm - 1]]
+        axis, angle = DRIVES[arm - 1], self._at_home[DRIVES[arm - 1]]
         low, high = math.radians(d.end_stop_min_deg), math.radians(d.end_stop_max_deg)
         joint = (
             f'<joint name="{axis}" axis="0 1 0" ref="{angle!r}" limited="true" range="{low!r} {high!r}"'
@@ -194,5 +197,5 @@ def _quaternion(rotation: Rotation) -> str:
     return _text((w, x, y, z))
 
 
-def _text(numbers: Sequence[float]) -> str:
+def _text(numbers: Iterable[float]) -> str:
     return ' '.join(repr(float(number)) for number in numbers)

@@ -3,18 +3,12 @@
 Lengths that the dynamics know are those of the robot: l_A, l_B, R_A, R_B, the workspace. What they do not know is only
 for the eye, and grows with the robot: ``Sizes``. The frames of the parts, which ``poses`` places in ``base``:
 
-``base``
-    The frame of the robot: centre of the motor axes, z up.
-``motor1`` to ``motor3``
-    On the axis of the motor (radius R_A), x outward, y along the axis.
-``arm1`` to ``arm3``
-    On the axis of the motor, x along the upper arm to the elbow, y along the axis.
-``forearm1a``, ``forearm1b`` to ``forearm3b``
-    In the joint at the elbow, x along the rod to the joint at the plate. Rod a stands towards +y of its arm.
-``plate``, ``tool``, ``payload``
-    In the TCP, which is the centre of the joints of the plate; never turned.
-``workspace``
-    In ``base``: the cylinder in which moves may go.
+    base                    that of the robot: centre of the motor axes, z up
+    motor1 ...              on the axis of the motor (radius R_A), x outward, y along the axis
+    arm1 ...                on the axis of the motor, x along the upper arm to the elbow, y along the axis
+    forearm1a, 1b, 2a ...   in the joint at the elbow, x along the rod to that at the plate; a towards +y of the arm
+    plate, tool, payload    in the TCP, which is the centre of the joints of the plate; never turned
+    workspace               in ``base``: the cylinder in which moves may go
 
 The plane of the plate's joints is that of the TCP (4.1: R = R_A - R_B shrinks the plate to a point). So the tool stands
 on the plate with its mouth in this plane, and what it has gripped hangs below.

@@ -1,14 +1,14 @@
 """The robot as URDF, for robot_state_publisher, RViz, Foxglove and whatever else reads it.
 
 URDF knows trees only. The joints of the motors are called as in ``joint_states``; the passive ones are those of
-``poses.JOINTS``, and with the angles that ``poses.joints`` has for them the tree closes: ``forearm1b_end`` meets
+``telegrams.JOINTS``, and with the angles that ``scene.joints`` has for them the tree closes: ``forearm1b_end`` meets
 ``plate_1b``, and so do the others. Each universal joint is a joint ``pitch``, a link without shape
 (``forearm1a_elbow``), and a joint ``swing``.
 """
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree as ET
 
 from scipy.spatial.transform import Rotation
@@ -17,8 +17,9 @@ from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.scene.masses import TINY_KG, Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
-from delta3_pacdrive.scene.poses import AXES, frames
+from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _PASSIVE_SPEED_RAD_S, _PASSIVE_EFFORT_N_M = 100.0, 0.0  # URDF wants limits of them; nothing drives them
@@ -74,7 +75,7 @@ def urdf(parameters: Parameters) -> str:
 
 def _axis(writer: '_Writer', arm: int, parameters: Parameters) -> None:
     d, motor = parameters.dynamics, parameters.motor
-    joint = writer.joint(AXES[arm - 1], 'revolute', f'arm{arm}', f'motor{arm}', (0.0, 0.0, 0.0))
+    joint = writer.joint(DRIVES[arm - 1], 'revolute', f'arm{arm}', f'motor{arm}', (0.0, 0.0, 0.0))
     ET.SubElement(joint, 'axis', xyz=_text(Y))
     ET.SubElement(
         joint,
@@ -173,5 +174,5 @@ def _rpy(shape: Shape) -> Sequence[float]:
         return [float(angle) for angle in Rotation.from_quat(shape.quaternion).as_euler('xyz')]
 
 
-def _text(numbers: Sequence[float]) -> str:
+def _text(numbers: Iterable[float]) -> str:
     return ' '.join(repr(float(number)) for number in numbers)

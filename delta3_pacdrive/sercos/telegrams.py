@@ -64,6 +64,13 @@ MDT = Telegram('sercos/mdt', JOINT_STATE, DRIVES, (3, 0, 0), len(MDT_FRAME))
 AT = tuple(Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME)) for axis in DRIVES)
 SHAFTS = Telegram('plant/motor_shafts', JOINT_STATE, DRIVES, (3, 3, 3), len(NO_SESSION))
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
+# the joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
+JOINTS = (
+    *DRIVES,
+    *(f'forearm{arm}{rod}_{angle}' for arm in (1, 2, 3) for rod in 'ab' for angle in ('pitch', 'swing')),
+    'plate_swing',
+    'plate_pitch',
+)
 JOINT_STATES = Telegram('joint_states', JOINT_STATE, DRIVES, (3, 3, 3), len(BASE_FRAME))
 TCP_COMMAND = Telegram.triple('tcp/command', POINT)
 TCP_ACTUAL = Telegram.triple('tcp/actual', POINT)

@@ -6,9 +6,12 @@ import pytest
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.mjcf import mjcf
 from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
-from delta3_pacdrive.scene.poses import AXES, JOINTS, joints, poses
+from delta3_pacdrive.scene.poses import poses
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import JOINTS
 
 mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
 
@@ -88,7 +91,7 @@ def test_its_masses_are_those_of_the_dynamics(robot):
     arms = 3.0 * (d.upper_arm_mass_kg + d.elbow_mass_kg + d.forearm_mass_kg)
     assert model.body_mass.sum() == pytest.approx(arms + d.plate_mass_kg + d.payload_mass_kg)
     assert not any(model.body(name).mass for name in FIXED if name.startswith('motor'))
-    for axis in AXES:
+    for axis in DRIVES:
         assert model.joint(axis).armature == pytest.approx(dynamics.rotor_inertia(robot))
 
 

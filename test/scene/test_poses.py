@@ -9,44 +9,11 @@ from scipy.spatial.transform import Rotation
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.scene import poses as scene
-from delta3_pacdrive.scene.parts import ARMS, NAMES, RODS, Sizes
-from delta3_pacdrive.sercos.telegrams import JOINT_STATES
+from delta3_pacdrive.scene.parts import ARMS, NAMES, Sizes
+from scenes import rods, workspace
 
-SEED = 20090418
 CLOSED = 1e-9  # [m], as promised; 1e-15 seen
 SAME = 1e-12  # rad and parts of quaternions: rounding
-ROBOTS = {
-    'default': {},
-    'short and wide': {
-        'kinematics__upper_arm_length_m': 0.25,
-        'kinematics__forearm_length_m': 0.7,
-        'kinematics__base_radius_m': 0.3,
-        'kinematics__plate_radius_m': 0.02,
-        'kinematics__workspace_diameter_m': 0.6,
-        'kinematics__workspace_top_m': -0.45,
-        'kinematics__workspace_bottom_m': -0.6,
-    },
-    'turned, with unequal directions': {'kinematics__arm_azimuth_deg': (30.0, 140.0, 275.0)},
-}
-
-
-@pytest.fixture(params=ROBOTS.values(), ids=ROBOTS.keys())
-def machine(request, robot):
-    return robot.replace(**request.param)
-
-
-def workspace(robot, count=2000):
-    """Angles of places in the workspace and on its border that all arms reach, shape (n, 3)."""
-    print(f'seed {SEED}')
-    random, k = np.random.default_rng(SEED), robot.kinematics
-    radius = 0.5 * k.workspace_diameter_m * np.sqrt(np.append(random.uniform(0.0, 1.0, count), np.ones(500)))
-    azimuth = random.uniform(-np.pi, np.pi, count + 500)
-    z = random.uniform(k.workspace_bottom_m, k.workspace_top_m, count + 500)
-    points = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=-1)
-    theta = kinematics.inverse(points, robot, unreachable='nan')
-    theta = theta[np.isfinite(theta).all(axis=1)]
-    assert len(theta) > 500
-    return theta
 
 
 def place(pose, point):
@@ -63,18 +30,11 @@ def directions(robot):
     return outward, np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1)
 
 
-def rods(robot):
-    """Number of the arm, sign of the side, and name of each rod."""
-    return [
-        (i, side, f'forearm{arm}{rod}') for i, arm in enumerate(ARMS) for side, rod in ((1, 'a'), (-1, 'b'))
-    ]
-
-
 def test_all_six_rods_end_in_their_joints_on_the_plate(machine):
     poses = scene.poses(workspace(machine), machine)
     k, half = machine.kinematics, 0.5 * Sizes.of(machine.kinematics).rod_distance_m
     outward, across = directions(machine)
-    for i, side, name in rods(machine):
+    for i, side, name in rods():
         end = place(poses.of(name), [k.forearm_length_m, 0.0, 0.0])
         joint = place(poses.of('plate'), k.plate_radius_m * outward[i] + side * half * across[i])
         assert np.abs(end - joint).max() < CLOSED
@@ -83,7 +43,7 @@ def test_all_six_rods_end_in_their_joints_on_the_plate(machine):
 def test_all_six_rods_begin_at_the_elbow_of_their_arm(machine):
     poses = scene.poses(workspace(machine), machine)
     k, half = machine.kinematics, 0.5 * Sizes.of(machine.kinematics).rod_distance_m
-    for i, side, name in rods(machine):
+    for i, side, name in rods():
         elbow = place(poses.of(f'arm{i + 1}'), [k.upper_arm_length_m, side * half, 0.0])
         assert np.abs(poses.of(name)[0] - elbow).max() < CLOSED
 
@@ -135,73 +95,12 @@ def test_a_third_of_a_turn_takes_every_arm_to_the_place_of_the_next(robot):
                 assert apart.magnitude().max() < 1e-9  # the angle of a rotation that is rounded to none
 
 
-def through_the_tree(positions, robot):
-    """Poses of rods and plate that a tree of joints has, by their names, for one row of ``joints``."""
-    k, half = robot.kinematics, 0.5 * Sizes.of(robot.kinematics).rod_distance_m
-    value = dict(zip(scene.JOINTS, positions, strict=True))
-    found = {}
-    for i, side, name in rods(robot):
-        outward = Rotation.from_euler('z', k.arm_azimuth_deg[i], degrees=True)
-        arm = outward * Rotation.from_euler('y', value[f'axis{i + 1}'])
-        start = outward.apply([k.base_radius_m, 0.0, 0.0]) + arm.apply(
-            [k.upper_arm_length_m, side * half, 0.0]
-        )
-        pitch, swing = (value[f'{name}_{angle}'] for angle in ('pitch', 'swing'))
-        turned = arm * Rotation.from_euler('y', pitch) * Rotation.from_euler('z', swing)
-        found[name] = start, turned
-    start, turned = found['forearm1a']
-    plate = (
-        turned
-        * Rotation.from_euler('z', value['plate_swing'])
-        * Rotation.from_euler('y', value['plate_pitch'])
-    )
-    plate = plate * Rotation.from_euler('z', -k.arm_azimuth_deg[0], degrees=True)
-    _, joint = scene.frames(robot)
-    found['plate'] = start + turned.apply([k.forearm_length_m, 0.0, 0.0]) - plate.apply(joint[0, 0]), plate
-    return found
-
-
-def test_the_joints_of_the_tree_put_rods_and_plate_where_they_are(machine):
-    theta = workspace(machine, 100)[:150]
-    poses, joints = scene.poses(theta, machine), scene.joints(theta, machine)
-    for n, row in enumerate(joints):
-        for name, (position, turned) in through_the_tree(row, machine).items():
-            there, quaternion = poses.of(name)
-            assert np.abs(position - there[n]).max() < CLOSED
-            assert (turned.inv() * Rotation.from_quat(quaternion[n])).magnitude() < 1e-9
-
-
-def test_joints_begin_with_the_axes_as_joint_states_has_them(robot):
-    assert JOINT_STATES.names == scene.AXES == scene.JOINTS[:3]
-    theta = workspace(robot, 20)
-    assert np.array_equal(scene.joints(theta, robot)[:, :3], theta)
-    assert len(scene.JOINTS) == len(set(scene.JOINTS)) == 3 + 2 * len(RODS) + 2
-
-
-def test_the_swing_of_the_rods_is_that_which_moves_are_limited_by(robot):
-    theta = workspace(robot, 200)
-    expected = kinematics.forearm_swing(kinematics.forward(theta, robot), robot)
-    joints = dict(zip(scene.JOINTS, scene.joints(theta, robot).T, strict=True))
-    found = [np.abs(joints[f'forearm{arm}a_swing']) for arm in ARMS]
-    assert np.stack(found, axis=-1) == pytest.approx(expected, abs=CLOSED)
-
-
-def test_passive_joints_do_not_jump_on_the_way_through_the_workspace(robot):
-    k = robot.kinematics
-    way = np.linspace(0.0, math.tau, 2000)
-    radius = 0.5 * k.workspace_diameter_m
-    points = np.stack([radius * np.cos(way), radius * np.sin(2.0 * way), -0.8 + 0.1 * np.sin(way)], axis=-1)
-    joints = scene.joints(kinematics.inverse(points, robot), robot)
-    assert np.abs(np.diff(joints, axis=0)).max() < 0.02  # a step of 4 mm at most, with arms of 0.4 m
-
-
 @pytest.mark.parametrize('shape', [(), (4,), (2, 3), (0,)])
 def test_arrays_of_angles_give_arrays_of_poses(shape, robot):
     theta = workspace(robot, 20)[: math.prod(shape)].reshape(*shape, 3)
     poses = scene.poses(theta, robot)
     assert poses.position.shape == (*shape, len(NAMES), 3)
     assert poses.quaternion.shape == (*shape, len(NAMES), 4)
-    assert scene.joints(theta, robot).shape == (*shape, len(scene.JOINTS))
     assert poses.of('arm2')[1].shape == (*shape, 4)
     for index in np.ndindex(shape):
         assert np.array_equal(scene.poses(theta[index], robot).position, poses.position[index])
@@ -217,10 +116,7 @@ def test_angles_that_close_no_chain_are_refused_or_nan(robot):
     short = robot.replace(kinematics__forearm_length_m=0.5)
     with pytest.raises(UnreachableError, match='the forearms do not meet at arm angles'):
         scene.poses(np.zeros(3), short)
-    with pytest.raises(UnreachableError, match='the forearms do not meet at arm angles'):
-        scene.joints(np.zeros(3), short)
     poses = scene.poses([[0.0, 0.0, 0.0], [1.2, 1.2, 1.2]], short, unreachable='nan')
     assert np.isnan(poses.of('plate')[0]).all(axis=-1).tolist() == [True, False]
     assert np.isnan(poses.of('forearm2b')[1]).all(axis=-1).tolist() == [True, False]
     assert np.isfinite(poses.of('arm3')[1]).all()
-    assert np.isnan(scene.joints(np.zeros(3), short, unreachable='nan')[3:]).all()

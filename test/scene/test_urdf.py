@@ -9,9 +9,12 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.scene import parts
+from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
-from delta3_pacdrive.scene.poses import AXES, JOINTS, joints, poses
+from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.scene.urdf import urdf
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import JOINTS
 
 yourdfpy = pytest.importorskip('yourdfpy', reason='the reader of URDF, yourdfpy, is not installed')
 
@@ -85,7 +88,7 @@ def test_its_joints_are_those_that_are_published(model):
 
 def test_the_axes_have_the_end_stops_speed_and_torque_of_the_robot(model, robot):
     d, motor = robot.dynamics, robot.motor
-    for axis in AXES:
+    for axis in DRIVES:
         limit = model.joint_map[axis].limit
         assert (math.degrees(limit.lower), math.degrees(limit.upper)) == pytest.approx(
             (d.end_stop_min_deg, d.end_stop_max_deg)
