@@ -49,6 +49,71 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Bound:
+    """A bound is what a quantity of places has to keep.
+
+    Attributes
+    ----------
+    values
+        The quantity, shape (n,), or (n, 3) for one of each arm.
+    limit
+        Of it.
+    is_upper
+        Whether that is the largest value allowed, or the smallest.
+    what, unit
+        The quantity in words, and its unit, empty if it has none.
+
+    """
+
+    values: Floats
+    limit: float
+    is_upper: bool
+    what: str
+    unit: str
+
+    @property
+    def margin(self) -> Floats:
+        """Distance to the limit, negative beyond it, shape of the values."""
+        return self.limit - self.values if self.is_upper else self.values - self.limit
+
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """Whether it is kept, but for rounding; what is nan does not keep it."""
+        return np.asarray(self.margin >= -ROUNDING)
+
+
+def workspace_bounds(position_m: Floats, parameters: Parameters) -> tuple[Bound, ...]:
+    """Bounds of positions of shape (n, 3): the workspace cylinder."""
+    k, (x, y, z) = parameters.kinematics, position_m.T
+    return (
+        Bound(np.hypot(x, y), 0.5 * k.workspace_diameter_m, True, 'the distance from the z axis', 'm'),
+        Bound(z, k.workspace_top_m, True, 'z', 'm'),
+        Bound(z, k.workspace_bottom_m, False, 'z', 'm'),
+    )
+
+
+def _angle_bounds(theta_rad: Floats, parameters: Parameters) -> tuple[Bound, ...]:
+    k, theta = parameters.kinematics, np.degrees(theta_rad)
+    return (
+        Bound(theta, k.arm_angle_max_deg, True, 'the angle of arm', 'deg'),
+        Bound(theta, k.arm_angle_min_deg, False, 'the angle of arm', 'deg'),
+    )
+
+
+def arm_bounds(
+    theta_rad: Floats, swing_rad: Floats, serial: Floats, parallel: Floats, parameters: Parameters
+) -> tuple[Bound, ...]:
+    """Bounds of arm angles and forearm swings [rad], shapes (n, 3), and of the distances from the singularities."""
+    k, swing = parameters.kinematics, np.degrees(swing_rad)
+    return (
+        *_angle_bounds(theta_rad, parameters),
+        Bound(swing, k.forearm_swing_max_deg, True, 'the forearm swing of arm', 'deg'),
+        Bound(serial, k.serial_singularity_min, False, 'the distance from the serial singularity of arm', ''),
+        Bound(parallel, k.parallel_singularity_min, False, 'the distance from the parallel singularity', ''),
+    )
+
+
+@dataclass(frozen=True)
 class CheckedPath:
     """Samples of a path are checked against limits.
 
@@ -65,56 +130,38 @@ class CheckedPath:
     position_m: Floats
     returning: bool = False
 
-    def require_below(self, values: Floats, limit: float, what: str, unit: str) -> None:
-        """Refuse a value, (n,) or (n, 3), that exceeds its limit anywhere but on the way back: its worst place."""
-        self._require(values, limit, 1.0, what, unit)
+    def require(self, *bounds: Bound) -> None:
+        """Refuse a value that breaks its bound anywhere but on the way back, at its worst place: the first of them."""
+        for bound in bounds:
+            self._require(bound, 1.0 if bound.is_upper else -1.0)
 
-    def require_above(self, values: Floats, limit: float, what: str, unit: str) -> None:
-        """Refuse a value that falls below its limit in the same way."""
-        self._require(values, limit, -1.0, what, unit)
-
-    def _require(self, values: Floats, limit: float, sign: float, what: str, unit: str) -> None:
-        rising, bound = sign * values, np.asarray(sign * limit)
+    def _require(self, bound: Bound, sign: float) -> None:
+        rising, highest = sign * bound.values, np.asarray(sign * bound.limit)
         if self.returning:
-            bound = np.maximum(bound, np.minimum.accumulate(rising))
-            bound[-1] = sign * limit
-        wrong = ~(rising <= bound + ROUNDING)
+            highest = np.maximum(highest, np.minimum.accumulate(rising))
+            highest[-1] = sign * bound.limit
+        wrong = ~(rising <= highest + ROUNDING)
         if not wrong.any():
             return
         worst = int(np.nanargmax(np.where(wrong, rising, -np.inf)))
-        n, *axis = (int(index) for index in np.unravel_index(worst, values.shape))
+        n, *axis = (int(index) for index in np.unravel_index(worst, rising.shape))
         which = f' {axis[0] + 1}' if axis else ''
-        unit = f' {unit}' if unit else ''
+        unit = f' {bound.unit}' if bound.unit else ''
         where = place_text(self.distance_m, self.position_m, n)
         raise ProgramError(
-            f'{what}{which} is {values.flat[worst]:.4g}{unit} {where}, the limit is {limit:.4g}{unit}'
+            f'{bound.what}{which} is {bound.values.flat[worst]:.4g}{unit} {where}, the limit is {bound.limit:.4g}{unit}'
         )
 
 
 def check_workspace(path: CheckedPath, parameters: Parameters) -> None:
     """Refuse a path that leaves the workspace cylinder; raises ProgramError."""
-    k, (x, y, z) = parameters.kinematics, path.position_m.T
-    path.require_below(np.hypot(x, y), 0.5 * k.workspace_diameter_m, 'the distance from the z axis', 'm')
-    path.require_below(z, k.workspace_top_m, 'z', 'm')
-    path.require_above(z, k.workspace_bottom_m, 'z', 'm')
-
-
-def _check_angles(path: CheckedPath, theta_rad: Floats, parameters: Parameters) -> None:
-    k, theta = parameters.kinematics, np.degrees(theta_rad)
-    path.require_below(theta, k.arm_angle_max_deg, 'the angle of arm', 'deg')
-    path.require_above(theta, k.arm_angle_min_deg, 'the angle of arm', 'deg')
+    path.require(*workspace_bounds(path.position_m, parameters))
 
 
 def check_arms(path: CheckedPath, coefficients: Floats, parameters: Parameters) -> None:
     """Refuse a path on which an arm leaves its limits; raises ProgramError with axis, value, limit and place."""
-    k = parameters.kinematics
-    serial, parallel = k.serial_singularity_min, k.parallel_singularity_min
-    _check_angles(path, coefficients[:, THETA], parameters)
-    swing = np.degrees(coefficients[:, SWING])
-    path.require_below(swing, k.forearm_swing_max_deg, 'the forearm swing of arm', 'deg')
-    what = 'the distance from the serial singularity of arm'
-    path.require_above(coefficients[:, SERIAL], serial, what, '')
-    path.require_above(coefficients[:, PARALLEL], parallel, 'the distance from the parallel singularity', '')
+    c = coefficients
+    path.require(*arm_bounds(c[:, THETA], c[:, SWING], c[:, SERIAL], c[:, PARALLEL], parameters))
 
 
 def legal_coefficients(
@@ -149,7 +196,7 @@ def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> 
         theta = kinematics.inverse(path.position_m, parameters.kinematics)
     except UnreachableError as error:
         raise ProgramError(str(error)) from None
-    _check_angles(path, theta, parameters)
+    path.require(*_angle_bounds(theta, parameters))
 
 
 def check_speed(move: Move, override: float, parameters: Parameters) -> float:
@@ -164,9 +211,21 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     rates = path_coefficients(samples, payload, (move.payload_kg,), parameters)[:, RATE]
     speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
-    CheckedPath(master[:, 0], samples[:, 0]).require_below(speed, limit, 'the speed of motor', 'rad/s')
+    CheckedPath(master[:, 0], samples[:, 0]).require(Bound(speed, limit, True, 'the speed of motor', 'rad/s'))
     fastest = float(speed.max())
     return override * limit / fastest if fastest > 0.0 else math.inf
+
+
+def _phase_voltage_max(parameters: Parameters) -> float:
+    return float(parameters.drive.dc_link_voltage_v / np.sqrt(6.0))
+
+
+def highest_motor_speed(parameters: Parameters) -> float:
+    """Speed of a motor shaft [rad/s] at its maximum, or where its nominal current takes up the rest of the voltage."""
+    motor = parameters.motor
+    emf = motor.torque_constant_n_m_a / 3.0
+    drop = motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a
+    return min(motor.max_speed_rad_s, (_phase_voltage_max(parameters) - drop) / emf)
 
 
 def place_text(distance_m: Floats, position_m: Floats, n: int) -> str:
@@ -206,16 +265,8 @@ def require_holdable(found: Excess) -> None:
 def excess(
     dynamics: PathDynamics, parameters: Parameters, limits: tuple[Floats, Floats, Floats] | None = None
 ) -> Excess:
-    """Compare a motion with the limits of the motors and, where there are some, of the TCP: speed, acceleration, jerk.
-
-    ``limits`` of the TCP are [m/s], [m/s^2], [m/s^3], shapes (n,).
-    """
-    entries = list(_motor_stretches(dynamics, parameters))
-    if limits is not None:
-        tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
-        names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
-        for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
-            entries.append(_Entry(np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
+    """Tell how far a motion exceeds the limits that it is ``compared`` with."""
+    entries = compared(dynamics, parameters, limits)
     total = np.maximum.reduce([entry.stretch for entry in entries])
     worst = int(np.argmax(total))
     found = next(entry for entry in entries if entry.stretch[worst] == total[worst])
@@ -225,8 +276,19 @@ def excess(
     return Excess(total, f'{what} {where}, the limit is {bound:.4g} {found.unit}')
 
 
-class _Entry(NamedTuple):
-    """One quantity of a motion is compared with its limit."""
+class Comparison(NamedTuple):
+    """One quantity of a motion is compared with its limit.
+
+    Attributes
+    ----------
+    stretch
+        Factor of time that keeps the limit just so, shape (n,): below 1 there is room.
+    name, unit
+        The quantity in words, and its unit.
+    value, limit
+        Of it, shape (n,); the limit may be a number.
+
+    """
 
     stretch: Floats
     name: str
@@ -235,11 +297,27 @@ class _Entry(NamedTuple):
     limit: Floats | float
 
 
-def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator[_Entry]:
+def compared(
+    dynamics: PathDynamics, parameters: Parameters, limits: tuple[Floats, Floats, Floats] | None = None
+) -> list[Comparison]:
+    """Compare a motion with the limits of the motors and, where there are some, of the TCP: speed, acceleration, jerk.
+
+    ``limits`` of the TCP are [m/s], [m/s^2], [m/s^3], shapes (n,).
+    """
+    entries = list(_motor_stretches(dynamics, parameters))
+    if limits is not None:
+        tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
+        names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
+        for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
+            entries.append(Comparison(np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
+    return entries
+
+
+def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator[Comparison]:
     motor = parameters.motor
     rpm = np.abs(dynamics.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
     volts, amperes = np.abs(dynamics.phase_voltage_v), np.abs(dynamics.motor_current_a)
-    voltage_max = parameters.drive.dc_link_voltage_v / np.sqrt(6.0)
+    voltage_max = _phase_voltage_max(parameters)
     standing = dynamics.standing_current_a
     moving = dynamics.motor_current_a - standing
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -254,4 +332,4 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
             (volts / voltage_max, 'voltage', 'V', volts, voltage_max),
             (current, 'current', 'A', amperes, motor.peak_current_a),
         ):
-            yield _Entry(stretch[:, axis], f'{name} of motor {axis + 1}', unit, values[:, axis], limit)
+            yield Comparison(stretch[:, axis], f'{name} of motor {axis + 1}', unit, values[:, axis], limit)

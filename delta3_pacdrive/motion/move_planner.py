@@ -9,7 +9,14 @@ import numpy as np
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.limits import Excess, Limits, excess, legal_coefficients, require_holdable
+from delta3_pacdrive.motion.limits import (
+    Excess,
+    Limits,
+    excess,
+    highest_motor_speed,
+    legal_coefficients,
+    require_holdable,
+)
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
     CENTRIFUGAL,
@@ -25,6 +32,7 @@ from delta3_pacdrive.motion.virtual_master import end_acceleration, master_at_di
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
+Stretches = Sequence[tuple[float, Limits]]  # of a move: ends [m], and the limits up to there
 MOVE_MAX_S = 3600.0
 SHARES_MAX = 6  # halvings of the share of the acceleration that a jerk-limited master uses
 WINDOW_MIN_S = 1e-3  # shortest time in which a smoothed master changes its acceleration
@@ -35,6 +43,16 @@ END_REFINEMENTS = 7  # halvings of the grid towards both ends, where a master st
 NEARLY_KEPT = 1.0 + 5e-4
 ROUNDS_MAX = 8  # of planning with local limits, before all of the move is made slower
 CURVATURE_SHARE, JERK_SHARE = 0.98, 0.8  # of the TCP's limits that may be used up by the path's bend alone
+
+
+def limits_at(places_m: Floats, stretches: Stretches) -> tuple[Floats, Floats, Floats]:
+    """Limits of speed, acceleration and jerk at places on a move, shape (n,)."""
+    # where a stretch ends and the next begins, both limits hold
+    ends, limits = zip(*stretches, strict=True)
+    table = np.array([astuple(one) for one in limits])
+    before, after = (table[np.searchsorted(ends[:-1], places_m, side)] for side in ('left', 'right'))
+    speed, acceleration, jerk = np.minimum(before, after).T.copy()
+    return speed, acceleration, jerk
 
 
 def grid(curve: Curve) -> Floats:
@@ -76,7 +94,7 @@ class MovePlanner:
     def __init__(
         self,
         curve: Curve,
-        stretches: Sequence[tuple[float, Limits]],
+        stretches: Stretches,
         payloads: Sequence[tuple[float, float]],
         parameters: Parameters,
         returning: bool = False,
@@ -90,11 +108,7 @@ class MovePlanner:
         self._coefficients = legal_coefficients(
             self.places, self.samples, payload, carried, parameters, returning
         )
-        # where a stretch ends and the next begins, both limits hold
-        ends, limits = zip(*stretches, strict=True)
-        table = np.array([astuple(one) for one in limits])
-        before, after = (table[np.searchsorted(ends[:-1], self.places, side)] for side in ('left', 'right'))
-        self.speed, self.acceleration, self.jerk = np.minimum(before, after).T.copy()
+        self.speed, self.acceleration, self.jerk = limits_at(self.places, stretches)
 
     def dynamics(self, phases: Floats) -> PathDynamics:
         """Evaluate a master on both sides of the places of the grid."""
@@ -124,12 +138,8 @@ class MovePlanner:
         torque = np.full((len(speed), 3), np.inf)
         if with_motors:
             shaft = np.abs(coefficients[:, RATE]) * self._parameters.dynamics.gear_ratio
-            emf = motor.torque_constant_n_m_a / 3.0
-            drop = motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a
-            voltage_speed = (self._parameters.drive.dc_link_voltage_v / np.sqrt(6.0) - drop) / emf
-            highest = min(motor.max_speed_rad_s, voltage_speed)
             with np.errstate(divide='ignore'):
-                caps.append((highest / shaft).min(axis=1))
+                caps.append((highest_motor_speed(self._parameters) / shaft).min(axis=1))
             fastest = np.minimum.reduce(caps)[:, None]
             friction = motor.static_friction_n_m + motor.viscous_friction_n_m_s_rad * shaft * fastest
             torque = motor.torque_constant_n_m_a * motor.peak_current_a - friction

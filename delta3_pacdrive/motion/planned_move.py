@@ -10,8 +10,14 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.blending import PathSegment, name_of
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.limits import Limits, excess, legal_coefficients, require_holdable
-from delta3_pacdrive.motion.move_planner import GRID_MAX, GRID_MIN, MovePlanner, require_end_of_time
+from delta3_pacdrive.motion.limits import excess, legal_coefficients, require_holdable
+from delta3_pacdrive.motion.move_planner import (
+    GRID_MAX,
+    GRID_MIN,
+    MovePlanner,
+    Stretches,
+    require_end_of_time,
+)
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
 from delta3_pacdrive.motion.plan import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
@@ -37,10 +43,25 @@ class Event:
 
 @dataclass
 class PlannedMove:
-    """A move that is planned, with what the whole program needs to know about it."""
+    """A move that is planned, with what the whole program needs to know about it.
+
+    Attributes
+    ----------
+    move, load
+        As it is driven, and what that asks of the motors.
+    name
+        Of its statements, in sentences.
+    stretches
+        Where on it which limits of the TCP hold; none where the program tells the time.
+    notices
+        Sentences about what is not as the program has it.
+
+    """
 
     move: Move
     load: ThermalLoad
+    name: str
+    stretches: Stretches = ()
     notices: list[str] = field(default_factory=list)
 
 
@@ -55,7 +76,7 @@ def event_rows(events: Sequence[Event]) -> Floats:
 def plan_move(
     segments: list[PathSegment],
     curve: Curve,
-    stretches: list[tuple[float, Limits]],
+    stretches: Stretches,
     events: list[Event],
     payload_kg: float,
     parameters: Parameters,
@@ -65,7 +86,7 @@ def plan_move(
     ordered = sorted(events, key=lambda event: event.distance_m)
     changes = [(event.distance_m, event.payload_kg) for event in ordered if event.payload_kg is not None]
     planner = MovePlanner(curve, stretches, [(0.0, payload_kg), *changes], parameters, returning)
-    limits = segments[0].limits
+    name, limits = name_of(segments), segments[0].limits
     if len(segments) == 1:
         phases = plan_master(curve.length_m, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
     else:
@@ -77,7 +98,7 @@ def plan_move(
         if any(segment.strict for segment in segments):
             raise ProgramError(f'{found.text} (strict)')
         phases = planner.fastest(with_motors=True)
-        notices.append(_slowed_down(name_of(segments), float(phases[-1, 0]), asked, found.text))
+        notices.append(_slowed_down(name, float(phases[-1, 0]), asked, found.text))
     require_end_of_time(float(phases[-1, 0]))
     move = Move(
         segments[0].kind if len(segments) == 1 else MoveKind.BLENDED,
@@ -88,7 +109,7 @@ def plan_move(
         payload_kg,
         event_rows(ordered),
     )
-    return PlannedMove(move, planner.load(phases), notices)
+    return PlannedMove(move, planner.load(phases), name, stretches, notices)
 
 
 def _slowed_down(name: str, taken: float, asked: float, why: str) -> str:
@@ -112,18 +133,19 @@ def plan_cubic(
         notices.append(_slowed_down(name, duration * factor, duration, found.text))
     phases = slowed(np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [duration, duration, 0.0, 0.0, 0.0]]), factor)
     stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
-    return PlannedMove(
-        Move(MoveKind.CUBIC, phases, curve.segments, stop, math.inf, payload_kg), load, notices
-    )
+    move = Move(MoveKind.CUBIC, phases, curve.segments, stop, math.inf, payload_kg)
+    return PlannedMove(move, load, name, (), notices)
 
 
-def plan_dwell(here: Floats, time_s: float, payload_kg: float, parameters: Parameters) -> PlannedMove:
+def plan_dwell(
+    here: Floats, time_s: float, payload_kg: float, name: str, parameters: Parameters
+) -> PlannedMove:
     """Let the robot stand at a point [m] for a time [s]; refuse a point at which a motor cannot hold its arm."""
     curve = curves.point(here)
     d = _even(curve, np.zeros(1), 0.0, payload_kg, parameters)
     require_holdable(excess(d, parameters))
     move = Move(MoveKind.DWELL, rest(time_s), curve.segments, payload_kg=payload_kg)
-    return PlannedMove(move, dwell_load(d, time_s))
+    return PlannedMove(move, dwell_load(d, time_s), name)
 
 
 def _even(

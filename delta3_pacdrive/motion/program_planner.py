@@ -11,6 +11,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove
 from delta3_pacdrive.motion.program import Cubic, MoveC, MoveL, MoveSB, Program, Statement, point_text
@@ -44,6 +45,12 @@ class Planned:
         Largest override at which every motor still keeps its limits.
     repeat
         How many rounds of its statements the plan holds.
+    names
+        Of the statements of each different move.
+    stretches
+        Of each different move, where on it which limits of the TCP hold: ends [m] and limits.
+    rate
+        At which all moves are driven for the rms current's sake, 1 = as each was planned.
 
     """
 
@@ -53,6 +60,9 @@ class Planned:
     rms_current_a: tuple[float, float, float]
     override_max: float
     repeat: int
+    names: tuple[str, ...]
+    stretches: tuple[Stretches, ...]
+    rate: float
 
 
 def plan(
@@ -166,7 +176,15 @@ def _whole(
         if fault.after_s > plan_.duration_s
     ]
     return Planned(
-        program.name, plan_, tuple(notices), (rms[0], rms[1], rms[2]), override_max, program.repeat
+        program.name,
+        plan_,
+        tuple(notices),
+        (rms[0], rms[1], rms[2]),
+        override_max,
+        program.repeat,
+        tuple(move.name for move in planned),
+        tuple(move.stretches for move in planned),
+        rate,
     )
 
 

@@ -132,7 +132,7 @@ class RoundPlanner:
             return
         self._broken = False
         if isinstance(statement, Dwell):
-            self._dwell(statement.time_s)
+            self._dwell(statement.time_s, where)
         elif isinstance(statement, Cubic):
             self._take_cubic(statement, number, where)
         else:
@@ -179,9 +179,9 @@ class RoundPlanner:
             planned = plan_cubic(curve, self.payload, name, self._parameters, returning)
         self._append(planned, events)
 
-    def _dwell(self, time_s: float) -> None:
+    def _dwell(self, time_s: float, name: str) -> None:
         events = self._take_outputs(0.0)
-        self._append(plan_dwell(self.here, time_s, self.payload, self._parameters), events)
+        self._append(plan_dwell(self.here, time_s, self.payload, name, self._parameters), events)
 
     def _end_move(self) -> None:
         """Join the segments with their blends, and time and check the move that they make."""

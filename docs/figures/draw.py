@@ -7,6 +7,7 @@ FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER))
 
 import cascade  # noqa: E402
+import places  # noqa: E402
 import robot  # noqa: E402
 import signals  # noqa: E402
 import timing  # noqa: E402
@@ -19,6 +20,8 @@ PICTURES = {
     'cascade.png': cascade.make,
     'timing.png': timing.make,
     'workspace.png': workspace.make,
+    'three_spheres.png': places.three_spheres,
+    'eight_solutions.png': places.eight_solutions,
     'speed_profile.png': signals.speed_profile,
     'following_error.png': signals.following_error,
     'fault_stop.png': signals.fault_stop,

@@ -1,0 +1,335 @@
+"""A planned program over time, and move by move with what limits each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
+from delta3_pacdrive.analysis.pose.evaluation import KEYS
+from delta3_pacdrive.motion.limits import arm_bounds, compared, workspace_bounds
+from delta3_pacdrive.motion.move_planner import limits_at
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.path_dynamics import (
+    PARALLEL,
+    SERIAL,
+    SWING,
+    THETA,
+    path_coefficients,
+    timed_dynamics,
+)
+from delta3_pacdrive.motion.plan import UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.virtual_master import sample_master
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.motion.path_dynamics import PathDynamics
+    from delta3_pacdrive.motion.program_planner import Planned
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
+BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
+AT_LIMIT = 0.95  # of a limit: from there on it is used up
+QUANTITIES = tuple(Quantity)
+OF_MOTORS = {
+    'speed': Quantity.MOTOR_SPEED,
+    'voltage': Quantity.MOTOR_VOLTAGE,
+    'current': Quantity.MOTOR_CURRENT,
+}
+OF_TCP = (Quantity.TCP_SPEED, Quantity.TCP_ACCELERATION, Quantity.TCP_JERK)
+STANDING_M_S = 1e-9
+
+
+@dataclass(frozen=True)
+class _Limiter:
+    """One limit and what a move asks of it: factor of time that would keep it, value, and the limit itself."""
+
+    quantity: Quantity
+    axis: int | None
+    stretch: Floats
+    value: Floats
+    limit: Floats
+    unit: str
+
+    @property
+    def used(self) -> Floats:
+        return np.asarray(self.value / self.limit)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One move over its own time."""
+
+    move: Move
+    times: Floats
+    master: Floats
+    samples: Floats
+    coefficients: Floats
+    dynamics: PathDynamics
+    limits: tuple[Floats, Floats, Floats] | None
+    limiters: tuple[_Limiter, ...]
+    leading: NDArray[np.int64]  # number of the limiter, -1 for the time given
+
+
+def study(planned: Planned, parameters: Parameters) -> PlanStudy:
+    """Evaluate the first round of a planned program."""
+    count = len(planned.plan) // planned.repeat
+    numbers = planned.plan.tables.order[:count]
+    parts = [_part(planned, int(number), parameters) for number in numbers]
+    starts = planned.plan.tables.starts[:count]
+    lengths = [_length(part) for part in parts]
+    gone = np.concatenate([[0.0], np.cumsum(lengths)])
+    rows = tuple(
+        _row(n, planned, int(numbers[n]), part, float(starts[n]), lengths[n], parameters)
+        for n, part in enumerate(parts)
+    )
+    return PlanStudy(planned, _samples(parts, starts, gone, planned, parameters), rows)
+
+
+def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
+    move, stretches = planned.plan.moves[number], planned.stretches[number]
+    times = _times(move)
+    master = sample_master(times, move.master)
+    samples = sample_path(master[:, 0], move.segments)
+    coefficients = path_coefficients(samples, *_payloads(move, master[:, 0]), parameters)
+    dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
+    limits = limits_at(master[:, 0], stretches) if stretches else None
+    limiters = _limiters(dynamics, master, samples, limits, parameters)
+    leading = np.asarray(np.argmax([one.stretch for one in limiters], axis=0))
+    return _Part(move, times, master, samples, coefficients, dynamics, limits, limiters, leading)
+
+
+def _times(move: Move) -> Floats:
+    """Return even times, and both sides of the ends of phases."""
+    duration, joints = move.duration_s, move.master[1:, 0]
+    count = int(np.clip(np.ceil(duration / STEP_S), SAMPLES_MIN, SAMPLES_MAX))
+    even = np.linspace(0.0, duration, count + 1)
+    if len(joints) > SAMPLES_MAX:
+        return even
+    return np.unique(np.concatenate([even, joints, joints - BEFORE * duration]).clip(0.0, duration))
+
+
+def _payloads(move: Move, distance_m: Floats) -> tuple[NDArray[np.int64], tuple[float, ...]]:
+    """Return the number of the payload that is carried at each distance, and the payloads [kg]."""
+    changes = move.events[move.events[:, 3] != UNCHANGED]
+    index = np.searchsorted(changes[:, 0], distance_m, side='right')
+    return index.astype(np.int64), (move.payload_kg, *changes[:, 3].tolist())
+
+
+def _limiters(
+    dynamics: PathDynamics,
+    master: Floats,
+    samples: Floats,
+    limits: tuple[Floats, Floats, Floats] | None,
+    parameters: Parameters,
+) -> tuple[_Limiter, ...]:
+    found, shape = [], dynamics.time_s.shape
+    bends = _bends(master, samples)
+    for demand in compared(dynamics, parameters, limits):
+        limit = np.broadcast_to(np.asarray(demand.limit, dtype=np.float64), shape)
+        if ' of motor ' in demand.name:
+            name, _, axis = demand.name.partition(' of motor ')
+            found.append(
+                _Limiter(OF_MOTORS[name], int(axis), demand.stretch, demand.value, limit, demand.unit)
+            )
+            continue
+        quantity = next(one for one in OF_TCP if one == demand.name)
+        bend = bends.get(quantity, np.zeros(shape, dtype=np.bool_))
+        for kind, here in ((quantity, ~bend), (Quantity.CURVATURE, bend)):
+            if here.any():
+                found.append(
+                    _Limiter(kind, None, demand.stretch * here, demand.value * here, limit, demand.unit)
+                )
+    return tuple(found)
+
+
+def _bends(master: Floats, samples: Floats) -> dict[Quantity, NDArray[np.bool_]]:
+    """Tell where the bend of the path takes more of the TCP's acceleration and jerk than the master does."""
+    v, a, j = (column[:, None] for column in master.T[1:])
+    _, first, second, third = np.moveaxis(samples, 1, 0)
+
+    def is_larger(bend: Floats, along: Floats) -> NDArray[np.bool_]:
+        return np.asarray(np.linalg.norm(bend, axis=1) > np.linalg.norm(along, axis=1))
+
+    return {
+        Quantity.TCP_ACCELERATION: is_larger(second * v**2, first * a),
+        Quantity.TCP_JERK: is_larger(3.0 * second * (v * a) + third * v**3, first * j),
+    }
+
+
+def _length(part: _Part) -> float:
+    """Return how far the TCP goes [m]; the parameter of a cubic is the time."""
+    if part.move.kind == MoveKind.CUBIC:
+        return float(_gone(part.dynamics.tcp_speed_m_s, part.times)[-1])
+    return part.move.length_m
+
+
+def _row(
+    n: int,
+    planned: Planned,
+    number: int,
+    part: _Part,
+    start_s: float,
+    length_m: float,
+    parameters: Parameters,
+) -> MoveRow:
+    weights = np.gradient(part.times) if len(part.times) > 1 else np.ones(1)
+    weights = weights / weights.sum()
+    uses = sorted(
+        _merged([_use(k, one, part, weights) for k, one in enumerate(part.limiters)]),
+        key=lambda use: (use.used >= AT_LIMIT, use.time_share, use.used),
+        reverse=True,
+    )
+    return MoveRow(
+        n + 1,
+        planned.names[number],
+        part.move.kind.name.lower(),
+        start_s,
+        part.move.duration_s,
+        length_m,
+        part.move.payload_kg,
+        tuple(uses),
+        _limited_by(uses, part.move, planned, parameters),
+        _distances(part, parameters),
+    )
+
+
+def _use(k: int, one: _Limiter, part: _Part, weights: Floats) -> Use:
+    worst = int(np.argmax(one.used))
+    return Use(
+        one.quantity,
+        one.axis,
+        float(one.value[worst]),
+        float(one.limit[worst]),
+        one.unit,
+        float(one.used[worst]),
+        float(weights[part.leading == k].sum()),
+    )
+
+
+def _merged(uses: list[Use]) -> Iterable[Use]:
+    """Put together what one quantity of one axis limits twice: the bend takes acceleration and jerk."""
+    found: dict[tuple[Quantity, int | None], Use] = {}
+    for use in sorted(uses, key=lambda use: use.used, reverse=True):
+        key = use.quantity, use.axis
+        share = found[key].time_share if key in found else 0.0
+        found[key] = replace(found.get(key, use), time_share=share + use.time_share)
+    return found.values()
+
+
+def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Parameters) -> Use:
+    """Return what keeps a move from being faster."""
+    if move.kind == MoveKind.DWELL:
+        return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+    if planned.rate < 1.0:
+        axis, nominal = int(np.argmax(planned.rms_current_a)), parameters.motor.nominal_current_a
+        rms = planned.rms_current_a[axis]
+        return Use(Quantity.RMS_CURRENT, axis + 1, rms, nominal, 'A', rms / nominal, 1.0)
+    if move.kind == MoveKind.CUBIC and uses[0].used < AT_LIMIT:
+        return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+    return uses[0]
+
+
+def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
+    """Return the least distance of a move to each limit of the place, by the keys of ``delta3 pose``."""
+    c = part.coefficients
+    bounds = (
+        *workspace_bounds(part.dynamics.position_m, parameters),
+        *arm_bounds(c[:, THETA], c[:, SWING], c[:, SERIAL], c[:, PARALLEL], parameters),
+    )
+    return {key: float(bound.margin.min()) for key, bound in zip(KEYS, bounds, strict=True)}
+
+
+def _samples(
+    parts: list[_Part], starts: Floats, gone: Floats, planned: Planned, parameters: Parameters
+) -> Samples:
+    """String the moves together."""
+    torque = parameters.motor.torque_constant_n_m_a
+
+    def over(values: list[Any]) -> Any:
+        return np.concatenate(values)
+
+    masters = over([_along_the_path(part, distance) for part, distance in zip(parts, gone, strict=False)])
+    speed, acceleration, jerk = (over([_told(part, k) for part in parts]) for k in range(3))
+    current = over([part.dynamics.motor_current_a for part in parts])
+    return Samples(
+        time_s=over([start + part.times for start, part in zip(starts, parts, strict=True)]),
+        move=np.repeat(np.arange(len(parts)), [len(part.times) for part in parts]),
+        distance_m=masters[:, 0],
+        speed_m_s=masters[:, 1],
+        acceleration_m_s2=masters[:, 2],
+        jerk_m_s3=masters[:, 3],
+        position_m=over([part.dynamics.position_m for part in parts]),
+        tcp_speed_m_s=over([part.dynamics.tcp_speed_m_s for part in parts]),
+        tcp_acceleration_m_s2=over([part.dynamics.tcp_acceleration_m_s2 for part in parts]),
+        tcp_jerk_m_s3=over([part.dynamics.tcp_jerk_m_s3 for part in parts]),
+        curvature_1_m=over([_curvature(part.samples) for part in parts]),
+        speed_limit_m_s=speed,
+        acceleration_limit_m_s2=acceleration,
+        jerk_limit_m_s3=jerk,
+        arm_angle_rad=over([part.coefficients[:, THETA] for part in parts]),
+        motor_speed_rad_s=over([part.dynamics.motor_speed_rad_s for part in parts]),
+        motor_torque_n_m=torque * current,
+        motor_current_a=current,
+        used={quantity: over([_used(part, quantity) for part in parts]) for quantity in QUANTITIES[:-2]},
+        leading=over([_leading(part, planned) for part in parts]),
+    )
+
+
+def _along_the_path(part: _Part, gone_m: float) -> Floats:
+    """Return distance since the start, speed, acceleration and jerk along the path, shape (n, 4)."""
+    if part.move.kind != MoveKind.CUBIC:
+        return np.asarray(part.master + np.array([gone_m, 0.0, 0.0, 0.0]))
+    v = part.master[:, 1]
+    # s' = |p'|, s'' = p'.p''/|p'|, s''' = (|p''|^2 + p'.p''' - s''^2)/|p'|
+    _, p1, p2, p3 = (values * v[:, None] ** n for n, values in enumerate(np.moveaxis(part.samples, 1, 0)))
+    speed = part.dynamics.tcp_speed_m_s
+    with np.errstate(divide='ignore', invalid='ignore'):
+        acceleration = (p1 * p2).sum(axis=1) / speed
+        jerk = ((p2 * p2).sum(axis=1) + (p1 * p3).sum(axis=1) - acceleration**2) / speed
+    return np.stack([gone_m + _gone(speed, part.times), speed, acceleration, jerk], axis=1)
+
+
+def _gone(speed: Floats, times: Floats) -> Floats:
+    """Distance since the first sample [m], by the trapezoids of the speed."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (speed[1:] + speed[:-1]))])
+
+
+def _curvature(samples: Floats) -> Floats:
+    _, first, second, _ = np.moveaxis(samples, 1, 0)
+    rate = np.linalg.norm(first, axis=1)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        bent = np.linalg.norm(np.cross(first, second), axis=1) / rate**3
+    return np.where(rate > STANDING_M_S, bent, np.nan)
+
+
+def _told(part: _Part, k: int) -> Floats:
+    """Return the k-th limit of the TCP; nan where there is none."""
+    if part.limits is None:
+        return np.full(part.times.shape, np.nan)
+    return np.where(np.isfinite(part.limits[k]), part.limits[k], np.nan)
+
+
+def _used(part: _Part, quantity: Quantity) -> Floats:
+    own = [one.used for one in part.limiters if one.quantity == quantity]
+    return np.asarray(np.maximum.reduce([np.zeros(part.times.shape), *own]))
+
+
+def _leading(part: _Part, planned: Planned) -> NDArray[np.int64]:
+    """Return the number of the quantity that leads at each sample."""
+    shape = part.times.shape
+    if part.move.kind == MoveKind.DWELL:
+        return np.full(shape, QUANTITIES.index(Quantity.TIME))
+    if planned.rate < 1.0:
+        return np.full(shape, QUANTITIES.index(Quantity.RMS_CURRENT))
+    numbers = np.array([QUANTITIES.index(one.quantity) for one in part.limiters])[part.leading]
+    if part.move.kind == MoveKind.CUBIC:
+        used = np.maximum.reduce([one.used for one in part.limiters])
+        return np.where(used >= AT_LIMIT, numbers, QUANTITIES.index(Quantity.TIME))
+    return np.asarray(numbers)

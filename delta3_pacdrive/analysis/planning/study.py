@@ -1,0 +1,152 @@
+"""A plan over time and move by move: data only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.motion.program_planner import Planned
+    from delta3_pacdrive.numerics.types import Floats
+
+
+class Quantity(StrEnum):
+    """A quantity that may keep a move from being faster."""
+
+    TCP_SPEED = 'TCP speed'
+    TCP_ACCELERATION = 'TCP acceleration'
+    TCP_JERK = 'TCP jerk'
+    CURVATURE = 'curvature'  # the TCP's acceleration or jerk, most of which the bend of the path takes
+    MOTOR_SPEED = 'motor speed'
+    MOTOR_VOLTAGE = 'motor voltage'
+    MOTOR_CURRENT = 'motor current'
+    RMS_CURRENT = 'rms current'  # of the whole program
+    TIME = 'time given'  # the program tells how long it takes
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A plan over time; arrays (n,) or (n, 3).
+
+    Attributes
+    ----------
+    time_s
+        From the start of the plan; at the joint of two phases there is a sample on either side.
+    move
+        Number of the move.
+    distance_m
+        That the TCP has gone since the start: the master.
+    speed_m_s, acceleration_m_s2, jerk_m_s3
+        Of the master, along the path.
+    position_m
+        Of the TCP.
+    tcp_speed_m_s, tcp_acceleration_m_s2, tcp_jerk_m_s3
+        Of the TCP in space, norms.
+    curvature_1_m
+        Of the path; nan where the TCP stands.
+    speed_limit_m_s, acceleration_limit_m_s2, jerk_limit_m_s3
+        That the program gives; nan where it gives none.
+    arm_angle_rad, motor_speed_rad_s, motor_torque_n_m, motor_current_a
+        Of each axis; torque and current with friction.
+    used
+        Share of each limit that is used, by quantity, 1 = all of it.
+    leading
+        Number of the quantity, in ``Quantity``'s order, that would be the first to break its limit if the plan were
+        driven faster here.
+
+    """
+
+    time_s: Floats
+    move: NDArray[np.int64]
+    distance_m: Floats
+    speed_m_s: Floats
+    acceleration_m_s2: Floats
+    jerk_m_s3: Floats
+    position_m: Floats
+    tcp_speed_m_s: Floats
+    tcp_acceleration_m_s2: Floats
+    tcp_jerk_m_s3: Floats
+    curvature_1_m: Floats
+    speed_limit_m_s: Floats
+    acceleration_limit_m_s2: Floats
+    jerk_limit_m_s3: Floats
+    arm_angle_rad: Floats
+    motor_speed_rad_s: Floats
+    motor_torque_n_m: Floats
+    motor_current_a: Floats
+    used: dict[Quantity, Floats]
+    leading: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Use:
+    """Use that a move makes of a limit.
+
+    Attributes
+    ----------
+    quantity
+        Which it is.
+    axis
+        Number of the motor, 1 to 3; None for the TCP.
+    peak, limit
+        Largest value, and the limit where that is, in ``unit``.
+    used
+        Largest share of the limit, 1 = all of it.
+    time_share
+        Share of the move's time in which it is the first that a faster move would break.
+
+    """
+
+    quantity: Quantity
+    axis: int | None
+    peak: float
+    limit: float
+    unit: str
+    used: float
+    time_share: float
+
+
+@dataclass(frozen=True)
+class MoveRow:
+    """A move of the plan.
+
+    Attributes
+    ----------
+    number, name, kind
+        From 1 on; of its statements; ``line``, ``arc`` and so on.
+    start_s, duration_s, length_m
+        When it begins, how long it takes, how far the TCP goes.
+    payload_kg
+        At its start.
+    uses
+        Of all limits, the most limiting first.
+    limited_by
+        What keeps it from being faster.
+    distances
+        Least distance to each limit of the place: workspace [m], arm angles and swing [deg], singularities; by key.
+
+    """
+
+    number: int
+    name: str
+    kind: str
+    start_s: float
+    duration_s: float
+    length_m: float
+    payload_kg: float
+    uses: tuple[Use, ...]
+    limited_by: Use
+    distances: dict[str, float]
+
+
+@dataclass(frozen=True)
+class PlanStudy:
+    """A planned program with its samples and rows, of its first round."""
+
+    planned: Planned
+    samples: Samples
+    rows: tuple[MoveRow, ...]

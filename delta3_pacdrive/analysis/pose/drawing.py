@@ -1,0 +1,135 @@
+"""The robot in space as lines and surfaces: base, upper arms, forearms and plate, from far to near."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.parameters import Kinematics
+
+MM = 1e3
+VIEW_DEG = (20.0, -72.0)  # elevation, azimuth of the eye
+BASE, PLATE, ROD = '#C9CED6', '#8B93A0', '#2F343B'
+ROD_SHARE = 0.07  # half the distance of the rods of a forearm, of l_A
+UP = np.array([0.0, 0.0, 1.0])
+CUBE = 0.5947  # side of a cube that matplotlib draws, in a square of axes
+ORDER = 100  # of what is farthest from the eye, when drawn
+
+
+def towards_the_eye() -> Floats:
+    """Return the direction in which the eye is."""
+    elevation, azimuth = np.radians(VIEW_DEG)
+    return np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+
+
+def depth_order(points_mm: Floats) -> float:
+    """Return the order in which to draw something: what is nearer comes later."""
+    return ORDER + float((points_mm @ towards_the_eye()).mean()) / MM * 10.0
+
+
+def directions(kinematics: Kinematics) -> tuple[Floats, Floats]:
+    """Return the directions of the arms and of the motor axes, shapes (3, 3)."""
+    azimuth = np.array(kinematics.arm_azimuth_rad)
+    zero = np.zeros(3)
+    return (
+        np.stack([np.cos(azimuth), np.sin(azimuth), zero], axis=-1),
+        np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1),
+    )
+
+
+def joints(theta: Floats, point: Floats, kinematics: Kinematics) -> tuple[Floats, Floats, Floats]:
+    """Return shoulders, elbows and joints on the plate [m], shapes (3, 3)."""
+    u, _ = directions(kinematics)
+    shoulders = kinematics.base_radius_m * u
+    elbows = shoulders + kinematics.upper_arm_length_m * (
+        np.cos(theta)[:, None] * u - np.sin(theta)[:, None] * UP
+    )
+    return shoulders, elbows, point + kinematics.plate_radius_m * u
+
+
+def space(figure: Figure, place: tuple[float, float, float, float] | Any) -> Axes3D:
+    """Return axes without a box, seen along ``VIEW_DEG``: a place of the figure, or a cell of its grid."""
+    add = figure.add_axes if isinstance(place, tuple) else figure.add_subplot
+    axes: Axes3D = add(place, projection='3d', computed_zorder=False)
+    axes.set_proj_type('ortho')
+    axes.view_init(*VIEW_DEG)
+    axes.set_axis_off()
+    axes.patch.set_visible(False)  # a neighbour may reach into it
+    return axes
+
+
+def frame(axes: Axes3D, points_mm: Floats, share: float = 0.92) -> None:
+    """Show points in space as large as the axes permit, all directions to the same scale; shape (n, 3)."""
+    elevation, azimuth = np.radians(VIEW_DEG)
+    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    up = np.array(
+        [-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), np.cos(elevation)]
+    )
+    x, y = points_mm @ across, points_mm @ up
+    width, height = axes.get_position(original=True).size * axes.figure.get_size_inches()
+    square = min(width, height)
+    side = CUBE * max(float(np.ptp(x)) * square / width, float(np.ptp(y)) * square / height) / share
+    middle = 0.5 * (x.min() + x.max()) * across + 0.5 * (y.min() + y.max()) * up
+    low, high = middle - 0.5 * side, middle + 0.5 * side
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect((1.0, 1.0, 1.0))
+
+
+def corners(theta: Floats, point: Floats, kinematics: Kinematics) -> Floats:
+    """Return the outermost points of the robot [mm], shape (n, 3)."""
+    _, elbows, wrists = joints(theta, point, kinematics)
+    return MM * np.concatenate([_outlines(theta, point, kinematics)[0], elbows, wrists])
+
+
+def _outlines(theta: Floats, point: Floats, kinematics: Kinematics) -> tuple[Floats, Floats]:
+    """Return the corners of base and plate [m], shapes (6, 3)."""
+    u, v = directions(kinematics)
+    shoulders, _, wrists = joints(theta, point, kinematics)
+    half = ROD_SHARE * kinematics.upper_arm_length_m * v
+    base = [shoulders + 0.05 * u - 2.0 * half, shoulders + 0.05 * u + 2.0 * half]
+    plate = [wrists - half, wrists + half]
+    return np.stack(base, axis=1).reshape(-1, 3), np.stack(plate, axis=1).reshape(-1, 3)
+
+
+def robot(axes: Axes3D, theta: Floats, point: Floats, kinematics: Kinematics, width: float = 1.0) -> None:
+    """Draw the robot, lines ``width`` times as thick as usual."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    _, v = directions(kinematics)
+    shoulders, elbows, wrists = joints(theta, point, kinematics)
+    half = ROD_SHARE * kinematics.upper_arm_length_m * v
+    base, plate = _outlines(theta, point, kinematics)
+    for outline, colour in ((base, BASE), (plate, PLATE)):
+        body = Poly3DCollection([MM * outline], facecolor=colour, edgecolor='white', linewidth=0.6 * width, alpha=0.95,
+                                clip_on=False)  # fmt: skip
+        body.set_zorder(depth_order(MM * outline))
+        axes.add_collection3d(body)
+    for i, colour in enumerate(AXIS_COLOURS):
+        arm = np.stack([shoulders[i], elbows[i]])
+        _rod(axes, arm, colour, 5.5 * width)
+        motor = np.stack([shoulders[i] - 1.5 * half[i], shoulders[i] + 1.5 * half[i]])
+        _rod(axes, motor, '#6B7380', 6.5 * width)
+        _rod(axes, np.stack([elbows[i] - half[i], elbows[i] + half[i]]), ROD, 1.8 * width)
+        for side in (-half[i], half[i]):
+            _rod(axes, np.stack([elbows[i] + side, wrists[i] + side]), ROD, 1.5 * width)
+
+
+def _rod(axes: Axes3D, ends: Floats, colour: str, width: float) -> None:
+    axes.plot(
+        *(MM * ends).T,
+        color=colour,
+        linewidth=width,
+        solid_capstyle='round',
+        zorder=depth_order(MM * ends),
+        clip_on=False,
+    )

@@ -1,0 +1,100 @@
+"""``delta3 pose``: one place of the robot, from its point or from its arm angles, and what the robot can do there."""
+
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.option_types import finite_number, number_within
+from delta3_pacdrive.cli.output import print_json
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.pose.study import Pose
+    from delta3_pacdrive.parameters import Parameters
+
+REACH_M, TURN_DEG = 10.0, 360.0
+
+
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    point: list[float] = argument(
+        'of the TCP, X Y Z [m]; home, if neither it nor --angles is given',
+        default=(),
+        nargs='*',
+        metavar='X Y Z',
+        type=number_within(-REACH_M, REACH_M, 'm'),
+    )
+    angles: tuple[float, float, float] | None = option(
+        'of the arms [deg] instead of a point: 0 is horizontal, downward is positive',
+        ('A', 'B', 'C'),
+        nargs=3,
+        type=number_within(-TURN_DEG, TURN_DEG, 'deg'),
+    )
+    payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
+    parameters: str | None = option(
+        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
+    )
+    output: str | None = option('draw figures 4.3 to 4.6 of the thesis into this folder', 'FOLDER')
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if len(self.point) not in (0, 3):
+            return f'a point has three numbers, X Y Z, not {len(self.point)}'
+        if self.point and self.angles:
+            return 'it takes a point or --angles, not both'
+        return ''
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    import numpy as np
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.pose import evaluation, report
+
+    robot = core.load(options.parameters)
+    if options.payload is not None:
+        robot = robot.replace(dynamics__payload_mass_kg=options.payload)
+    if options.angles:
+        pose = evaluation.of_angles(np.radians(options.angles), robot)
+    else:
+        pose = evaluation.of_point(options.point or robot.motion.home_m, robot)
+    result, lines = report.document(pose, robot), report.text(pose, robot)
+    if options.output is not None:
+        result['files'] = _written(options, robot, pose, lines)
+    if options.json:
+        print_json(result, options, robot)
+    else:
+        print('\n'.join([*lines, *result.get('files', ())]))
+    if pose.is_reachable:
+        return 0
+    print(f'error: {report.sentence(pose)}', file=sys.stderr)
+    return 1
+
+
+def _written(options: Options, robot: 'Parameters', pose: 'Pose', lines: list[str]) -> list[str]:
+    """Write figures, table and page; return the files."""
+    from pathlib import Path
+
+    from delta3_pacdrive.analysis.pose import figures, report
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import ReportFolder, Table
+
+    origin = Provenance.of(options.command_line, robot, options.parameters)
+    folder = ReportFolder(Path(options.output or '.'), origin)
+    folder.figures(figures.by_name(pose, robot))
+    folder.table(Table('solutions.csv', *report.solution_columns(pose)))
+    folder.page('A pose of the robot', lines)
+    return folder.files
+
+
+main = Command(
+    'pose',
+    'Forward and inverse kinematics of one place with all eight solutions, Jacobian, condition, distances to limits '
+    'and singularities, holding torques, and the speed, acceleration, payload and accuracy that the robot has there. '
+    'Exit status 1 if the robot may not be there, with the reasons.',
+    Options,
+    run,
+)

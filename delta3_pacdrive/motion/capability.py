@@ -1,0 +1,282 @@
+"""What the robot can do at a pose, in every direction: singularity, speed, acceleration, payload, accuracy.
+
+The rows r_i = s_i/(s_i.b_i) of J^-1 turn a velocity of the TCP into arm speeds (4.12), so that the speed reached in
+every direction is that of the motors over the longest row. At rest the torques of an acceleration X'' are
+
+    tau = A J^-1 X'' + G,   A J^-1 = I_b J^-1 + m_nt J^T,   G_i = m_nt g J_zi - m_br g r_Gb cos theta_i    (4.26)
+
+whose parts are linear in the payload. Static friction counts against an acceleration, not for a load that is held.
+
+Arguments of the kernels here:
+
+``points``
+    Positions of the TCP [m], shape (n, 3).
+``out``
+    Takes a row of ``COLUMNS`` for each position; nan where an arm cannot reach.
+``geometry_record``, ``inertia_record``
+    Arrays of one ``kinematics.GEOMETRY`` and of one ``dynamics.INERTIA``, that of the empty plate, shape (1,).
+``demand_record``, ``d``
+    Array of one ``DEMAND``, and that record.
+``row``, ``column``
+    Row i of A J^-1 of the empty plate [kg m], and column i of J [m/rad], shape (3,).
+``weight``, ``lift``
+    Torque [N m] that holds an arm with the empty plate, and what a kilogram adds to it [N m/kg].
+``payload``
+    Payload [kg].
+``torque``
+    Torque that there is [N m].
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from delta3_pacdrive.dynamics import inertia, motion_terms
+from delta3_pacdrive.kinematics import (
+    arm_angles,
+    forearm_swing,
+    forearms,
+    geometry,
+    inverse_columns,
+    jacobian_columns,
+    rows,
+)
+from delta3_pacdrive.motion.limits import arm_bounds, highest_motor_speed, workspace_bounds
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.singular_values import extreme_singular_values
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import combine, dot, plus, triple
+from delta3_pacdrive.parameters import Parameters
+
+COLUMNS = (
+    'theta_1',
+    'theta_2',
+    'theta_3',
+    'serial_1',
+    'serial_2',
+    'serial_3',
+    'parallel',
+    'singular_min',
+    'singular_max',
+    'speed',
+    'acceleration',
+    'acceleration_nominal',
+    'payload',
+    'increment',
+)
+DEMAND = np.dtype(
+    [
+        ('arm_speed', 'f8'),  # largest arm speed [rad/s]
+        ('peak', 'f8'),  # torque at an arm for an acceleration, with the peak current [N m]
+        ('nominal', 'f8'),  # and with the nominal current
+        (
+            'held',
+            'f8',
+        ),  # torque that holds an arm for ever: of the nominal current, and of the brake if that is less
+        ('payload', 'f8'),  # carried [kg]
+        ('acceleration', 'f8'),  # that the largest payload is still given [m/s^2]
+        ('increment', 'f8'),  # of an arm [rad]
+        ('gravity', 'f8'),  # [m/s^2]
+    ]
+)
+HALVINGS, LOAD_MAX_KG = 50, 1e4  # of the search for the largest payload
+REACHED, OUT_OF_REACH = 0, 1  # further codes: 2 + the number of the bound that is broken first
+
+
+def demand(parameters: Parameters, payload_kg: float, acceleration_m_s2: float) -> NDArray[Any]:
+    """Return one record of ``DEMAND``: what the motors give, and what is asked of them."""
+    motor, gear = parameters.motor, parameters.dynamics.gear_ratio
+    record = np.zeros(1, DEMAND)
+    peak, nominal = (
+        motor.torque_constant_n_m_a * current for current in (motor.peak_current_a, motor.nominal_current_a)
+    )
+    record['arm_speed'] = highest_motor_speed(parameters) / gear
+    record['peak'] = gear * max(peak - motor.static_friction_n_m, 0.0)
+    record['nominal'] = gear * max(nominal - motor.static_friction_n_m, 0.0)
+    record['held'] = gear * min(nominal, motor.brake_torque_n_m)
+    record['payload'], record['acceleration'] = payload_kg, acceleration_m_s2
+    record['increment'] = math.tau / (parameters.bus.increments_per_rev * gear)
+    record['gravity'] = parameters.dynamics.gravity_m_s2
+    return record
+
+
+@kernel
+def _length(v):
+    return math.sqrt(dot(v, v))
+
+
+@kernel
+def _acceleration(row, column, weight, lift, payload, torque):
+    """Acceleration [m/s^2] in every direction that an arm's torque allows; 0 if it does not even hold the arm."""
+    room = torque - abs(weight + payload * lift)
+    return max(room, 0.0) / _length(plus(row, payload, column))
+
+
+@kernel
+def _payload(row, column, weight, lift, d):
+    """Largest payload [kg] that an arm holds and accelerates; 0 if not even the empty plate."""
+    if abs(weight) > d.held or _acceleration(row, column, weight, lift, 0.0, d.peak) < d.acceleration:
+        return 0.0
+    room = d.held - weight if lift > 0.0 else d.held + weight
+    high = room / abs(lift) if room < LOAD_MAX_KG * abs(lift) else LOAD_MAX_KG
+    if _acceleration(row, column, weight, lift, high, d.peak) >= d.acceleration:
+        return high
+    low = 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if _acceleration(row, column, weight, lift, middle, d.peak) >= d.acceleration:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _capability(points, out, geometry_record, inertia_record, demand_record):
+    """Fill a row of ``out`` for each position."""
+    g, m, d = geometry_record[0], inertia_record[0], demand_record[0]
+    for n in range(points.shape[0]):
+        p = triple(points[n])
+        theta = arm_angles(p, g)
+        if math.isnan(theta[0] + theta[1] + theta[2]):
+            for column in range(out.shape[1]):
+                out[n, column] = math.nan
+            continue
+        s, b = forearms(theta, p, g)
+        sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
+        j = jacobian_columns(s, b)
+        (a11, a22, a33, a12, a13, a23), weight = motion_terms(theta, (0.0, 0.0, 0.0), g, m)
+        one, two, three = 1.0 / sb[0], 1.0 / sb[1], 1.0 / sb[2]
+        table = (
+            combine(a11 * one, s[0], a12 * two, s[1], a13 * three, s[2]),
+            combine(a12 * one, s[0], a22 * two, s[1], a23 * three, s[2]),
+            combine(a13 * one, s[0], a23 * two, s[1], a33 * three, s[2]),
+        )
+        speed = acceleration = nominal = payload = math.inf
+        for i in range(3):
+            lift = d.gravity * j[i][2]
+            speed = min(speed, d.arm_speed * abs(sb[i]) / g.l_b[i])
+            here = (table[i], j[i], weight[i], lift, d.payload)
+            acceleration = min(acceleration, _acceleration(*here, d.peak))
+            nominal = min(nominal, _acceleration(*here, d.nominal))
+            payload = min(payload, _payload(table[i], j[i], weight[i], lift, d))
+            out[n, i] = theta[i]
+            out[n, 3 + i] = sb[i] / (g.l_a[i] * g.l_b[i])
+        out[n, 6] = abs(inverse_columns(s)[3]) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
+        out[n, 7], out[n, 8] = extreme_singular_values(j[0], j[1], j[2])
+        out[n, 9], out[n, 10], out[n, 11], out[n, 12] = speed, acceleration, nominal, payload
+        apart = 0.0
+        for second in (-1.0, 1.0):
+            for third in (-1.0, 1.0):
+                apart = max(apart, _length(combine(1.0, j[0], second, j[1], third, j[2])))
+        out[n, 13] = d.increment * apart
+
+
+@dataclass(frozen=True)
+class Capability:
+    """What the robot can do at positions; arrays (...) or (..., 3), nan where an arm cannot reach.
+
+    Attributes
+    ----------
+    arm_angle_rad
+        Of the elbow-out branch.
+    serial, parallel
+        Distances from the singularities: s_i.b_i/(l_A l_B) of each arm, |det S|/l_B^3.
+    singular_min_m_rad, singular_max_m_rad
+        Singular values of J.
+    speed_m_s
+        That the motors reach in every direction, at their largest speed.
+    acceleration_m_s2, acceleration_nominal_m_s2
+        From rest in every direction with the payload, at peak and at nominal current.
+    payload_kg
+        Largest payload that nominal currents and brakes hold, and that peak currents give the acceleration demanded.
+    increment_m
+        How far the TCP is off, at most, if each motor is off by one increment.
+    limit
+        0 where the robot may be; 1 out of reach; else 2 and the number of the first bound that is broken, in the order
+        of ``motion.limits.workspace_bounds`` and ``arm_bounds``.
+
+    """
+
+    arm_angle_rad: Floats
+    serial: Floats
+    parallel: Floats
+    singular_min_m_rad: Floats
+    singular_max_m_rad: Floats
+    speed_m_s: Floats
+    acceleration_m_s2: Floats
+    acceleration_nominal_m_s2: Floats
+    payload_kg: Floats
+    increment_m: Floats
+    limit: NDArray[np.uint8]
+
+    @property
+    def condition(self) -> Floats:
+        """Condition number of J."""
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return np.asarray(self.singular_max_m_rad / self.singular_min_m_rad)
+
+
+def capability(
+    p: ArrayLike,
+    parameters: Parameters,
+    *,
+    payload_kg: float | None = None,
+    acceleration_m_s2: float | None = None,
+) -> Capability:
+    """Evaluate positions.
+
+    Parameters
+    ----------
+    p
+        Of the TCP [m] in the frame ``base``, shape (..., 3).
+    parameters
+        Of the robot.
+    payload_kg
+        Carried; None: that of the parameters.
+    acceleration_m_s2
+        That the largest payload is still given in every direction; None: the default of moves.
+
+    Returns
+    -------
+    Capability
+        Arrays of shapes (...) and (..., 3).
+
+    """
+    points, shape = rows(p, 'p')
+    payload = parameters.dynamics.payload_mass_kg if payload_kg is None else payload_kg
+    wanted = parameters.motion.acceleration_max_m_s2 if acceleration_m_s2 is None else acceleration_m_s2
+    empty = inertia(parameters.replace(dynamics__payload_mass_kg=0.0))
+    out = np.empty((len(points), len(COLUMNS)))
+    _capability(points, out, geometry(parameters.kinematics), empty, demand(parameters, payload, wanted))
+
+    def column(name: str) -> Floats:
+        return out[:, COLUMNS.index(name)].reshape(shape)
+
+    return Capability(
+        arm_angle_rad=out[:, :3].reshape(*shape, 3),
+        serial=out[:, 3:6].reshape(*shape, 3),
+        parallel=column('parallel'),
+        singular_min_m_rad=column('singular_min'),
+        singular_max_m_rad=column('singular_max'),
+        speed_m_s=column('speed'),
+        acceleration_m_s2=column('acceleration'),
+        acceleration_nominal_m_s2=column('acceleration_nominal'),
+        payload_kg=column('payload'),
+        increment_m=column('increment'),
+        limit=_first_broken(points, out, parameters).reshape(shape),
+    )
+
+
+def _first_broken(points: Floats, out: Floats, parameters: Parameters) -> NDArray[np.uint8]:
+    """Return the code of the first bound that is broken at each position."""
+    code = np.where(np.isnan(out[:, 0]), OUT_OF_REACH, REACHED).astype(np.uint8)
+    swing = forearm_swing(points, parameters.kinematics)
+    arms = arm_bounds(out[:, :3], swing, out[:, 3:6], out[:, 6], parameters)
+    for number, bound in enumerate((*workspace_bounds(points, parameters), *arms)):
+        broken = ~bound.kept if bound.values.ndim == 1 else ~bound.kept.all(axis=1)
+        code[(code == REACHED) & broken] = 2 + number
+    return code
