@@ -281,6 +281,13 @@ def test_the_help_of_no_command_loads_heavy_modules(distribution, tmp_path):
     assert not {'numpy', 'numba', 'scipy', 'rclpy', 'matplotlib', 'yaml', 'rich'}.intersection(loaded)
 
 
+def test_who_only_operates_a_robot_waits_for_no_compiler(distribution, tmp_path):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    loaded = modules_after_import(f'{PACKAGE}.ros.robot_client', tmp_path)
+    assert 'rclpy' in loaded
+    assert not loaded & {'numba', 'scipy', 'matplotlib'}
+
+
 def test_the_cache_of_kernels_knows_all_that_a_module_imports():
     graph = import_graph(SOURCE)
     for module in kernel.modules_with_kernels():

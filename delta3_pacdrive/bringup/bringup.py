@@ -94,7 +94,9 @@ class Bringup:
         """
         discovery.keep_to_this_machine()
         with only_one(self._options.namespace), log_folder(self._options.logs) as logs:
-            simulation.rehearse(self.robot)
+            simulation.compile_kernels()
+            if self.robot.rich.enabled:
+                simulation.rehearse(self.robot)  # compiles what only the built robot needs
             try:
                 self._start(logs)
                 self._watch(show)

@@ -6,10 +6,9 @@ S-0-0104" is answered with "#3fa9 accepted: axis1: ...".
 
 import re
 
-from delta3_pacdrive.drive.operation_data import TABLE, refusal, value_text
 from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, format_idn, parse_idn
+from delta3_pacdrive.sercos.service_channel import Access, Operation, parse_idn
 
 _MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
 ACCEPTED, REFUSED = 'accepted', 'refused'
@@ -54,12 +53,3 @@ def _number(text: str) -> float:
         return float(text if text.isascii() and '_' not in text else '')
     except ValueError:
         raise TelegramError(f'{shown(text)} is no number') from None
-
-
-def outcome(index: int, access: Access, answer: Answer) -> str:
-    """Say what became of an access."""
-    if answer.error:
-        return answer_text(False, f'{DRIVES[index]}: {refusal(access, answer)}')
-    row = TABLE[access.idn]
-    result = ': done' if access.operation == Operation.COMMAND else f' = {value_text(row, answer.value)}'
-    return answer_text(True, f'{DRIVES[index]}: {format_idn(access.idn)} {row.name}{result}')

@@ -8,7 +8,8 @@ Everybody receives every answer.
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from delta3_pacdrive.controller.service_texts import answer_text, outcome, parse_request, split_mark
+from delta3_pacdrive.controller.service_outcome import outcome
+from delta3_pacdrive.controller.service_texts import answer_text, parse_request, split_mark
 from delta3_pacdrive.errors import Delta3Error
 from delta3_pacdrive.ros.interfaces import SERVICE_ANSWER, SERVICE_REQUEST
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
