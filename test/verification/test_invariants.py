@@ -124,11 +124,11 @@ def test_bus_time_may_go_on_only_where_the_bus_was_phased_up(
 ) -> None:
     telegrams = healthy()[MDT]
     jump_forward(telegrams)
-    telegrams.sessions[20:] = [b'0815'] * (COUNT - 20)
+    telegrams.frames[20:] = [b'0815'] * (COUNT - 20)
     rules.check(MDT, telegrams)
     assert seen == []
     telegrams.cycles[:] -= 10  # the next session begins in the past
-    telegrams.sessions[:] = [b'1234'] * COUNT
+    telegrams.frames[:] = [b'1234'] * COUNT
     rules.check(MDT, telegrams)
     assert seen[0][0] == f'sercos/mdt: bus cycle {FIRST - 10} after {FIRST + COUNT}'
 
