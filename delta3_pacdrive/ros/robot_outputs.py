@@ -53,7 +53,7 @@ class RobotOutputs:
         self._located = interfaces.LOCATED.publisher(node)
         self._outputs = interfaces.OUTPUTS.publisher(node)
         self._states.publish(String(data=str(self._state.motion)))
-        self._ways: dict[type, Callable[[Any], None]] = {
+        self._ways: dict[type, Callable[[Any], object]] = {
             robot_actions.Entered: lambda action: self._states.publish(String(data=str(action.state))),
             robot_actions.Followed: lambda action: planner.tell_profile(action.profile),
             Located: self._tell_place,

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from std_msgs.msg import String
 
@@ -19,7 +18,7 @@ from delta3_pacdrive.recording.bag_writer import FLUSH_S
 from delta3_pacdrive.recording.recording import Recording
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.interfaces import PHASE, RECORDED, RECORDER_STATE, Topic
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor, overrides
 from delta3_pacdrive.ros.polling import PollingNode
 
 DRAIN_S = 0.02
@@ -131,13 +130,13 @@ def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
         The recording ended before that, for want of space.
 
     """
-    flat = core.flatten(robot) | {'bag': str(folder)}
-    overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
     discovery.keep_to_this_machine()
     made: list[RecorderNode] = []
 
     def recorder() -> RecorderNode:
-        made.append(RecorderNode(namespace=namespace, parameter_overrides=overrides))
+        made.append(
+            RecorderNode(namespace=namespace, parameter_overrides=overrides(robot, {'bag': str(folder)}))
+        )
         return made[0]
 
     status = node_process.run([recorder], [])
