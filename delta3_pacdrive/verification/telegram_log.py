@@ -94,6 +94,14 @@ def read_telegrams(
     return Telegrams(np.array(cycles, np.int64), frames, np.array(received), np.array(rows))
 
 
+def enabled_from(commands: Telegrams) -> int:
+    """First bus cycle in which the drives obey the newest order to enable them; ``NEVER`` without one."""
+    words = map(parse_mdt_frame, commands.frames, repeat(0), commands.sessions)
+    enabled = np.array([bool(word.control & Control.ENABLE) for word in words], bool)
+    begun = np.flatnonzero(enabled[1:] & ~enabled[:-1])
+    return int(commands.cycles[begun[-1] + 1]) + 1 if len(begun) and enabled[-1] else NEVER
+
+
 class TelegramLog:
     """The log reads all cyclic telegrams of a robot, and keeps them from ``begin`` to ``end``.
 
@@ -137,14 +145,6 @@ class TelegramLog:
             return np.zeros((0, 3))
         theta = telegrams.values[:, :3] / self._robot.dynamics.gear_ratio
         return kinematics.forward(theta, self._robot.kinematics)
-
-    def enabled_from(self) -> int:
-        """First bus cycle in which the drives obey the newest order to enable them; ``NEVER`` without one."""
-        commands = self.telegrams(MDT)
-        words = map(parse_mdt_frame, commands.frames, repeat(0), commands.sessions)
-        enabled = np.array([bool(word.control & Control.ENABLE) for word in words], bool)
-        begun = np.flatnonzero(enabled[1:] & ~enabled[:-1])
-        return int(commands.cycles[begun[-1] + 1]) + 1 if len(begun) and enabled[-1] else NEVER
 
     def read(self) -> dict[str, Telegrams]:
         """Return the cyclic telegrams that have come since the last time, by topic."""

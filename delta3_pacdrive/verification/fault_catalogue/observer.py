@@ -20,7 +20,7 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case
 from delta3_pacdrive.verification.operator import AutomatedOperator
-from delta3_pacdrive.verification.telegram_log import SHAFTS, TelegramLog
+from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, enabled_from
 
 CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
     axis: f'mc4_drive_{number}' for number, axis in enumerate(DRIVES, 1)
@@ -93,8 +93,8 @@ class FaultObserver(AutomatedOperator):
     def _enable(self) -> int:
         """Enable the drives; return the first bus cycle in which they obey, as the MDT say it."""
         self.operator.enable(True)
-        self.wait(lambda: self._log.enabled_from() < NEVER, 'MDT that enable the drives')
-        return self._log.enabled_from()
+        self.wait(lambda: enabled_from(self._log.telegrams(MDT)) < NEVER, 'MDT that enable the drives')
+        return enabled_from(self._log.telegrams(MDT))
 
     def _hold(self) -> MotionProfile:
         """Hold the robot; return the motion profile of its stop."""
