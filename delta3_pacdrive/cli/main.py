@@ -19,6 +19,7 @@ COMMANDS = {
     'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
     'check': 'read and plan program, parameter and fault files; every move, every mistake',
+    'plan': 'what the planner makes of a program, without running it: what limits each move',
     'pose': 'one place: kinematics, all eight solutions, limits, torques, what the robot can do there',
     'simulate': 'run a program without ROS, as fast as possible',
     'record': 'record a running robot into a rosbag2 folder',
