@@ -25,6 +25,8 @@ COMMANDS = {
     'record': 'record a running robot into a rosbag2 folder',
     'export': 'the robot as URDF or MJCF, from its parameters',
     'plot': 'draw the figures of a bag or a trace',
+    'report': 'one HTML page of one or more runs: 3-D, all signals, moves, figures',
+    'compare': 'how far two runs are apart, signal by signal and move by move',
     'arm': 'kinematics of the two-link arm of chapter 3',
     'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, BagWriter
 from delta3_pacdrive.recording.completeness import Completeness
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
@@ -42,6 +42,7 @@ class Recording:
         self._meta: dict[str, Any] = {
             'program': program,
             'checksum': parameters.checksum,
+            'parameters': flat_document(parameters),
             'gear_ratio': parameters.dynamics.gear_ratio,
             'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
             'cycle_time_s': parameters.bus.cycle_time_s,
