@@ -36,7 +36,8 @@ export class Clock extends EventTarget {
   }
 
   showAll() {
-    this.show(this.first, this.last);
+    this.window = [this.first, this.last];
+    this.dispatchEvent(new Event('window'));
   }
 
   // Magnify by a factor; the instant ``around`` keeps its place.
