@@ -77,7 +77,7 @@ class Run:
     robot
         Its parameters.
     source
-        Parameter file that was asked for, empty for the packaged one.
+        Parameter file that was asked for; empty for the packaged one, and where the recording tells its own.
     robot_note
         Where they come from, if the run does not tell them; else empty.
     whole, part
@@ -120,7 +120,8 @@ class Run:
     @property
     def told_source(self) -> str | None:
         """Parameter file for the provenance: where a recording tells its own parameters, the recording."""
-        return (self.source or None) if self.kind == 'program' or self.robot_note else self.name
+        told_itself = self.kind != 'program' and not self.robot_note
+        return self.name if told_itself else self.source or None
 
     def changed_parameters(self) -> dict[str, tuple[Any, Any]]:
         """Return the parameters that are not as packaged, by name: its own value and the packaged one."""
@@ -151,7 +152,6 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         There is no such run, it cannot be read or simulated, or holds nothing of that part.
 
     """
-    (origin,) = noted([text])
     if not is_recording(text):
         trace, robot, note, kind = *_simulated(text, source), '', 'program'
         story: Mapping[str, Any] = trace.meta
@@ -167,7 +167,9 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         raise TraceError(f'what {text} tells of its moves, outputs or faults cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)
     outputs = tuple(story.get('outputs', ()))
-    about = text, title, kind, robot, source or '', note
+    (origin,) = noted([text])
+    used = source if kind == 'program' or note else None
+    about = text, title, kind, robot, used or '', note
     return Run(*about, trace, part, moves, marks, outputs, _notes(trace), origin)
 
 
@@ -277,11 +279,12 @@ def tcp_speed(part: Trace, period_s: float) -> Any:
 
 
 def named(runs: Sequence[Run]) -> list[str]:
-    """Return a short name for each run: what is typed, as far as it tells them apart, else with its number."""
-    short = [Path(run.name).name or run.name for run in runs]
-    with_robot = [
-        f'{name} ({run.source})' if run.source else name for name, run in zip(short, runs, strict=True)
-    ]
-    whole = [run.name for run in runs]
-    numbered = [f'{n}: {name}' for n, name in enumerate(with_robot, start=1)]
-    return next((names for names in (short, with_robot, whole) if len(set(names)) == len(names)), numbered)
+    """Return a short name for each run: file or program and robot, with folders or a number where that is needed."""
+
+    def of_robot(name: str, run: Run) -> str:
+        return f'{name} ({run.source})' if run.source else name
+
+    short = [of_robot(Path(run.name).name or run.name, run) for run in runs]
+    whole = [of_robot(run.name, run) for run in runs]
+    numbered = [f'{n}: {name}' for n, name in enumerate(short, start=1)]
+    return next((names for names in (short, whole) if len(set(names)) == len(names)), numbered)
