@@ -40,7 +40,7 @@ class RecorderNode(PollingNode):
         self._state = RECORDER_STATE.publisher(self)
         self._ready = self._said_stopped = False
         self._newest_ns = 0  # when the newest message was published
-        self._recording.begin()
+        self._recording.bag.begin()
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
 
@@ -69,7 +69,7 @@ class RecorderNode(PollingNode):
         self._announce()
 
     def _flush(self) -> None:
-        self._recording.flush()
+        self._recording.bag.flush()
         self._announce()
 
     def _catch_up(self) -> None:
@@ -84,24 +84,24 @@ class RecorderNode(PollingNode):
 
     def _announce(self) -> None:
         """Say once that every cyclic topic has been received, and once that nothing is written any more."""
-        recording = self._recording
-        if recording.stopped:
+        bag = self._recording.bag
+        if bag.stopped:
             if not self._said_stopped:
                 self._said_stopped = self._ready = True
-                self._state.publish(String(data=f'stopped: {recording.stopped}'))
+                self._state.publish(String(data=f'stopped: {bag.stopped}'))
                 self.get_logger().error(
-                    f'stopped recording into {recording.path}: {recording.stopped}; '
-                    f'{recording.messages} messages until then are kept, the robot goes on'
+                    f'stopped recording into {bag.path}: {bag.stopped}; '
+                    f'{bag.messages} messages until then are kept, the robot goes on'
                 )
-        elif not self._ready and recording.hears_everything:
+        elif not self._ready and self._recording.hears_everything:
             self._ready = True
             self._state.publish(String(data='recording'))
-            self.get_logger().info(f'recording {len(self._drains)} topics into {recording.path}')
+            self.get_logger().info(f'recording {len(self._drains)} topics into {bag.path}')
 
     @property
     def stopped(self) -> str:
         """Why nothing is written any more; '' while it is."""
-        return self._recording.stopped
+        return self._recording.bag.stopped
 
     def completeness(self) -> dict[str, tuple[int, int]]:
         """Messages and missing messages by cyclic topic."""
@@ -116,7 +116,7 @@ class RecorderNode(PollingNode):
             total = sum(messages for messages, _ in self.completeness().values())
             lost = self._recording.lost()
             self.get_logger().info(
-                f'{total} cyclic messages in {self._recording.path}, {sum(lost.values())} missing {lost or ""}'
+                f'{total} cyclic messages in {self._recording.bag.path}, {sum(lost.values())} missing {lost or ""}'
             )
         super().destroy_node()
 

@@ -75,7 +75,12 @@ class TransformationTaskNode(PollingNode):
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(
-            self, clock, factor > 0.0, controller.statistics, controller.cycles.take, controller.greeted
+            self,
+            clock,
+            factor > 0.0,
+            controller.cycles.statistics,
+            controller.cycles.take,
+            controller.greeted,
         )
         offer_service_requests(self, controller.services)
         self._injection = FaultInjection(self, controller, cycle_time_s)
