@@ -49,6 +49,7 @@ from delta3_pacdrive.motion.program import (
     MoveL,
     MoveSB,
     Output,
+    PathMove,
     Point,
     Program,
     Statement,
@@ -296,7 +297,7 @@ class _StatementReader:
             refuse(f'{where} must hold exactly one of {", ".join(self._kinds)}')
         ((kind, content),) = value.items()
         made, keys, required = self._kinds[kind]
-        along_path = made in (MoveL, MoveC, MoveSB)
+        along_path = issubclass(made, PathMove)
         with at(place_in(value, kind)):
             allowed = {*keys, *(_PATH_KEYS if along_path else ())}
             fields = Section(content, f'{where}.{kind}', self._errors, allowed, required)

@@ -221,7 +221,7 @@ class CyclicOperation:
         motors, control, payload = self._controller.command(cycle)
         note_command(cycle, motors, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
-        robot.cycle(motors, control, robot.answers, payload, received)
+        robot.cycle(motors, control, payload, received)
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""
