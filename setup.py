@@ -32,7 +32,6 @@ TEST = [
     'import-linter>=2.16',
     'mujoco>=4.0',
     'mypy>=2.4',
-    'playwright>=1.40',
     'pytest>=7.4.4',
     'pytest-timeout>=2.2',
     'pytest-xdist>=3.8',
@@ -40,6 +39,7 @@ TEST = [
     'types-PyYAML>=6.0.12',
     'yourdfpy>=0.0.60',
 ]
+VIEW = ['viser>=1.1']
 DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
 # (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.
@@ -101,11 +101,7 @@ setup(
     python_requires='>=3.11',
     packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
     package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'
-    package_data={
-        PACKAGE: ['py.typed'],
-        f'{PACKAGE}.analysis.report_page': ['assets/*'],
-        f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml'],
-    },
+    package_data={PACKAGE: ['py.typed'], f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml']},
     data_files=data_files,
     zip_safe=False,
     install_requires=[
@@ -121,9 +117,10 @@ setup(
     ],
     extras_require={
         'ros': ROS,
+        'view': VIEW,
         'test': TEST,
         'docs': DOCS,
-        'all': ROS + TEST + DOCS,
+        'all': ROS + VIEW + TEST + DOCS,
     },
     entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
     options=options,

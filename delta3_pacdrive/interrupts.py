@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -95,6 +95,22 @@ def raising(yes: bool = True) -> Iterator[None]:
         yield
     finally:
         _state.raises = before
+
+
+@contextmanager
+def answered_by(end: Callable[[], None]) -> Iterator[None]:
+    """Let signals only be noted, and call ``end``, inside: for work that looks by itself whether it is to end."""
+
+    def answer(number: int, _: FrameType | None) -> None:
+        note(number)
+        end()
+
+    before = {n: signal.signal(n, answer) for n in NUMBERS if signal.getsignal(n) != signal.SIG_IGN}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def ignore() -> None:

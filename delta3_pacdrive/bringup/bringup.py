@@ -17,7 +17,7 @@ from delta3_pacdrive import interrupts, simulation
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess
-from delta3_pacdrive.bringup.robot_processes import RobotProcesses
+from delta3_pacdrive.bringup.robot_processes import SPARE, RobotProcesses
 from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.motion import arrival
@@ -68,18 +68,18 @@ class Bringup:
 
     Attributes
     ----------
+    options
+        What was asked for.
     ready_s
         Time from then to cyclic operation [s]; 0 before it.
-    interrupted
-        Whether a signal, or ``stop``, asks for the end; whoever operates from within looks at it.
 
     """
 
     def __init__(self, options: Options, started_s: float | None = None) -> None:
         self._started_s = time.monotonic() if started_s is None else started_s
-        self._options = options
+        self.options = options
         self.robot, self._program, self._planned = check_options(options)
-        self.interrupted = False
+        self._interrupted = False
         self._processes: RobotProcesses
         self._monitor: _Monitor
         self._process: node_process.Process
@@ -95,7 +95,7 @@ class Bringup:
 
         """
         discovery.keep_to_this_machine()
-        with only_one(self._options.namespace), log_folder(self._options.logs) as logs:
+        with only_one(self.options.namespace), log_folder(self.options.logs) as logs:
             simulation.compile_kernels()
             if self.robot.rich.enabled:
                 simulation.rehearse(self.robot)  # compiles what only the built robot needs
@@ -105,26 +105,26 @@ class Bringup:
                 result = self._result()
             finally:
                 self._stop()
-        if self._options.bag:
-            result['bag_missing'] = sum(bag_trace.missing(self._options.bag).values())
-            result['bag_cut'] = bag_trace.cut(self._options.bag)
+        if self.options.bag:
+            result['bag_missing'] = sum(bag_trace.missing(self.options.bag).values())
+            result['bag_cut'] = bag_trace.cut(self.options.bag)
         return result
 
     def _start(self, logs: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._interrupt)
         self._processes = RobotProcesses(
-            self._options, self.robot, self._program.name if self._program else 'moves', logs
+            self.options, self.robot, self._program.name if self._program else 'moves', logs
         )
         self._processes.start()
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._process = node_process.Process()
-        self._monitor = _Monitor(self._options.namespace)
+        self._monitor = _Monitor(self.options.namespace)
         self._process.add(self._monitor)
 
     def _interrupt(self, number: int, _: Any) -> None:
         interrupts.note(number)
-        self.interrupted = True
+        self._interrupted = True
 
     def _watch(self, show: Callable[[dict[str, Any]], None]) -> None:
         """Look after the run until the program has ended."""
@@ -132,14 +132,14 @@ class Bringup:
         deadline = time.monotonic() + READY_TIMEOUT_S
         released = False
         while not (progress := self.look()).get('finished') or self._program is None:
-            if not released and (monitor.recorder or not self._options.bag):
+            if not released and (monitor.recorder or not self.options.bag):
                 self._processes.let_planner_go()
                 released = True
             if progress.get('phase') == 'CP4' and not self.ready_s:
                 self.ready_s = time.monotonic() - self._started_s
             if self.ready_s:
                 show(progress)
-                if self._program is None and self.interrupted:
+                if self._program is None and self._interrupted:
                     return
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
@@ -150,11 +150,11 @@ class Bringup:
         """Spin a little, then raise if something went wrong; return the newest progress."""
         monitor = self._monitor
         self._process.spin_for(seconds)
-        if self.interrupted and (self._program is not None or not self.ready_s):
+        if self._interrupted and (self._program is not None or not self.ready_s):
             raise RunInterruptedError('interrupted')
         for process in list(self._processes.running):
             # who ends all processes at once, as a service manager does, wants none of them back
-            if process.poll() is not None and not self.interrupted:
+            if process.poll() is not None and not self._interrupted:
                 self._replace(process)
         if monitor.progress.get('phase') == 'CP4':
             self._processes.check_load(monitor.progress.get('cycles', 0))
@@ -172,6 +172,9 @@ class Bringup:
         if process.name == 'recorder' and self.ready_s:
             self._processes.running.remove(process)
             self.notes.append(f'{sentence}; nothing is recorded any more, the robot goes on')
+        elif process.name == 'view':
+            self._processes.running.remove(process)
+            self.notes.append(f'{sentence}; there is no page any more, the robot goes on')
         elif self._processes.restart(process):
             self.notes.append(f'{sentence}; started again')
         else:
@@ -199,7 +202,7 @@ class Bringup:
         """Disable the drives: a controlled stop, then the brakes."""
         monitor = self._monitor
         running = self._processes.running
-        dead = [one for one in running if one.poll() is not None and one.name != 'recorder']
+        dead = [one for one in running if one.poll() is not None and one.name not in SPARE]
         if dead or monitor.progress.get('phase') != 'CP4' or not monitor.enable.service_is_ready():
             return
         monitor.enable.call_async(SetBool.Request(data=False))
@@ -237,9 +240,14 @@ class Bringup:
         """The node of this process, for whoever wants to take part."""
         return self._monitor
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal, or ``stop``, asks for the end; whoever operates from within looks at it."""
+        return self._interrupted
+
     def stop(self) -> None:
         """End a bring-up without a program."""
-        self.interrupted = True
+        self._interrupted = True
 
     @property
     def notes(self) -> list[str]:

@@ -27,6 +27,7 @@ class Options:
     exchange_period_s: float | None = None
     real_time_priority: bool = True
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
+    view_port: int | None = None  # of the page that shows the robot; None: there is none
 
 
 def check_options(

@@ -19,14 +19,12 @@ COMMANDS = {
     'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
     'check': 'read and plan program, parameter and fault files; every move, every mistake',
-    'plan': 'what the planner makes of a program, without running it: what limits each move',
     'pose': 'one place: kinematics, all eight solutions, limits, torques, what the robot can do there',
     'simulate': 'run a program without ROS, as fast as possible',
+    'view': 'the robot, or a recording, in three dimensions in the browser',
     'record': 'record a running robot into a rosbag2 folder',
     'export': 'the robot as URDF or MJCF, from its parameters',
     'plot': 'draw the figures of a bag or a trace',
-    'report': 'one HTML page of one or more runs: 3-D, all signals, moves, figures',
-    'compare': 'how far two runs are apart, signal by signal and move by move',
     'arm': 'kinematics of the two-link arm of chapter 3',
     'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
@@ -36,7 +34,7 @@ COMMANDS = {
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }
 # these have a robot to bring to rest before they end
-OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'record', 'bench'})
+OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'view', 'record', 'bench'})
 
 
 HELP = """\

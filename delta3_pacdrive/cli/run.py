@@ -1,14 +1,16 @@
 """``delta3 run``: bring a robot up, run a program with a progress display, print a summary, stop everything."""
 
 import math
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ProgramOptions, RobotOptions, flag, option
-from delta3_pacdrive.cli.output import print_run
+from delta3_pacdrive.cli.output import print_figures, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
+from delta3_pacdrive.view import serving
 
 
 @dataclass
@@ -20,12 +22,18 @@ class GraphOptions(NodeOptions):
     ordinary_priority: bool = flag('no real-time scheduling even where it is permitted')
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
     logs: str | None = option('keep the log of every process in this folder', 'DIR')
+    view: bool = flag('show the robot as a page in the browser (delta3 view)')
+    view_port: int | None = option(
+        f'show it at this port; without it --view takes the first free one from {serving.PORT} on',
+        'PORT',
+        type=int,
+    )
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if not 0.0 <= self.real_time_factor <= 1000.0:
             return f'--real-time-factor is {self.real_time_factor}, but must be between 0 and 1000'
-        return ''
+        return serving.refusal('--view-port', self.view_port)
 
 
 @dataclass
@@ -72,17 +80,29 @@ def run(options: Options) -> int:
     announce_compilation(options.parameters)
     program = programs.find(options.program).absolute()
     bringup = Bringup(bringup_options(options, options, program), started_s)
+    announce_page(bringup.options.view_port)
     with Progress(quiet=options.json) as display:
         result = bringup.run(lambda progress: show_run(display, progress))
-    notes = []
-    if missing := result.get('bag_missing'):
-        notes.append(
-            f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them'
-        )
-    if cut := result.get('bag_cut'):
-        notes.append(f'{options.bag}: {cut}')
-    inputs, ready = [f'{options.program} {digest(program)}'], f', ready after {result["ready_s"]:.2f} s'
-    return print_run(result, options, bringup.robot, inputs, ready, notes)
+    if options.json:
+        print_json(result, options, bringup.robot, [f'{options.program} {digest(program)}'])
+    else:
+        ending = 'done' if result['ok'] else 'not arrived'
+        print(f'{result["program"]}: {ending}, ready after {result["ready_s"]:.2f} s')
+        print_figures(result)
+        if missing := result.get('bag_missing'):
+            print(f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them')
+        if cut := result.get('bag_cut'):
+            print(f'{options.bag}: {cut}')
+    if not result['ok']:
+        print(f'error: {result["error"]}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def announce_page(port: int | None) -> None:
+    """Say where the page is, if there is to be one."""
+    if port is not None:
+        print(f'the page is at {serving.address(serving.HOST, port)}', file=sys.stderr, flush=True)
 
 
 def bringup_options(graph: GraphOptions, robot: RobotOptions, program: Path | None) -> Any:
@@ -99,6 +119,7 @@ def bringup_options(graph: GraphOptions, robot: RobotOptions, program: Path | No
         exchange_period_s=robot.exchange_period,
         real_time_priority=not graph.ordinary_priority,
         logs=Path(graph.logs).absolute() if graph.logs else None,
+        view_port=serving.choose(serving.HOST, graph.view_port) if graph.view or graph.view_port else None,
     )
 
 

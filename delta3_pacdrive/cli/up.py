@@ -8,7 +8,7 @@ from typing import Any
 from delta3_pacdrive.cli.command import Command, RobotOptions
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
-from delta3_pacdrive.cli.run import GraphOptions, bringup_options, refuse_second, show_run
+from delta3_pacdrive.cli.run import GraphOptions, announce_page, bringup_options, refuse_second, show_run
 
 
 @dataclass
@@ -50,6 +50,7 @@ def run(options: Options) -> int:
 
     announce_compilation(options.parameters)
     bringup = Bringup(bringup_options(options, options, None), started_s)
+    announce_page(bringup.options.view_port)
     with Progress(quiet=options.json) as display:
         result = bringup.run(_Announcement(display, bringup, options.json).show)
     if options.json:

@@ -4,6 +4,7 @@ from typing import Any
 
 from delta3_pacdrive.drive.diagnostics import WARNINGS, class_1_diagnostic, class_2_diagnostic, fault_text
 from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
 
 def report(drive: MC4) -> dict[str, Any]:
@@ -11,6 +12,7 @@ def report(drive: MC4) -> dict[str, Any]:
     state = drive.state[0]
     return {
         'state': drive.drive_state.name,
+        'brake': BRAKE_FREE if state['brake_release'] else BRAKE_HELD,
         'diagnostic': fault_text(drive.fault),
         'warnings': [WARNINGS[warning].text for warning in WARNINGS if drive.warning & warning],
         'S-0-0011 class 1 diagnostic': f'{class_1_diagnostic(drive.fault):04x}',

@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 import rclpy
@@ -35,13 +36,28 @@ PATIENCE_S = 10.0  # without a word
 AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
 ALIVE_S = 0.2
 NAME_MAX = 90
-_STOPS = messages.HOLD, messages.ABORT, messages.EMERGENCY_STOP, messages.DISABLE
 # what is asked of the transformation task, and how it calls that; the rest is asked of the planner
-OF_THE_TASK = {text.replace(' ', '_'): text for text in (*_STOPS, messages.ENABLE, messages.RESET)}
+OF_THE_TASK = {
+    'hold': messages.HOLD,
+    'abort': messages.ABORT,
+    'emergency_stop': messages.EMERGENCY_STOP,
+    'reset': messages.RESET,
+}
+OF_THE_PLANNER = ('start', 'resume', 'clear')
+SERVICES = (*OF_THE_PLANNER, *OF_THE_TASK)
+
+
+@dataclass
+class _Awaited:
+    """What has come of a request so far: the last word of whoever works on it, when that came, and the reply."""
+
+    received_s: float
+    said: str = ''
+    reply: Reply | None = None
 
 
 class OperatorNode(PollingNode):
-    """Client of one robot; every wait is bounded.
+    """Client of one robot; every wait is bounded. Who spins may ask for a stop while something else is waited for.
 
     Attributes
     ----------
@@ -75,10 +91,7 @@ class OperatorNode(PollingNode):
         self.state = ''
         self.state_changes = 0
         self._numbers = self._beats = self._control = 0
-        self._awaited = 0  # number of the request whose reply is
-        self._reply: Reply | None = None
-        self._said = ''  # of a request that is being worked on
-        self._received_s = 0.0
+        self._awaited: dict[int, _Awaited] = {}  # by number of the request
         interfaces.PROGRESS.subscription(self, self._on_progress)
         interfaces.MOTION_STATE.subscription(self, self._on_state)
         interfaces.QUEUE.subscription(self, self._on_queue)
@@ -122,13 +135,14 @@ class OperatorNode(PollingNode):
             reply = Reply.from_json(message.data)
         except TelegramError:
             return
-        if (reply.operator, reply.number) != (self.identity, self._awaited):
+        awaited = self._awaited.get(reply.number) if reply.operator == self.identity else None
+        if awaited is None:
             return
-        self._received_s = time.monotonic()
+        awaited.received_s = time.monotonic()
         if reply.done:
-            self._reply = reply
+            awaited.reply = reply
         else:
-            self._said = reply.sentence
+            awaited.said = reply.sentence
 
     def _beat(self) -> None:
         if self.in_control:
@@ -192,30 +206,32 @@ class OperatorNode(PollingNode):
         self._numbers += 1
         receiver = self._receiver(whom)
         request = Request(receiver, self.identity, self._numbers, self._control, action, text, caps)
-        self._awaited, self._reply, self._said = self._numbers, None, ''
         message = String(data=request.to_json())
         publisher.publish(message)
-        asked = self._received_s = time.monotonic()
+        asked = time.monotonic()
+        awaited = self._awaited[request.number] = _Awaited(asked)
         said = ''
         try:
-            while self._reply is None:
+            while awaited.reply is None:
                 now = time.monotonic()
-                if now - self._received_s > PATIENCE_S:
+                if now - awaited.received_s > PATIENCE_S:
                     raise RunError(
                         f'no answer of {whom} to "{action}" within {PATIENCE_S:g} s: is a robot up in namespace '
                         f'{self.get_namespace()}?'
                     )
-                if now - asked > AGAIN_S and self._received_s < asked + AGAIN_S:
+                if now - asked > AGAIN_S and awaited.received_s < asked + AGAIN_S:
                     publisher.publish(message)
                     asked = now
-                if self._said != said:
-                    said = self._said
+                if awaited.said != said:
+                    said = awaited.said
                     self.show(said)
                 self.spin_for(LOOK_S)
         except (RunError, KeyboardInterrupt):
             self._take_back(whom, request)
             raise
-        reply = self._reply
+        finally:
+            del self._awaited[request.number]
+        reply = awaited.reply
         self._control = max(self._control, reply.control)
         if reply.reason is not None:
             raise RefusedError(reply.reason)
@@ -253,14 +269,14 @@ class OperatorNode(PollingNode):
         return self.ask('unit_robot', 'override', repr(percent))
 
     def call(self, name: str) -> str:
-        """Ask for what a service of that name does, or for ``disable``; raises RefusedError if it is refused."""
+        """Ask for one of ``SERVICES``; raises RefusedError if it is refused."""
         if name in OF_THE_TASK:
             return self.ask('control', OF_THE_TASK[name])
         return self.ask('unit_robot', name)
 
     def enable(self, on: bool) -> str:
         """Enable or disable the drives."""
-        return self.call('enable' if on else 'disable')
+        return self.ask('control', messages.ENABLE if on else messages.DISABLE)
 
     @property
     def reaches_drives(self) -> bool:

@@ -1,0 +1,131 @@
+"""``delta3 view``: a robot that is up, or a recording, as a page in the browser."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.view import serving
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.view.page import Page
+
+NICENESS = 5  # behind the robot, where both are ordinary processes
+
+
+@dataclass
+class Options(NodeOptions):
+    """Options of the command."""
+
+    recording: str = argument(
+        'trace (.npz, .csv) or rosbag2 folder to be played; without it a robot that is up', default=''
+    )
+    host: str = option('address at which the page is served', 'ADDRESS', default=serving.HOST)
+    port: int | None = option(
+        f'port of the page; the first free one from {serving.PORT} on, unless told', type=int
+    )
+    control: bool = flag('let people operate the robot on a page that is served to other machines as well')
+    parameters: str | None = option(
+        'parameter file of the recorded robot instead of the packaged one, or rich', 'FILE'
+    )
+    dark: bool = flag('begin with a dark page')
+    open: bool = flag('open the page in the browser of this desktop')
+    wait: bool = flag('wait for a robot as long as it takes')
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if refusal := serving.refusal('--port', self.port):
+            return refusal
+        if self.recording:
+            for name, given in (
+                ('--control', self.control),
+                ('--wait', self.wait),
+                ('--namespace', self.namespace != '/'),
+            ):
+                if given:
+                    return f'{name} is for a robot that is up, not for a recording'
+        elif self.parameters:
+            return '--parameters is for a recording: a robot that is up tells its own'
+        return ''
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    options.port = serving.choose(options.host, options.port)
+    return _play(options) if options.recording else _watch(options)
+
+
+def _watch(options: Options) -> int:
+    """Show a robot that is up."""
+    import os
+
+    from delta3_pacdrive import parameters as core
+
+    os.nice(NICENESS)
+    parameters = core.load()
+    page = _page(options, parameters, f'Delta-3 in {options.namespace}')
+    try:
+        from delta3_pacdrive.view import live
+
+        if serving.is_here(options.host) or options.control:
+            page.add_controls()
+        else:
+            page.note(
+                'This page only shows the robot: `--control` lets people operate it from other machines.'
+            )
+        live.run(page, parameters, options.namespace, float('inf') if options.wait else live.APPEAR_S)
+    finally:
+        page.close()
+    return 0
+
+
+def _play(options: Options) -> int:
+    """Show a recording."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.view import playback
+
+    trace = trace_file.load(options.recording)
+    parameters = core.load(options.parameters)
+    film = playback.Film(trace, parameters)
+    if (checksum := trace.meta.get('checksum', parameters.checksum)) != parameters.checksum:
+        print(
+            f'note: {options.recording} is of a robot with parameters {checksum}, shown are lengths and limits of '
+            f'{parameters.checksum}; --parameters FILE names others',
+            file=sys.stderr,
+        )
+    page = _page(options, parameters, Path(options.recording).name)
+    try:
+        playback.run(page, film, str(trace.meta.get('program') or Path(options.recording).stem))
+    finally:
+        page.close()
+    return 0
+
+
+def _page(options: Options, parameters: 'Parameters', title: str) -> 'Page':
+    """Serve the page, and say where."""
+    from delta3_pacdrive.view.page import Page
+
+    page = Page(parameters, options.host, options.port or 0, title)
+    page.darken(options.dark)
+    print(f'the page is at {page.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
+    if options.open:
+        import webbrowser
+
+        try:
+            webbrowser.get().open(page.url)
+        except webbrowser.Error:
+            page.close()
+            raise RunError(f'there is no browser here that could open {page.url}') from None
+    return page
+
+
+main = Command(
+    'view',
+    'Show a robot that is up, or a recording, as a page in the browser, until Ctrl-C.',
+    Options,
+    run,
+)

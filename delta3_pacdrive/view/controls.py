@@ -1,0 +1,193 @@
+"""The controls of the page: what can be asked of a robot that is up.
+
+Every click becomes a ``Wish``; who carries them out, and answers, is not known here.
+"""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from delta3_pacdrive.configuration.packaged import program_names
+from delta3_pacdrive.faults.fault import KINDS, NODES
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.jog import BEATS_HZ, DIRECTIONS
+from delta3_pacdrive.view.values import Facts, Wish
+
+PROGRAM_BYTES_MAX = 1024 * 1024
+STEPS_MM = ('0.1', '1', '5', '10', '50')
+JOG_MM_S, JOG_MAX_MM_S = 50, 250
+OVERRIDE_MIN, OVERRIDE_MAX = 1, 150
+ANSWERS = 6  # sentences that stay to be read
+FAULT_S = 0.5  # that an injected fault lasts, unless told
+
+
+class Controls:
+    """Tabs with buttons in the main panel of the page.
+
+    Parameters
+    ----------
+    gui
+        Of the viser server.
+    wish
+        Takes what is asked for.
+
+    """
+
+    def __init__(self, gui: Any, wish: Callable[[Wish], None]) -> None:
+        self._gui, self._take = gui, wish
+        self._points: dict[str, tuple[float, float, float]] = {}
+        self._said: list[tuple[str, bool]] = []
+        self._override_shown = 1.0
+        stop = gui.add_button('EMERGENCY STOP', color='red', icon='hand-stop')
+        stop.on_click(lambda _: self._ask('emergency_stop'))
+        self._row('motion', 'Start', 'Hold', 'Resume', 'Abort')
+        self._row('drives', 'Enable', 'Disable', 'Reset')
+        self._answers = gui.add_html('')
+        tabs = gui.add_tab_group()
+        with tabs.add_tab('Program'):
+            self._add_program()
+        with tabs.add_tab('Jog'):
+            self._add_jog()
+        with tabs.add_tab('Teach'):
+            self._add_teach()
+        with tabs.add_tab('Faults'):
+            self._add_faults()
+
+    def _ask(self, action: str, text: str = '') -> None:
+        self._take(Wish(action, text, self._by_force.value))
+
+    def _row(self, name: str, *words: str) -> None:
+        row = self._gui.add_button_group(name, words)
+        row.on_click(lambda event: self._ask(event.target.value.lower()))
+
+    def _add_program(self) -> None:
+        gui = self._gui
+        chosen = gui.add_dropdown('program', program_names(), hint='packaged programs')
+        load = gui.add_button('Load into the queue', icon='playlist-add')
+        load.on_click(lambda _: self._ask('packaged', chosen.value))
+        file = gui.add_upload_button('Load a file ...', icon='upload', mime_type='.yaml,.yml')
+        file.on_upload(lambda _: self._load(file.value))
+        gui.add_button('Clear the queue', icon='trash').on_click(lambda _: self._ask('clear'))
+        self._override = gui.add_slider(
+            'override %', OVERRIDE_MIN, OVERRIDE_MAX, 1, 100, hint='share of the planned speed'
+        )
+        self._override.on_update(self._set_override)
+        self._by_force = gui.add_checkbox(
+            'take control over', False, hint='take control of the robot even if somebody else has it'
+        )
+
+    def _load(self, file: Any) -> None:
+        if len(file.content) > PROGRAM_BYTES_MAX:
+            self.tell(f'{file.name} has {len(file.content)} bytes, the limit is {PROGRAM_BYTES_MAX}', True)
+            return
+        try:
+            text = file.content.decode('utf-8')
+        except UnicodeDecodeError:
+            self.tell(f'{file.name} is no text in UTF-8', True)
+            return
+        self._ask('program', text)
+
+    def _set_override(self, event: Any) -> None:
+        # what the robot tells moves the slider as well, and is no wish
+        if event.client is not None:
+            self._ask('override', repr(float(self._override.value)))
+
+    def _add_jog(self) -> None:
+        gui = self._gui
+        self._speed = gui.add_slider('speed mm/s', 1, JOG_MAX_MM_S, 1, JOG_MM_S)
+        self._step = gui.add_dropdown('step mm', STEPS_MM, initial_value='10')
+        row = gui.add_button_group('one step', tuple(DIRECTIONS))
+        row.on_click(
+            lambda event: self._ask('step', f'{event.target.value} {self._step.value} {self._speed.value}')
+        )
+        for direction in DIRECTIONS:
+            button = gui.add_button(
+                f'hold {direction}', hint='moves while it is held, to the edge of the workspace'
+            )
+            button.on_hold(self._beat(direction), callback_hz=BEATS_HZ)
+
+    def _beat(self, direction: str) -> Callable[[Any], Any]:
+        async def beat(_: Any) -> None:
+            self._ask('press', f'{direction} {self._speed.value}')
+
+        return beat
+
+    def _add_teach(self) -> None:
+        gui = self._gui
+        self._name = gui.add_text('name', 'p1')
+        gui.add_button('Teach this point', icon='map-pin').on_click(
+            lambda _: self._ask('teach', self._name.value)
+        )
+        gui.add_button('Forget all points', icon='trash').on_click(lambda _: self._forget())
+        self._taught = gui.add_html('')
+
+    def _forget(self) -> None:
+        self._points.clear()
+        self._taught.content = ''
+
+    def teach(self, name: str, place_m: tuple[float, float, float]) -> None:
+        """Keep a point by its name, and show all of them as a program file has them."""
+        self._points[name] = place_m
+        lines = [
+            f'  {json.dumps(key)}: [{x:.6f}, {y:.6f}, {z:.6f}]' for key, (x, y, z) in self._points.items()
+        ]
+        self._taught.content = readout.copied('points:\n' + '\n'.join(lines) + '\n', 'Copy as YAML')
+        stem = name.rstrip('0123456789')
+        self._name.value = f'{stem}{len(self._points) + 1}'
+
+    def _add_faults(self) -> None:
+        gui = self._gui
+        self._kind = gui.add_dropdown('fault', tuple(KINDS))
+        self._target = gui.add_dropdown('at', DRIVES)
+        self._value = gui.add_number('value', 0.0, step=0.001)
+        self._lasts = gui.add_number(
+            'lasts s', FAULT_S, min=0.0, max=1e5, step=0.1, hint='0: until it is cleared'
+        )
+        self._cycles = gui.add_number('cycles', 2, min=1, max=1000, step=1)
+        self._kind.on_update(lambda _: self._show_kind())
+        gui.add_button('Inject the fault', icon='bolt', color='orange').on_click(lambda _: self._inject())
+        gui.add_button('End injected faults').on_click(
+            lambda _: self._ask('inject', json.dumps({'fault': 'clear'}))
+        )
+        self._show_kind()
+
+    def _show_kind(self) -> None:
+        """Show what belongs to the fault that is chosen."""
+        kind = KINDS[self._kind.value]
+        choices = {'axis': DRIVES, 'node': NODES}.get(str(kind.target), ())
+        self._target.visible = bool(choices)
+        if choices and tuple(self._target.options) != tuple(choices):
+            self._target.options = tuple(choices)
+        self._value.visible = bool(kind.value)
+        self._value.label = kind.value or 'value'
+        self._value.hint = f'{kind.low:g} to {kind.high:g}'
+        self._cycles.visible = bool(kind.telegram)
+        self._lasts.visible = not kind.telegram and not kind.once
+
+    def _inject(self) -> None:
+        kind = KINDS[self._kind.value]
+        fault: dict[str, Any] = {'fault': self._kind.value}
+        if str(kind.target):
+            fault[str(kind.target)] = self._target.value
+        if kind.value:
+            whole = float(self._value.value).is_integer()
+            fault[kind.value] = int(self._value.value) if whole else self._value.value
+        if kind.telegram:
+            fault['cycles'] = int(self._cycles.value)
+        elif not kind.once and self._lasts.value:
+            fault['for_s'] = self._lasts.value
+        self._ask('inject', json.dumps(fault))
+
+    # what comes back --------------------------------------------------------------------------------------------------
+
+    def tell(self, sentence: str, refused: bool) -> None:
+        """Show the answer to a wish."""
+        self._said = [*self._said[1 - ANSWERS :], (sentence, refused)]
+        self._answers.content = readout.answers(self._said)
+
+    def show(self, facts: Facts) -> None:
+        """Let the slider follow the override, whoever has set it."""
+        if facts.state and facts.override != self._override_shown:
+            self._override_shown = facts.override
+            self._override.value = min(max(round(100.0 * facts.override), OVERRIDE_MIN), OVERRIDE_MAX)

@@ -1,0 +1,265 @@
+"""The robot in three dimensions: meshes of its parts in a scene of viser, and where they are."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene.parts import ARMS, NAMES, RODS, Part, parts
+from delta3_pacdrive.scene.poses import frames, poses
+from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
+
+SECTIONS, SUBDIVISIONS = 24, 2  # of cylinders and balls
+RING_POINTS = 96
+LINE, THIN_LINE = 3.0, 1.5  # pixels
+GHOST_OPACITY = 0.35
+BLUE, GREEN, RED, GREY = (58, 134, 255), (34, 170, 100), (230, 40, 50), (140, 146, 156)
+PLANNED, TRAVELLED = (150, 156, 166), (245, 130, 30)
+_LIMBS = (*(f'arm{arm}' for arm in ARMS), *(f'forearm{rod}' for rod in RODS))
+_NUMBERS = {name: number for number, name in enumerate(NAMES)}
+_WXYZ = [3, 0, 1, 2]
+
+
+def mesh_of(shapes: Sequence[Shape]) -> tuple[Floats, Any]:
+    """Return vertices (n, 3) [m] and faces (m, 3) of all shapes of a part together."""
+    import trimesh
+
+    solids = []
+    for shape in shapes:
+        match shape:
+            case Box():
+                solid = trimesh.creation.box(shape.size_m)
+            case Cylinder():
+                solid = trimesh.creation.cylinder(shape.radius_m, shape.length_m, sections=SECTIONS)
+            case Sphere():
+                solid = trimesh.creation.icosphere(SUBDIVISIONS, shape.radius_m)
+            case _:
+                raise TypeError(f'there is no mesh of a {shape.kind}')
+        place = trimesh.transformations.quaternion_matrix([shape.quaternion[n] for n in _WXYZ])
+        place[:3, 3] = shape.position_m
+        solid.apply_transform(place)
+        solids.append(solid)
+    whole = trimesh.util.concatenate(solids)
+    return np.asarray(whole.vertices), np.asarray(whole.faces)
+
+
+def segments(points: Floats) -> Floats:
+    """Return the pieces (n - 1, 2, 3) of a line through points (n, 3), and one piece of no length for less than two."""
+    if len(points) < 2:
+        return np.zeros((1, 2, 3))
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def rgb(part: Part) -> tuple[int, int, int]:
+    """Return the colour of a part, 0 to 255."""
+    red, green, blue = (round(255 * value) for value in part.colour[:3])
+    return red, green, blue
+
+
+class _Body:
+    """Arms, rods and plate of one robot, in its colours or as a ghost."""
+
+    def __init__(
+        self, scene: Any, name: str, named: dict[str, Part], ghost: tuple[int, int, int] | None
+    ) -> None:
+        self._scene, self._name, self._ghost = scene, name, ghost
+        self._plate = scene.add_frame(f'/{name}/plate', show_axes=False)
+        for part in ('plate', 'tool'):
+            self.carry(part, named[part])
+        self._limbs = [(_NUMBERS[part], self._mesh(f'/{name}/{part}', named[part])) for part in _LIMBS]
+
+    def _mesh(self, path: str, part: Part) -> Any:
+        vertices, faces = mesh_of(part.shapes)
+        opacity = None if self._ghost is None else GHOST_OPACITY
+        colour = rgb(part) if self._ghost is None else self._ghost
+        return self._scene.add_mesh_simple(
+            path, vertices, faces, color=colour, opacity=opacity, cast_shadow=False, receive_shadow=False
+        )
+
+    def carry(self, name: str, part: Part) -> Any:
+        """Hang a part on the plate."""
+        return self._mesh(f'/{self._name}/plate/{name}', part)
+
+    def place(self, position: Floats, quaternion: Floats, tcp_m: Floats) -> None:
+        """Put all parts, in the order of ``NAMES``, where they are; arms that reach nowhere are not seen."""
+        self._plate.position = tcp_m
+        reached = bool(np.isfinite(position).all() and np.isfinite(quaternion).all())
+        for number, handle in self._limbs:
+            handle.visible = reached
+            if reached:
+                handle.position = position[number]
+                handle.wxyz = quaternion[number, _WXYZ]
+
+    def hide(self) -> None:
+        """Let nothing of it be seen."""
+        self._plate.visible = False
+        for _, handle in self._limbs:
+            handle.visible = False
+
+    def reveal(self) -> None:
+        """Let it be seen again."""
+        self._plate.visible = True
+
+
+class Figure:
+    """The robot, its ghost, its workspace and its paths in a scene.
+
+    Parameters
+    ----------
+    scene
+        Of the viser server.
+    parameters
+        Of the robot.
+
+    """
+
+    def __init__(self, scene: Any, parameters: Parameters) -> None:
+        self._scene, self._parameters = scene, parameters
+        self._payload_kg = 0.0
+        self._payload: Any = None
+        named = {part.name: part for part in parts(parameters, 1.0)}
+        hip, _ = frames(parameters)
+        self._stand(named, hip)
+        self.body = _Body(scene, 'robot', named, None)
+        self.ghost = _Body(scene, 'ghost', named, BLUE)
+        self.ghost.hide()
+        nothing = np.zeros((1, 2, 3))
+        line: dict[str, Any] = {'thickness_units': 'screen'}
+        self.planned = scene.add_line_segments('/path/planned', nothing, PLANNED, thickness=THIN_LINE, **line)
+        self.travelled = scene.add_line_segments(
+            '/path/travelled', nothing, TRAVELLED, thickness=LINE, **line
+        )
+        self.error = scene.add_line_segments('/error', nothing, RED, thickness=LINE, **line)
+        self._mark(hip)
+
+    def _stand(self, named: dict[str, Part], hip: Floats) -> None:
+        """Put what never moves where it stands."""
+        scene, k = self._scene, self._parameters.kinematics
+        where = poses(np.zeros(3), self._parameters, unreachable='nan')
+        for name in ('base', 'motor1', 'motor2', 'motor3'):
+            position, quaternion = where.of(name)
+            vertices, faces = mesh_of(named[name].shapes)
+            scene.add_mesh_simple(
+                f'/robot/{name}',
+                vertices,
+                faces,
+                color=rgb(named[name]),
+                position=position,
+                wxyz=quaternion[_WXYZ],
+            )
+        air = named['workspace']
+        vertices, faces = mesh_of(air.shapes)
+        self.workspace = [
+            scene.add_mesh_simple(
+                '/workspace/air', vertices, faces, color=rgb(air), opacity=air.colour[3],
+                cast_shadow=False, receive_shadow=False,
+            )
+        ]  # fmt: skip
+        turn = np.linspace(0.0, 2.0 * np.pi, RING_POINTS + 1)
+        ring = 0.5 * k.workspace_diameter_m * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
+        edges = [segments(ring + np.array([0.0, 0.0, z])) for z in (k.workspace_top_m, k.workspace_bottom_m)]
+        self.workspace.append(
+            scene.add_line_segments(
+                '/workspace/edge',
+                np.concatenate(edges),
+                rgb(air),
+                thickness=THIN_LINE,
+                thickness_units='screen',
+            )
+        )
+        size = 2.0 * float(np.abs(hip).max()) + 2.0 * k.upper_arm_length_m + k.workspace_diameter_m
+        scene.add_grid(
+            '/floor', size, size, cell_size=0.1, section_size=0.5, cell_thickness=0.5, section_thickness=1.0,
+            position=(0.0, 0.0, k.workspace_bottom_m - 0.1 * k.upper_arm_length_m), cell_color=(150, 154, 162),
+            section_color=(120, 124, 134),
+        )  # fmt: skip
+
+    def _mark(self, hip: Floats) -> None:
+        """Write the names of the axes, and mark where a fault would be."""
+        k = self._parameters.kinematics
+        radius = 0.2 * k.upper_arm_length_m
+        outward = hip / np.linalg.norm(hip, axis=1, keepdims=True)
+        places = hip + 1.2 * radius * outward + [0.0, 0.0, 1.8 * radius]
+        self.labels = [
+            self._scene.add_label(f'/labels/axis{arm}', f'axis {arm}', position=place, anchor='bottom-center')
+            for arm, place in zip(ARMS, places, strict=True)
+        ]
+        length = 0.3 * k.upper_arm_length_m
+        self.axes = [
+            self._scene.add_frame(
+                '/labels/base',
+                axes_length=length,
+                axes_radius=0.02 * length,
+                position=(0.0, 0.0, length),
+            )
+        ]
+        for name, way in (('x', (1.2, 0.0, 0.0)), ('y', (0.0, 1.2, 0.0)), ('z', (0.0, 0.0, 1.2))):
+            place = length * np.array(way)
+            self.axes.append(
+                self._scene.add_label(f'/labels/base/{name}', name, position=place, anchor='center-center')
+            )
+        where = {f'axis{arm}': place for arm, place in zip(ARMS, hip, strict=True)}
+        where['robot'] = np.array([0.0, 0.0, radius])
+        self._alarms = {
+            name: self._scene.add_icosphere(
+                f'/alarm/{name}',
+                radius,
+                color=RED,
+                opacity=0.55,
+                position=place,
+                visible=False,
+                cast_shadow=False,
+            )
+            for name, place in where.items()
+        }
+        self._sentence = self._scene.add_label(
+            '/alarm/sentence', '', position=(0.0, 0.0, 3.0 * radius), visible=False, anchor='bottom-center'
+        )
+        self._alarm_places = where
+
+    def place(self, theta_rad: Floats, tcp_m: Floats, ghost_m: Floats | None) -> None:
+        """Put the robot and its ghost where they are, for arm angles and the TCPs of both."""
+        angles = np.asarray(theta_rad, dtype=np.float64)[None]
+        if ghost_m is not None:
+            beside = kinematics.inverse(ghost_m, self._parameters, unreachable='nan')
+            angles = np.stack([angles[0], beside])
+        # angles of a ghost that no arms reach close no chain; its plate is seen alone
+        safe = np.where(np.isfinite(angles), angles, 0.0)
+        where = poses(safe, self._parameters, unreachable='nan')
+        self.body.place(where.position[0], where.quaternion[0], tcp_m)
+        if ghost_m is None:
+            self.ghost.hide()
+            self.error.visible = False
+            return
+        reached = 1.0 if np.isfinite(angles[1]).all() else np.nan
+        self.ghost.reveal()
+        self.ghost.place(reached * where.position[1], where.quaternion[1], ghost_m)
+        self.error.visible = True
+        self.error.points = np.stack([tcp_m, ghost_m])[None].astype(np.float32)
+
+    def carry(self, payload_kg: float) -> None:
+        """Show what the robot has gripped."""
+        if payload_kg == self._payload_kg:
+            return
+        self._payload_kg = payload_kg
+        if self._payload is not None:
+            self._payload.remove()
+            self._payload = None
+        if payload_kg > 0.0:
+            named = {part.name: part for part in parts(self._parameters, payload_kg)}
+            self._payload = self.body.carry('payload', named['payload'])
+
+    def alarm(self, sources: Sequence[str], sentence: str, lit: bool) -> None:
+        """Flash where a fault is, with its sentence; without a sentence nothing flashes."""
+        known = [source for source in sources if source in self._alarms] or ['robot']
+        for name, handle in self._alarms.items():
+            handle.visible = bool(sentence) and lit and name in known
+        self._sentence.visible = bool(sentence)
+        if sentence:
+            place = self._alarm_places[known[0]]
+            height = 0.7 * self._parameters.kinematics.upper_arm_length_m
+            self._sentence.position = (float(place[0]), float(place[1]), float(place[2]) + height)
+            self._sentence.text = sentence

@@ -1,0 +1,232 @@
+"""The page: a viser server with the robot in three dimensions, what there is to read, plots and controls.
+
+It is fed with plain values and gives wishes back; it neither knows of ROS nor of recordings.
+"""
+
+import contextlib
+import io
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.controls import Controls
+from delta3_pacdrive.view.figure import BLUE, Figure, segments
+from delta3_pacdrive.view.history import History
+from delta3_pacdrive.view.plots import Plots, row_of
+from delta3_pacdrive.view.serving import address, require_free, require_viser, taken
+from delta3_pacdrive.view.values import Facts, Instant, Wish
+
+PICTURES_HZ = 33.0
+READ_S, PLOT_S = 0.1, 0.25  # between two updates of what is read, and of plots and the path travelled
+FLASH_S = 0.4
+HISTORY_S = 60.0
+PATH_POINTS = 900
+GHOST_FAR_M = 0.4  # a ghost goes no further away, however much its error is magnified
+GHOST_NEAR_M = 5e-4  # nearer it would only tint the robot
+GHOSTS = ('command', 'true', 'none')
+MAGNIFIED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+class Page:
+    """One page, for any number of browsers.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    host, port
+        Where it is served.
+    title
+        Above everything that is read.
+
+    Attributes
+    ----------
+    url
+        Where the page is.
+    wishes
+        What was asked for and not yet carried out, the oldest first.
+
+    """
+
+    def __init__(self, parameters: Parameters, host: str, port: int, title: str) -> None:
+        require_viser()
+        require_free(host, port)
+        import viser
+
+        with contextlib.redirect_stdout(io.StringIO()):  # it greets
+            self.server: Any = viser.ViserServer(host=host, port=port, label=title, verbose=False)
+        if port and self.server.get_port() != port:  # somebody was quicker
+            self.server.stop()
+            raise taken(host, port, 'Address already in use')
+        self.url = address(host, self.server.get_port())
+        self.wishes: deque[Wish] = deque()
+        self.controls: Controls | None = None
+        self._tcp_m: Floats | None = None
+        self._travelled = History(PATH_POINTS, 3)
+        self._read_s = self._plot_s = 0.0
+        self._facts = Facts()
+        gui = self.server.gui
+        gui.configure_theme(control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE)
+        gui.main_panel.dock_right()
+        self._status = gui.add_html('')
+        self.top = gui.add_folder(None)
+        self._bars = gui.add_html('')
+        self.middle = gui.add_folder(None)
+        self._add_looks(gui)
+        self._plots = Plots(gui, round(HISTORY_S * PICTURES_HZ))
+        self.use(parameters)
+
+    def use(self, parameters: Parameters) -> None:
+        """Show a robot with these parameters."""
+        self._parameters = parameters
+        self._scales = readout.Scales.of(parameters)
+        k = parameters.kinematics
+        scene = self.server.scene
+        size = k.base_radius_m + k.upper_arm_length_m + k.forearm_length_m
+        camera = self.server.initial_camera
+        camera.position = (1.0 * size, -1.52 * size, 0.10 * size)
+        camera.look_at = (-0.08 * size, -0.05 * size, -0.47 * size)
+        camera.fov = np.radians(45.0)
+        scene.reset()
+        scene.set_up_direction('+z')
+        # shadows cost as much as all the rest where there is no graphics processor
+        scene.configure_default_lights(cast_shadow=False)
+        self._figure = Figure(scene, parameters)
+        self.forget()
+        self._apply_looks()
+
+    def _add_looks(self, gui: Any) -> None:
+        """Add what everybody may choose, however the robot moves."""
+        with gui.add_folder('Look', expand_by_default=False):
+            self._ghost = gui.add_dropdown('ghost', GHOSTS, hint='what stands beside the actual pose')
+            self._magnified = gui.add_dropdown('error x', tuple(map(str, MAGNIFIED)), initial_value='100')
+            self._window = gui.add_dropdown('plots, s', ('2', '5', '10', '30'), initial_value='10')
+            self._boxes = {
+                name: gui.add_checkbox(name, True)
+                for name in ('workspace', 'planned path', 'travelled path', 'labels')
+            }
+            self._dark = gui.add_checkbox('dark', False)
+        for handle in (self._ghost, self._magnified, self._window, self._dark, *self._boxes.values()):
+            handle.on_update(lambda _: self._apply_looks())
+
+    def _apply_looks(self) -> None:
+        figure, boxes = self._figure, self._boxes
+        for handle in figure.workspace:
+            handle.visible = boxes['workspace'].value
+        figure.planned.visible = boxes['planned path'].value
+        figure.travelled.visible = boxes['travelled path'].value
+        for handle in (*figure.labels, *figure.axes):
+            handle.visible = boxes['labels'].value
+        self._plots.seconds = float(self._window.value)
+        self.server.gui.configure_theme(
+            control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE,
+            dark_mode=self._dark.value,
+        )  # fmt: skip
+
+    def darken(self, dark: bool) -> None:
+        """Let the page be dark, or light."""
+        self._dark.value = dark
+
+    def add_controls(self) -> None:
+        """Let people ask for something: ``wishes`` fills."""
+        with self.top:
+            self.controls = Controls(self.server.gui, self.wishes.append)
+
+    def note(self, sentence: str) -> None:
+        """Show a sentence for good."""
+        with self.middle:
+            self.server.gui.add_markdown(sentence)
+
+    @property
+    def watched(self) -> bool:
+        """Whether a browser has the page open."""
+        return bool(self.server.get_clients())
+
+    # what is shown ----------------------------------------------------------------------------------------------------
+
+    def forget(self) -> None:
+        """Begin the plots and the path travelled anew."""
+        self._plots.history.clear()
+        self._travelled.clear()
+
+    def plan(self, points_m: Floats) -> None:
+        """Show the path that is planned, shape (n, 3)."""
+        self._figure.planned.points = segments(points_m).astype(np.float32)
+
+    def remember(self, instant: Instant) -> tuple[Floats, Floats]:
+        """Take an instant into plots and path without drawing it; return TCP and error of the TCP [m], (3,) each."""
+        angles = np.stack([instant.theta_rad, instant.theta_rad + instant.lag_rad])
+        tcp, command = kinematics.forward(angles, self._parameters, unreachable='nan')
+        if np.isfinite(tcp).all():
+            self._plots.history.add(instant.time_s, row_of(instant, tcp, command - tcp))
+            self._travelled.add(instant.time_s, tcp)
+        return tcp, command - tcp
+
+    def show(self, instant: Instant) -> None:
+        """Show the robot at an instant."""
+        tcp, error = self.remember(instant)
+        if not np.isfinite(tcp).all():
+            return
+        self._tcp_m = tcp
+        if not self.watched:
+            return
+        now = time.monotonic()
+        with self.server.atomic():
+            self._figure.place(instant.theta_rad, tcp, self._ghost_of(instant, tcp, error))
+            if now - self._read_s >= READ_S:
+                self._read_s = now
+                self._bars.content = readout.bars(instant, self._facts.drives, self._scales)
+                self._status.content = readout.status(self._facts, tcp)
+            self._flash(now)
+            if now - self._plot_s >= PLOT_S:
+                self._plot_s = now
+                self._plots.draw()
+                rows = self._travelled.last()
+                self._figure.travelled.points = segments(rows[:, 1:]).astype(np.float32)
+
+    def _ghost_of(self, instant: Instant, tcp: Floats, error: Floats) -> Floats | None:
+        """Return where the ghost is: as far away as its error, magnified."""
+        kind = self._ghost.value
+        away = error if kind == 'command' else None
+        if kind == 'true' and instant.true_m is not None:
+            away = instant.true_m - tcp
+        if away is None or not np.isfinite(away).all():
+            return None
+        away = float(self._magnified.value) * away
+        length = float(np.linalg.norm(away))
+        if length < GHOST_NEAR_M:
+            return None
+        return np.asarray(tcp + away * min(1.0, GHOST_FAR_M / length))
+
+    def read(self, facts: Facts) -> None:
+        """Show what there is to read, and flash where a fault is."""
+        self._facts = facts
+        if not self.watched:
+            return
+        self._status.content = readout.status(facts, self._tcp_m)
+        self._figure.carry(facts.payload_kg)
+        self._flash(time.monotonic())
+        if self.controls is not None:
+            self.controls.show(facts)
+
+    def _flash(self, now: float) -> None:
+        self._figure.alarm(self._facts.sources, self._facts.fault, int(now / FLASH_S) % 2 == 0)
+
+    def tell(self, sentence: str, refused: bool = False) -> None:
+        """Answer a wish; what is refused is also shown where nobody overlooks it."""
+        if self.controls is not None:
+            self.controls.tell(sentence, refused)
+        if refused:
+            for client in self.server.get_clients().values():
+                client.add_notification('Refused', sentence, color='red', auto_close_seconds=8.0)
+
+    def close(self) -> None:
+        """Serve nobody any more."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()

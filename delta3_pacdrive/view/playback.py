@@ -1,0 +1,237 @@
+"""A recording on the page: a slider over its time, at speeds from 0.01 to 4."""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import interrupts, kinematics
+from delta3_pacdrive.drive.state_machine import overload_after
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.view.page import PICTURES_HZ, Page
+from delta3_pacdrive.view.values import Facts, Instant
+
+PICTURE_S = 1.0 / PICTURES_HZ
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+SLIDER_S = 0.1  # between two updates of the slider while it plays
+PLAN_POINTS = 2000
+HISTORY_S, REFILL = 30.0, 600  # what plots show of the time before a jump, and in how many rows
+NEEDED = ('motor_position',)
+
+
+class Clock:
+    """The time that is shown [s]: it runs at a speed, stands, is set, and begins again where the recording ends."""
+
+    def __init__(self, first_s: float, last_s: float) -> None:
+        self.first_s, self.last_s = first_s, last_s
+        self.time_s, self.speed = first_s, 1.0
+        self.playing = self.again = True
+
+    def advance(self, seconds: float) -> None:
+        """Let it run for a time of the wall clock [s]."""
+        if not self.playing:
+            return
+        self.time_s += self.speed * seconds
+        if self.time_s < self.last_s:
+            return
+        self.time_s = self.first_s if self.again else self.last_s
+        self.playing = self.again
+
+    def play(self) -> None:
+        """Go on, from the begin if it stands at the end."""
+        if self.time_s >= self.last_s:
+            self.time_s = self.first_s
+        self.playing = True
+
+    def seek(self, time_s: float) -> None:
+        """Show another time."""
+        self.time_s = min(max(time_s, self.first_s), self.last_s)
+
+
+class Film:
+    """A recording gives instants by their time.
+
+    Parameters
+    ----------
+    trace
+        The recording.
+    parameters
+        Of the robot, whose lengths it does not tell.
+
+    Raises
+    ------
+    TraceError
+        It has no positions of the motors.
+
+    """
+
+    def __init__(self, trace: Trace, parameters: Parameters) -> None:
+        if absent := [name for name in NEEDED if name not in trace.signals]:
+            raise TraceError(
+                f'the recording cannot be shown without {", ".join(absent)} (topics sercos/at/axis1 to axis3), '
+                f'it has only {", ".join(trace.signals) or "no signals"}'
+            )
+        self.trace, self._parameters = trace, parameters
+        self.time_s = trace.time_s
+        ratio = float(trace.meta.get('gear_ratio', parameters.dynamics.gear_ratio))
+        self._theta = trace['motor_position'] / ratio
+        nothing = np.zeros_like(self._theta)
+        self._lag = trace.signals.get('following_error', nothing)
+        self._current = trace.signals.get('current', nothing)
+        self._true = trace.signals.get('tcp_true')
+        self._tcp = kinematics.forward(self._theta, parameters, unreachable='nan')
+        self._speed = np.zeros(len(self.time_s))
+        if len(self.time_s) > 1:
+            self._speed = np.linalg.norm(np.gradient(self._tcp, self.time_s, axis=0), axis=1)
+        period = float(trace.meta.get('cycle_time_s', parameters.bus.cycle_time_s))
+        limit, nominal = parameters.drive.overload_time_s, parameters.motor.nominal_current_a
+        self._overload = overload_of(self._current / nominal, period) / limit
+
+    def row(self, time_s: float) -> int:
+        """Return the number of the cycle that is shown at a time."""
+        return int(np.clip(np.searchsorted(self.time_s, time_s, side='right') - 1, 0, len(self.time_s) - 1))
+
+    def at(self, row: int) -> Instant:
+        """Return the instant of a cycle."""
+        constant = self._parameters.motor.torque_constant_n_m_a
+        current = self._current[row]
+        return Instant(
+            float(self.time_s[row]), self._theta[row], self._lag[row], constant * current, current,
+            self._overload[row], float(self._speed[row]), None if self._true is None else self._true[row],
+        )  # fmt: skip
+
+    def path(self) -> Floats:
+        """Return points of the path that was commanded, else of that which was travelled [m], shape (n, 3)."""
+        points = self.trace.signals.get('tcp_command', self._tcp)
+        points = points[np.isfinite(points).all(axis=1)]
+        return np.asarray(points[:: max(1, len(points) // PLAN_POINTS)])
+
+
+def overload_of(ratio: Floats, period_s: float) -> Floats:
+    """Return the integral [s] that the I2t monitoring of each drive has at the end of each cycle.
+
+    Parameters
+    ----------
+    ratio
+        Current over nominal current, shape (n, 3).
+    period_s
+        Time between two of them [s].
+
+    Returns
+    -------
+    Floats
+        Shape (n, 3).
+
+    """
+    found = np.zeros_like(ratio)
+    for axis in range(ratio.shape[1]):
+        load = 0.0
+        for n in range(len(ratio)):
+            load = overload_after(load, ratio[n, axis], period_s)
+            found[n, axis] = load
+    return found
+
+
+class Player:
+    """Buttons and slider of a recording on the page, and the loop that shows it.
+
+    Parameters
+    ----------
+    page
+        Shows it.
+    film
+        The recording.
+    name
+        Of the recording.
+
+    """
+
+    def __init__(self, page: Page, film: Film, name: str) -> None:
+        self._page, self._film, self._name = page, film, name
+        first, last = float(film.time_s[0]), float(film.time_s[-1])
+        self.clock = Clock(first, last)
+        self._stopping = False
+        self._shown = -1
+        self._slid_s = 0.0
+        gui: Any = page.server.gui
+        with page.top:
+            self._slider = gui.add_slider('time s', first, max(last, first + 1e-3), 1e-3, first)
+            buttons = gui.add_button_group('play', ('Play', 'Pause', '-1', '+1', 'Begin'))
+            speed = gui.add_dropdown('speed', tuple(f'{value:g}' for value in SPEEDS), initial_value='1')
+            again = gui.add_checkbox('again and again', True)
+        self._slider.on_update(self._slide)
+        buttons.on_click(lambda event: self._press(event.target.value))
+        speed.on_update(lambda _: setattr(self.clock, 'speed', float(speed.value)))
+        again.on_update(lambda _: setattr(self.clock, 'again', again.value))
+        page.plan(film.path())
+
+    def _slide(self, event: Any) -> None:
+        if event.client is not None:  # the clock moves it as well
+            self.clock.playing = False
+            self.clock.seek(float(self._slider.value))
+
+    def _press(self, word: str) -> None:
+        clock, film = self.clock, self._film
+        if word == 'Play':
+            clock.play()
+            return
+        clock.playing = False
+        if word == 'Begin':
+            clock.seek(clock.first_s)
+        elif word != 'Pause':
+            row = min(max(film.row(clock.time_s) + int(word), 0), len(film.time_s) - 1)
+            clock.seek(float(film.time_s[row]))
+
+    def stop(self) -> None:
+        """Let ``run`` end."""
+        self._stopping = True
+
+    def run(self) -> None:
+        """Show it until it is stopped."""
+        then = time.monotonic()
+        while not self._stopping:
+            time.sleep(PICTURE_S)
+            now = time.monotonic()
+            self.clock.advance(now - then)
+            then = now
+            self._draw(now)
+
+    def _draw(self, now: float) -> None:
+        row = self._film.row(self.clock.time_s)
+        if row == self._shown and not self._page.watched:
+            return
+        if row < self._shown or row > self._shown + self._film.row(self.clock.first_s + 1.0):
+            self._refill(row)
+        self._shown = row
+        self._page.show(self._film.at(row))
+        if now - self._slid_s >= SLIDER_S:
+            self._slid_s = now
+            self._slider.value = round(self.clock.time_s, 3)
+            self._page.read(self._facts(row))
+
+    def _refill(self, row: int) -> None:
+        """Begin the plots anew with what was before this cycle."""
+        self._page.forget()
+        first = self._film.row(float(self._film.time_s[row]) - HISTORY_S)
+        for n in range(first, row, max(1, (row - first) // REFILL)):
+            self._page.remember(self._film.at(n))
+
+    def _facts(self, row: int) -> Facts:
+        meta = self._film.trace.meta
+        period = float(meta.get('cycle_time_s', 1e-3))
+        time_s = float(self._film.time_s[row])
+        fault = str(meta.get('stopped') or '') if row == len(self._film.time_s) - 1 else ''
+        return Facts(
+            'playing' if self.clock.playing else 'paused', phase=self._name, cycle=round(time_s / period),
+            bus_time_s=time_s, override=self.clock.speed, fault=fault,
+        )  # fmt: skip
+
+
+def run(page: Page, film: Film, name: str) -> None:
+    """Show a recording until a signal asks for the end."""
+    player = Player(page, film, name)
+    with interrupts.answered_by(player.stop):
+        player.run()

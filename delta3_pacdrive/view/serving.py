@@ -1,0 +1,68 @@
+"""Where the page is served. Light: what is missing or taken is said before anything that takes long is loaded."""
+
+import socket
+
+from delta3_pacdrive.errors import RunError, shown
+
+HOST, PORT = '127.0.0.1', 8642
+EVERYWHERE = ('0.0.0.0', '::', '')  # noqa: S104 (what somebody may ask for)
+PORT_MAX = 65535
+PORTS = 20  # that are tried if none is asked for
+
+
+def refusal(name: str, port: int | None) -> str:
+    """Return why an option cannot be a port, empty if it can, or if it is not given."""
+    if port is None or 1 <= port <= PORT_MAX:
+        return ''
+    return f'{name} is {port}, but must be between 1 and {PORT_MAX}'
+
+
+def is_here(host: str) -> bool:
+    """Whether only this machine can reach an address."""
+    return host in ('localhost', '::1') or host.startswith('127.')
+
+
+def require_viser() -> None:
+    """Raise RunError if the library of the page is not installed."""
+    import importlib.util
+
+    if importlib.util.find_spec('viser') is None:
+        raise RunError('the page needs viser: pip install "delta3_pacdrive[view]"')
+
+
+def require_free(host: str, port: int) -> None:
+    """Raise RunError if no page can be served there."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind(address)
+    except OSError as error:
+        raise taken(host, port, error.strerror or str(error)) from None
+
+
+def choose(host: str, port: int | None) -> int:
+    """Return the port of a page: the one that is asked for, else the first that is free; raises RunError."""
+    require_viser()
+    if port is not None:
+        require_free(host, port)
+        return port
+    for candidate in range(PORT, PORT + PORTS):
+        try:
+            require_free(host, candidate)
+        except RunError as error:
+            last = error
+        else:
+            return candidate
+    raise last
+
+
+def taken(host: str, port: int, reason: str) -> RunError:
+    """Return the error of a place where no page can be served."""
+    return RunError(f'cannot serve the page on port {port} of {shown(host)}: {reason}')
+
+
+def address(host: str, port: int) -> str:
+    """Return what a browser is told."""
+    name = 'localhost' if host in EVERYWHERE else f'[{host}]' if ':' in host else host
+    return f'http://{name}:{port}'

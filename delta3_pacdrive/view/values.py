@@ -1,0 +1,132 @@
+"""What the page shows, and what people ask for on it, as plain values."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from delta3_pacdrive.numerics.types import Floats
+
+AXES = ('axis1', 'axis2', 'axis3')
+
+
+def _zeros() -> Floats:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What is known of the robot at one moment.
+
+    Attributes
+    ----------
+    time_s
+        Bus time [s].
+    theta_rad
+        Arm angles, shape (3,).
+    lag_rad
+        Following error of each arm, command minus actual with the dead time removed (7.3), shape (3,).
+    torque_n_m, current_a
+        Of each motor, shape (3,).
+    overload
+        I2t of each motor, 1 trips its drive, shape (3,).
+    speed_m_s
+        Of the TCP.
+    true_m
+        Where the TCP of the built robot really is [m], shape (3,); None where nobody knows.
+
+    """
+
+    time_s: float
+    theta_rad: Floats
+    lag_rad: Floats = field(default_factory=_zeros)
+    torque_n_m: Floats = field(default_factory=_zeros)
+    current_a: Floats = field(default_factory=_zeros)
+    overload: Floats = field(default_factory=_zeros)
+    speed_m_s: float = 0.0
+    true_m: Floats | None = None
+
+
+@dataclass(frozen=True)
+class DriveFacts:
+    """What a drive says of itself: its state, its brake (free, held, empty: unknown), what it warns of."""
+
+    state: str = ''
+    brake: str = ''
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What there is to read about the robot, besides the numbers of an instant.
+
+    Attributes
+    ----------
+    state
+        Of the motion: idle, moving, stopping, stopped, error; empty while no robot is there.
+    enabled, in_torque
+        Whether the drives are to have torque, and whether they have.
+    phase, cycle, bus_time_s
+        Of the bus.
+    override
+        1 = as planned.
+    overruns, lost_telegrams
+        Counted since the bus is in cyclic operation.
+    waiting
+        For whom or what.
+    fault, sources
+        Sentence about the fault of the robot, and whose it is or may be; empty if there is none.
+    drives
+        One for each axis.
+    move, moves, remaining_s
+        Number of the move that is driven, how many there are, and how long they take.
+    queue, working
+        Moves in the queue, and what is being planned.
+    operator
+        Who has control of the robot.
+    payload_kg, outputs
+        What it carries, and its digital outputs as bits.
+
+    """
+
+    state: str = ''
+    enabled: bool = False
+    in_torque: bool = False
+    phase: str = ''
+    cycle: int = 0
+    bus_time_s: float = 0.0
+    override: float = 1.0
+    overruns: int = 0
+    lost_telegrams: int = 0
+    waiting: str = ''
+    fault: str = ''
+    sources: tuple[str, ...] = ()
+    drives: tuple[DriveFacts, ...] = (DriveFacts(), DriveFacts(), DriveFacts())
+    move: int = 0
+    moves: int = 0
+    remaining_s: float = 0.0
+    queue: int = 0
+    working: str = ''
+    operator: str = ''
+    payload_kg: float = 0.0
+    outputs: int = 0
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What somebody asks for on the page.
+
+    Attributes
+    ----------
+    action
+        As ``delta3 move`` has it; besides ``step`` (x, y, z in m), ``press`` (a direction such as +x), ``inject``
+        (a fault in YAML) and ``teach`` (a name).
+    text
+        What belongs to it.
+    by_force
+        Whether control of the robot is taken over from somebody else.
+
+    """
+
+    action: str
+    text: str = ''
+    by_force: bool = False
