@@ -32,6 +32,7 @@ TEST = [
     'import-linter>=2.16',
     'mujoco>=4.0',
     'mypy>=2.4',
+    'playwright>=1.40',
     'pytest>=7.4.4',
     'pytest-timeout>=2.2',
     'pytest-xdist>=3.8',
@@ -101,7 +102,11 @@ setup(
     python_requires='>=3.11',
     packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
     package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'
-    package_data={PACKAGE: ['py.typed'], f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml']},
+    package_data={
+        PACKAGE: ['py.typed'],
+        f'{PACKAGE}.analysis.report_page': ['assets/*'],
+        f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml'],
+    },
     data_files=data_files,
     zip_safe=False,
     install_requires=[

@@ -407,12 +407,20 @@ def flatten(parameters: Parameters) -> dict[str, Any]:
     }
 
 
+def flat_document(parameters: Parameters) -> dict[str, Any]:
+    """Return every value by its dotted name as JSON has it; ``from_flat`` reads it."""
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in flatten(parameters).items()
+    }
+
+
 def write(parameters: Parameters, path: Path) -> Path:
     """Write a parameter file that ``load`` and every node read; return its path."""
     document: dict[str, Any] = {group: {} for group in _GROUPS}
-    for name, value in flatten(parameters).items():
+    for name, value in flat_document(parameters).items():
         group, _, key = name.partition('.')
-        document[group][key] = list(value) if isinstance(value, tuple) else value
+        document[group][key] = value
     parameter_file.write(document, path)
     return path
 

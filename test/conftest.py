@@ -29,6 +29,15 @@ def robot():
     return parameters.load()
 
 
+@pytest.fixture(scope='module')
+def browser():
+    """Return a real browser; the test is skipped where there is none."""
+    from browser import chromium
+
+    with chromium() as found:
+        yield found
+
+
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave out the drawing of pictures, half of the time of a study, for facts that no picture shows."""

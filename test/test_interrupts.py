@@ -51,6 +51,17 @@ def files(tmp_path_factory):
     return {'program': program, 'trace': path}
 
 
+@pytest.fixture(scope='module', autouse=True)
+def asked_of_nobody():
+    """Ask a robot that there is not; the answer takes ten seconds, in which other tests run."""
+    alone = os.environ | {'ROS_DOMAIN_ID': str(110 + os.getpid() % 100)}
+    command = [*COMMAND, 'move', 'state', '--namespace', 'nobody']
+    process = subprocess.Popen(command, env=alone, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.communicate()
+
+
 def catches(process, number):
     """Whether a process has a handler for a signal."""
     try:
@@ -276,6 +287,13 @@ def test_a_ros_domain_that_cannot_be_is_told(command, domain):
     done = ended([*COMMAND, *command], env=environment)
     assert done.returncode == 1
     assert_one_sentence(done.stderr, f'ROS_DOMAIN_ID is {domain!r}, but must be a whole number from 0 to 232')
+
+
+def test_a_robot_that_is_not_up_is_told_with_its_namespace(asked_of_nobody):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    output, errors = asked_of_nobody.communicate(timeout=LIMIT_S)
+    sentence = 'error: no motion/progress within 10 s: is a robot up in namespace /nobody?\n'
+    assert (asked_of_nobody.returncode, output, errors) == (1, '', sentence)
 
 
 def test_commands_without_a_graph_do_not_care_for_the_domain():

@@ -6,7 +6,8 @@ They exchange what the real nodes exchange, at the same rates, message objects a
 import math
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped
@@ -39,84 +40,77 @@ def _stamp(message: Any, cycle: int) -> Any:
     return message
 
 
-def _cycle(message: Any) -> int:
-    stamp = message.header.stamp
-    return int((stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns)
+class _Stage(Node):
+    """Works through the bus cycles in their order, each as soon as all of its topics have brought a message of it."""
+
+    def __init__(self, name: str, topics: Sequence[str], **options: Any) -> None:
+        super().__init__(f'baseline_{name}', **options)
+        self.next_cycle = 0
+        self._come: list[set[int]] = [set() for _ in topics]
+        for topic, come in zip(topics, self._come, strict=True):
+            self.create_subscription(JointState, topic, partial(self._receive, come), RELIABLE)
+
+    def _receive(self, come: set[int], message: JointState) -> None:
+        list(message.position or message.effort)
+        stamp = message.header.stamp
+        come.add((stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns)
+        while all(self.next_cycle in cycles for cycles in self._come):
+            for cycles in self._come:
+                cycles.discard(self.next_cycle)
+            self.next_cycle += 1
+            self.work(self.next_cycle - 1)
+
+    def work(self, cycle: int) -> None:
+        """Do what is to be done once a cycle."""
+        raise NotImplementedError
 
 
-class BaselineDrive(Node):
+class BaselineDrive(_Stage):
     """The drive answers each MDT and shaft message with an AT and a current message."""
 
     def __init__(self, axis: str, **options: Any) -> None:
-        super().__init__(f'baseline_{axis}', **options)
-        self._next = 0
-        self._commands: set[int] = set()
-        self._shafts: set[int] = set()
+        super().__init__(axis, ('sercos/mdt', 'plant/motor_shafts'), **options)
         self._at_message = _message((axis,), 1, 1, 1)
         self._current_message = _message((axis,), 0, 0, SAMPLES)
         self._at = self.create_publisher(JointState, f'sercos/at/{axis}', RELIABLE)
         self._current = self.create_publisher(JointState, f'{axis}/motor_current', RELIABLE)
-        self.create_subscription(JointState, 'sercos/mdt', self._on(self._commands), RELIABLE)
-        self.create_subscription(JointState, 'plant/motor_shafts', self._on(self._shafts), RELIABLE)
         self.create_timer(0.1, lambda: None)
 
-    def _on(self, waiting: set[int]) -> Callable[[JointState], None]:
-        def receive(message: JointState) -> None:
-            list(message.position)
-            waiting.add(_cycle(message))
-            self._advance()
-
-        return receive
-
-    def _advance(self) -> None:
-        while self._next in self._commands and self._next in self._shafts:
-            self._at.publish(_stamp(self._at_message, self._next))
-            self._current_message.effort = array('d', [0.0] * SAMPLES)
-            self._current.publish(_stamp(self._current_message, self._next))
-            self._commands.discard(self._next)
-            self._shafts.discard(self._next)
-            self._next += 1
+    def work(self, cycle: int) -> None:
+        """Answer."""
+        self._at.publish(_stamp(self._at_message, cycle))
+        self._current_message.effort = array('d', [0.0] * SAMPLES)
+        self._current.publish(_stamp(self._current_message, cycle))
 
 
-class BaselinePlant(Node):
+class BaselinePlant(_Stage):
     """The plant answers three current messages with one shaft message."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('baseline_plant', **options)
-        self._next = 0
-        self._waiting: list[set[int]] = [set(), set(), set()]
+        super().__init__('plant', [f'{axis}/motor_current' for axis in DRIVES], **options)
         self._message = _message(DRIVES, 3, 3, 3)
         self._shafts = self.create_publisher(JointState, 'plant/motor_shafts', RELIABLE)
-        for index, axis in enumerate(DRIVES):
-            self.create_subscription(JointState, f'{axis}/motor_current', self._on(index), RELIABLE)
         self.create_timer(0.1, self._greet)
 
     def _greet(self) -> None:
         # each drive takes the first shaft message once, however often it comes
-        if self._next == 0 and self.count_subscribers('plant/motor_shafts') == len(DRIVES):
+        if self.next_cycle == 0 and self.count_subscribers('plant/motor_shafts') == len(DRIVES):
             self._shafts.publish(_stamp(self._message, 0))
 
-    def _on(self, index: int) -> Callable[[JointState], None]:
-        def receive(message: JointState) -> None:
-            list(message.effort)
-            self._waiting[index].add(_cycle(message))
-            while all(self._next in waiting for waiting in self._waiting):
-                self._next += 1
-                self._shafts.publish(_stamp(self._message, self._next))
-
-        return receive
+    def work(self, cycle: int) -> None:
+        """Publish the shafts of the next cycle."""
+        self._shafts.publish(_stamp(self._message, cycle + 1))
 
 
-class BaselineMaster(Node):
+class BaselineMaster(_Stage):
     """The master sends MDTs on the clock, takes the answers and publishes the telemetry."""
 
     def __init__(self, cycles: int, report: Callable[[dict[str, Any]], None], **options: Any) -> None:
-        super().__init__('baseline_master', **options)
+        super().__init__('master', [f'sercos/at/{axis}' for axis in DRIVES], **options)
         self._report = report
         self._cycles_wanted = cycles
         self._scheduler = CycleScheduler(PERIOD_S, OUTSTANDING_MAX)
-        self._cycle = self._answered = 0
-        self._inbox: list[set[int]] = [set(), set(), set()]
+        self._cycle = 0
         self._sent_s = [0.0] * (4 * OUTSTANDING_MAX)
         self._round_trip, self._lateness = Histogram(), Histogram()
         self._mdt_message = _message(DRIVES, 3, 0, 0)
@@ -128,8 +122,6 @@ class BaselineMaster(Node):
             (self.create_publisher(PointStamped, 'tcp/actual', RELIABLE), PointStamped()),
             (self.create_publisher(Vector3Stamped, 'tcp/error', RELIABLE), Vector3Stamped()),
         ]
-        for index, axis in enumerate(DRIVES):
-            self.create_subscription(JointState, f'sercos/at/{axis}', self._on(index), RELIABLE)
         self._ready_at_s = 0.0
         self._ticks_from_s = time.monotonic()
         self.create_timer(PERIOD_S, self._tick)
@@ -147,38 +139,25 @@ class BaselineMaster(Node):
             return
         if time.monotonic() < self._ready_at_s or self._cycle >= self._cycles_wanted:
             return
-        while self._scheduler.may_start(self._cycle, self._cycle - self._answered, now := time.monotonic()):
+        while self._scheduler.may_start(self._cycle, self._cycle - self.next_cycle, now := time.monotonic()):
             self._lateness.add(self._scheduler.late_s)
             self._sent_s[self._cycle % len(self._sent_s)] = now
             self._mdt.publish(_stamp(self._mdt_message, self._cycle))
             self._cycle += 1
 
-    def _on(self, index: int) -> Callable[[JointState], None]:
-        inbox = self._inbox[index]
-
-        def receive(message: JointState) -> None:
-            list(message.position)
-            inbox.add(_cycle(message))
-            self._complete()
-
-        return receive
-
-    def _complete(self) -> None:
-        while all(self._answered in inbox for inbox in self._inbox):
-            for inbox in self._inbox:
-                inbox.discard(self._answered)
-            self._round_trip.add(time.monotonic() - self._sent_s[self._answered % len(self._sent_s)])
-            self._error.publish(_stamp(self._error_message, self._answered))
-            for publisher, message in self._points:
-                publisher.publish(_stamp(message, self._answered))
-            self._answered += 1
-            if self._answered == self._cycles_wanted:
-                self._report(
-                    {
-                        'cycles': self._answered,
-                        'overruns': self._scheduler.overruns,
-                        'slip_s': self._scheduler.slip_s,
-                        'lateness_ms': self._lateness.summary_ms(),
-                        'mdt_to_last_at_ms': self._round_trip.summary_ms(),
-                    }
-                )
+    def work(self, cycle: int) -> None:
+        """Publish what the answers of a cycle say."""
+        self._round_trip.add(time.monotonic() - self._sent_s[cycle % len(self._sent_s)])
+        self._error.publish(_stamp(self._error_message, cycle))
+        for publisher, message in self._points:
+            publisher.publish(_stamp(message, cycle))
+        if self.next_cycle == self._cycles_wanted:
+            self._report(
+                {
+                    'cycles': self.next_cycle,
+                    'overruns': self._scheduler.overruns,
+                    'slip_s': self._scheduler.slip_s,
+                    'lateness_ms': self._lateness.summary_ms(),
+                    'mdt_to_last_at_ms': self._round_trip.summary_ms(),
+                }
+            )

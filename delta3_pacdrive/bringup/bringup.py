@@ -72,6 +72,8 @@ class Bringup:
         What was asked for.
     ready_s
         Time from then to cyclic operation [s]; 0 before it.
+    interrupted
+        Whether a signal, or ``stop``, asks for the end; whoever operates from within looks at it.
 
     """
 
@@ -79,7 +81,7 @@ class Bringup:
         self._started_s = time.monotonic() if started_s is None else started_s
         self.options = options
         self.robot, self._program, self._planned = check_options(options)
-        self._interrupted = False
+        self.interrupted = False
         self._processes: RobotProcesses
         self._monitor: _Monitor
         self._process: node_process.Process
@@ -124,7 +126,7 @@ class Bringup:
 
     def _interrupt(self, number: int, _: Any) -> None:
         interrupts.note(number)
-        self._interrupted = True
+        self.interrupted = True
 
     def _watch(self, show: Callable[[dict[str, Any]], None]) -> None:
         """Look after the run until the program has ended."""
@@ -139,7 +141,7 @@ class Bringup:
                 self.ready_s = time.monotonic() - self._started_s
             if self.ready_s:
                 show(progress)
-                if self._program is None and self._interrupted:
+                if self._program is None and self.interrupted:
                     return
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
@@ -150,11 +152,11 @@ class Bringup:
         """Spin a little, then raise if something went wrong; return the newest progress."""
         monitor = self._monitor
         self._process.spin_for(seconds)
-        if self._interrupted and (self._program is not None or not self.ready_s):
+        if self.interrupted and (self._program is not None or not self.ready_s):
             raise RunInterruptedError('interrupted')
         for process in list(self._processes.running):
             # who ends all processes at once, as a service manager does, wants none of them back
-            if process.poll() is not None and not self._interrupted:
+            if process.poll() is not None and not self.interrupted:
                 self._replace(process)
         if monitor.progress.get('phase') == 'CP4':
             self._processes.check_load(monitor.progress.get('cycles', 0))
@@ -240,14 +242,9 @@ class Bringup:
         """The node of this process, for whoever wants to take part."""
         return self._monitor
 
-    @property
-    def interrupted(self) -> bool:
-        """Whether a signal, or ``stop``, asks for the end; whoever operates from within looks at it."""
-        return self._interrupted
-
     def stop(self) -> None:
         """End a bring-up without a program."""
-        self._interrupted = True
+        self.interrupted = True
 
     @property
     def notes(self) -> list[str]:

@@ -9,7 +9,9 @@ from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.configuration.packaged import program_names
-from delta3_pacdrive.errors import Delta3Error, ProgramError
+from delta3_pacdrive.errors import Delta3Error, ParameterError, ProgramError
+
+HEADER = ('/**', 'ros__parameters')  # of a parameter file, one below the other
 
 
 @dataclass
@@ -63,6 +65,12 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
         return {'kind': 'faults', 'faults': _faults(document)}
     if any(isinstance(document[key], dict) and 'ros__parameters' in document[key] for key in keys):
         return {'kind': 'parameters', 'checksum': core.load(path).checksum}
+    groups = [str(key) for key in keys if str(key).partition('.')[0] in (*core.groups(), *HEADER)]
+    if groups:
+        raise ParameterError(
+            f'{path} holds {", ".join(groups)} without the header of a ROS parameter file: begin it with the lines '
+            '"/**:" and "  ros__parameters:", and indent all groups below them'
+        )
     return _planned(programs.parse(document, robot.motion, path.stem), robot)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument
+from delta3_pacdrive.cli.output import print_answer
 
 
 def _axis(text: str) -> str:
@@ -71,9 +72,7 @@ def _ask(options: Options) -> int:
     action = 'read' if value is None else 'command' if value == 'command' else 'write'
     request = f'{axis} {action} {idn}' + (f' {value}' if action == 'write' else '')
     with operating(options.namespace) as operator:
-        sentence = operator.drive(request)
-    print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
-    return 0
+        return print_answer(operator.drive(request), options)
 
 
 main = Command('drive', 'Read or write a value of a drive by its IDN, or list the IDNs.', Options, run)

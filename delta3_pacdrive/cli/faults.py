@@ -9,7 +9,7 @@ from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import csv_file
-from delta3_pacdrive.cli.output import INTERRUPTED, print_json
+from delta3_pacdrive.cli.output import INTERRUPTED, print_answer, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
@@ -58,9 +58,7 @@ def _inject(options: Options) -> int:
     from delta3_pacdrive.ros.robot_client import operating
 
     with operating(options.namespace) as operator:
-        sentence = operator.inject(options.fault)
-    print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
-    return 0
+        return print_answer(operator.inject(options.fault), options)
 
 
 def columns(cells: Sequence[str]) -> str:

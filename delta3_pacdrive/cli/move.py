@@ -171,20 +171,16 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
     elif options.action == 'state':
         tell(_state_text(_state_facts(operator)))
     elif options.action in STOPS:
-        tell(operator.enable(False) if options.action == 'disable' else operator.call(options.action))
+        tell(operator.call(options.action))
     else:
         operator.take_control(f'delta3 move {options.action}', options.take_over)
         try:
             if document:
                 tell(operator.send_program(document, _caps(options)))
-            if (document and not options.queue) or options.action == 'start':
-                _set_off('start', options, operator, tell)
-            elif options.action == 'resume':
-                _set_off('resume', options, operator, tell)
+            if (document and not options.queue) or options.action in ('start', 'resume'):
+                _set_off('start' if document else options.action, options, operator, tell)
             elif options.action == 'override':
                 tell(operator.override(percent))
-            elif options.action == 'enable':
-                tell(operator.enable(True))
             elif not document:
                 tell(operator.call(options.action))
         finally:

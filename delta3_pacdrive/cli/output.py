@@ -107,6 +107,33 @@ def print_json(
     print(json.dumps(result | {'provenance': origin.lines()}))
 
 
+def print_run(
+    result: dict[str, Any],
+    options: Any,
+    robot: Any,
+    inputs: Sequence[str],
+    ready: str = '',
+    notes: Sequence[str] = (),
+) -> int:
+    """Print what a run came to, and what people should know about it; return the exit status."""
+    if options.json:
+        print_json(result, options, robot, inputs)
+    else:
+        print(f'{result["program"]}: {"done" if result["ok"] else "not arrived"}{ready}')
+        print_figures(result)
+        for note in notes:
+            print(note)
+    if not result['ok']:
+        print(f'error: {result["error"]}', file=sys.stderr)
+    return int(not result['ok'])
+
+
+def print_answer(sentence: str, options: Any) -> int:
+    """Print what a robot has answered; return the exit status."""
+    print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
+    return 0
+
+
 def millimetres(place_m: Sequence[float]) -> str:
     """Return a place [m] for people; what is rounded to zero has no sign."""
     x, y, z = (round(1e3 * value, 3) + 0.0 for value in place_m)

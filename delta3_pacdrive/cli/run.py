@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ProgramOptions, RobotOptions, flag, option
-from delta3_pacdrive.cli.output import print_figures, print_json
+from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.view import serving
 
@@ -83,20 +83,15 @@ def run(options: Options) -> int:
     announce_page(bringup.options.view_port)
     with Progress(quiet=options.json) as display:
         result = bringup.run(lambda progress: show_run(display, progress))
-    if options.json:
-        print_json(result, options, bringup.robot, [f'{options.program} {digest(program)}'])
-    else:
-        ending = 'done' if result['ok'] else 'not arrived'
-        print(f'{result["program"]}: {ending}, ready after {result["ready_s"]:.2f} s')
-        print_figures(result)
-        if missing := result.get('bag_missing'):
-            print(f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them')
-        if cut := result.get('bag_cut'):
-            print(f'{options.bag}: {cut}')
-    if not result['ok']:
-        print(f'error: {result["error"]}', file=sys.stderr)
-        return 1
-    return 0
+    notes = []
+    if missing := result.get('bag_missing'):
+        notes.append(
+            f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them'
+        )
+    if cut := result.get('bag_cut'):
+        notes.append(f'{options.bag}: {cut}')
+    inputs, ready = [f'{options.program} {digest(program)}'], f', ready after {result["ready_s"]:.2f} s'
+    return print_run(result, options, bringup.robot, inputs, ready, notes)
 
 
 def announce_page(port: int | None) -> None:

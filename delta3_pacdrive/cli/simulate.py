@@ -1,12 +1,11 @@
 """``delta3 simulate``: the same control and plant code in one loop, without ROS."""
 
-import sys
 import time
 from dataclasses import dataclass
 
 from delta3_pacdrive.cli.command import Command, ProgramOptions, option
 from delta3_pacdrive.cli.option_types import trace_file
-from delta3_pacdrive.cli.output import print_figures, print_json
+from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import announce_compilation
 
 
@@ -60,14 +59,7 @@ def run(options: Options) -> int:
         'end_error_m': arrival.end_error_m(*ends),
         **figures,
     }
-    if options.json:
-        print_json(result, options, robot, inputs)
-    else:
-        print(f'{program.name}: {"done" if missed is None else "not arrived"}')
-        print_figures(result)
-    if missed is not None:
-        print(f'error: {missed}', file=sys.stderr)
-    return 0 if missed is None else 1
+    return print_run(result, options, robot, inputs)
 
 
 main = Command(

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from delta3_pacdrive.controller.cycle import Command, ControllerCycle, emergency_stop
 from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.faults.fault import AT_FAULTS
 from delta3_pacdrive.faults.schedule import Schedule
@@ -52,9 +53,9 @@ class CyclicOperation:
 
     Parameters
     ----------
-    parameters, period_s
-        Of the robot; wall-clock time per cycle [s], 0 = as fast as possible.
-    state, cycle, axes, services, watchdog, statistics
+    parameters, period_s, look_s
+        Of the robot; wall-clock time per cycle, 0 = as fast as possible, and between two looks for silence [s].
+    state, task, axes, services
         Of the same controller.
     faults
         Those of the ATs and of the operator.
@@ -73,8 +74,8 @@ class CyclicOperation:
         Next cycle to start, next one to be complete.
     answers
         What has been answered, until a cycle is complete.
-    scheduler
-        Decides when cycles start.
+    scheduler, watchdog, statistics
+        Decides when cycles start, knows for how long none was answered, counts.
     last_answer_s
         When the last cycle was complete [s].
 
@@ -84,21 +85,22 @@ class CyclicOperation:
         self,
         parameters: Parameters,
         period_s: float,
+        look_s: float,
         state: RobotState,
-        cycle: ControllerCycle,
+        task: Transformation,
         axes: AxisMonitor,
         services: ServiceRequests,
-        watchdog: Watchdog,
-        statistics: BusStatistics,
         faults: Schedule,
         port: CyclePort,
         fall: Callable[[RobotFault], None],
         now_s: Callable[[], float],
         now_ns: Callable[[], int],
     ) -> None:
-        self._state, self._cycle, self._axes, self._services = state, cycle, axes, services
-        self._watchdog, self._statistics, self._faults = watchdog, statistics, faults
+        self._state, self._axes, self._services, self._faults = state, axes, services, faults
         self._port, self._fall = port, fall
+        self._cycle = ControllerCycle(task, axes, parameters)
+        self.watchdog = Watchdog(look_s)
+        self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
         self._now_s, self._now_ns = now_s, now_ns
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
         self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max)
@@ -113,7 +115,7 @@ class CyclicOperation:
         self.answers.begin(cycle)
         self._link.clear()
         self.last_answer_s = self._now_s()
-        self._watchdog.received(self.last_answer_s)
+        self.watchdog.received(self.last_answer_s)
         self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
         self._port.start_ticks()  # at once: what comes between makes every cycle late
         self.running = True
@@ -131,7 +133,7 @@ class CyclicOperation:
             if cycle >= self._faults.next_cycle:
                 self._begin_faults(cycle)
             command = self._cycle.command(cycle)
-            self._statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
+            self.statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
             self._port.send(cycle, command)
             self.next_cycle = cycle + 1
             state.commanded(cycle)
@@ -174,9 +176,9 @@ class CyclicOperation:
             if services.busy:
                 for index, answer in enumerate(answers):
                     services.received(index, None if answer is None else answer[2])
-            self._statistics.answered(cycle, received_ns or self._now_ns())
+            self.statistics.answered(cycle, received_ns or self._now_ns())
             self.last_answer_s = self._now_s()
-            self._watchdog.received(self.last_answer_s)
+            self.watchdog.received(self.last_answer_s)
             self.answered = cycle + 1
             stop = self._cycle.evaluate(cycle, answers, state.checked_from, bool(state.fault))
             self._port.tell(cycle)

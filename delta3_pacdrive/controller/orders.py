@@ -176,7 +176,7 @@ class Orders:
         if isinstance(outcome, Order):
             outcome = self._start(origin, outcome)
         if isinstance(outcome, Reason):
-            self._refuse('plan', origin, outcome)
+            self._tell('plan', origin, outcome)
 
     def _start(self, origin: Origin, order: Order) -> Reason | None:
         if (origin.planner, origin.number) in self._revoked:
@@ -194,7 +194,7 @@ class Orders:
             self._planner = before
             return reason
         self._order = origin.number
-        self.verdicts.append(('plan', verdict_of(origin, ACCEPTED, '')))
+        self._tell('plan', origin)
         return None
 
     def take_profile(self, label: str, row: Any) -> None:
@@ -206,10 +206,8 @@ class Orders:
             reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:
             reason = Reason.of(error)
-        if reason is not None:
-            self._refuse('change', origin, reason)
-        else:
-            self.verdicts.append(('change', verdict_of(origin, ACCEPTED, '')))
+        self._tell('change', origin, reason)
 
-    def _refuse(self, what: str, origin: Origin, reason: Reason) -> None:
-        self.verdicts.append((what, verdict_of(origin, reason.code, reason.sentence)))
+    def _tell(self, what: str, origin: Origin, reason: Reason | None = None) -> None:
+        code, sentence = (reason.code, reason.sentence) if reason else (ACCEPTED, '')
+        self.verdicts.append((what, verdict_of(origin, code, sentence)))

@@ -11,18 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.control import control_refusal
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.override import Override
-from delta3_pacdrive.controller.planner_actions import (
-    Action,
-    Cancelled,
-    Changed,
-    Mirrored,
-    Replied,
-    Working,
-)
 from delta3_pacdrive.controller.planning_job import Caps, Job, Result
 from delta3_pacdrive.controller.profile_change import ChangeEvent
 from delta3_pacdrive.controller.program_queue import ProgramQueue
@@ -78,7 +71,7 @@ class Planner:
         newest_cycle: Callable[[], int],
     ) -> None:
         self._robot, self._identity = parameters, identity
-        self.actions: list[Action] = []
+        self.actions: list[planner_actions.Action] = []
         self._now_s = 0.0
         self._task = TaskStatus()
         self._profiles = Numbering()
@@ -153,7 +146,7 @@ class Planner:
             self._happen(RunEvent.END)
         if self._mirrored != self.motion:
             self._mirrored = self.motion
-            self.actions.append(Mirrored(self.motion))
+            self.actions.append(planner_actions.Mirrored(self.motion))
         self._go_on()
         return True
 
@@ -227,7 +220,7 @@ class Planner:
         if request.action == 'withdraw':
             self._withdraw(request)
         elif (reason := self._requests.add(request, now_s, self._task.received)) is not None:
-            self.actions.append(Replied(request, reason, ''))
+            self.actions.append(planner_actions.Replied(request, reason, ''))
         else:
             self._go_on()
 
@@ -248,14 +241,14 @@ class Planner:
         if self._serving is not None and what == (self._serving.operator, str(self._serving.number)):
             if self._job is not None:
                 job, self._job = self._job[0], None
-                self.actions.append(Cancelled(job.number))
+                self.actions.append(planner_actions.Cancelled(job.number))
                 self._reply(reason)
             elif self._run.waits:
                 self._revoke_order(reason)
             # a change of motion profile that is under way is answered at once
         given_up = self._requests.withdraw(*what)
-        self.actions.extend(Replied(waiting, reason, '') for waiting in given_up)
-        self.actions.append(Replied(request, None, 'withdrawn'))
+        self.actions.extend(planner_actions.Replied(waiting, reason, '') for waiting in given_up)
+        self.actions.append(planner_actions.Replied(request, None, 'withdrawn'))
         self._go_on()
 
     @property
@@ -317,11 +310,11 @@ class Planner:
         request, self._serving = self._serving, None
         if request is not None:
             reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
-            self.actions.append(Replied(request, reason, sentence))
+            self.actions.append(planner_actions.Replied(request, reason, sentence))
 
-    def _tell(self, outcome: Changed | Reason | str) -> None:
+    def _tell(self, outcome: planner_actions.Changed | Reason | str) -> None:
         """Send a change of motion profile to the task, or answer whoever asked for one."""
-        if isinstance(outcome, Changed):
+        if isinstance(outcome, planner_actions.Changed):
             self.actions.append(outcome)
         else:
             self._reply(outcome)
@@ -348,7 +341,7 @@ class Planner:
         x, y, z = here.tolist()
         job = Job(self._jobs, self._queue.program, text, caps, (x, y, z))
         self._job = job, then
-        self.actions.append(Working(job))
+        self.actions.append(planner_actions.Working(job))
 
     def take_result(self, result: Result, now_s: float) -> None:
         """Take what the planning thread has found; of a job that was given up it counts for nothing."""

@@ -10,7 +10,6 @@ from dataclasses import asdict
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.control import Control
-from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.cyclic_operation import Content, CyclePort, CyclicOperation
 from delta3_pacdrive.controller.enabling import Enabling
 from delta3_pacdrive.controller.orders import Orders
@@ -30,8 +29,6 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES, Identity
 from delta3_pacdrive.sercos.master import BusMaster
 from delta3_pacdrive.sercos.participants import Announcement
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
-from delta3_pacdrive.sercos.statistics import BusStatistics
-from delta3_pacdrive.sercos.watchdog import Watchdog
 
 
 class Port(CyclePort, Protocol):
@@ -71,8 +68,6 @@ class RobotController:
         The phases of the bus, its cycles, the state of the robot, its transformation, what is known of the drives.
     enabling, services, control, planners, orders
         What operators and clients ask of the drives, who has control, which planner is there, what it has ordered.
-    statistics
-        Counts.
     wait_for_program
         Whether the bus still stays in CP3 until a program is loaded.
 
@@ -94,9 +89,7 @@ class RobotController:
         enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
         self._start_s: float | None = None  # of the first cyclic operation
-        self._watchdog = Watchdog(report_s)
         self.task, self.axes = Transformation(parameters), AxisMonitor(parameters)
-        self.statistics = BusStatistics(bus.outstanding_cycles_max)
         self.bus = BusMaster(identity, self._locate)
         self.services = ServiceRequests(self.bus.channel_closed)
         self.state = RobotState(self, self.task, self.axes)
@@ -104,12 +97,11 @@ class RobotController:
         self.cycles = CyclicOperation(
             parameters,
             period_s,
+            report_s,
             self.state,
-            ControllerCycle(self.task, self.axes, parameters),
+            self.task,
             self.axes,
             self.services,
-            self._watchdog,
-            self.statistics,
             faults,
             port,
             self._fall,
@@ -249,10 +241,10 @@ class RobotController:
         self.enabling.look()
 
     def _look_for_drives(self, now_s: float) -> None:
-        silence_s = self._watchdog.silence_s(now_s)
+        silence_s = self.cycles.watchdog.silence_s(now_s)
         answered, next_cycle = self.answered, self.next_cycle
         if not self.bus.cyclic or next_cycle == answered:
-            self._watchdog.received(now_s)
+            self.cycles.watchdog.received(now_s)
             return
         answers = self.cycles.answers
         self._do(
@@ -307,6 +299,6 @@ class RobotController:
         """Return what the bus and the program did so far."""
         return {
             'at_losses': self.axes.losses,
-            **self.statistics.summary(),
+            **self.cycles.statistics.summary(),
             'figures': asdict(self.task.figures()),
         }

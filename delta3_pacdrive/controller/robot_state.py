@@ -8,19 +8,10 @@ of a fault, and who may be enabled, stands in ``enabling``.
 from dataclasses import replace
 from typing import Protocol
 
+from delta3_pacdrive.controller import robot_actions
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import Order
-from delta3_pacdrive.controller.robot_actions import (
-    Action,
-    Asked,
-    Entered,
-    Followed,
-    Injected,
-    Located,
-    Said,
-    Switched,
-)
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
@@ -82,7 +73,7 @@ class RobotState:
 
     def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor) -> None:
         self._bus, self._task, self._axes = bus, task, axes
-        self.actions: list[Action] = []
+        self.actions: list[robot_actions.Action] = []
         self.motion = MotionState.IDLE
         self.fault: RobotFault | None = None
         self.starts = self.ends = NEVER
@@ -141,7 +132,7 @@ class RobotState:
     def _enter(self, event: Event) -> None:
         """Let an event that can happen happen."""
         self.motion = TRANSITIONS[self.motion, event]
-        self.actions.append(Entered(self.motion, event))
+        self.actions.append(robot_actions.Entered(self.motion, event))
 
     # where it stands ------------------------------------------------------------------------------------------------
 
@@ -149,8 +140,8 @@ class RobotState:
         """Take note of where the robot stands: it can take a program from there."""
         self.located += 1
         self.tcp_m = tcp_m.copy()
-        self.actions.append(Located(self.tcp_m, cycle))
-        self.actions.append(Switched(cycle))
+        self.actions.append(robot_actions.Located(self.tcp_m, cycle))
+        self.actions.append(robot_actions.Switched(cycle))
 
     # programs -------------------------------------------------------------------------------------------------------
 
@@ -167,8 +158,10 @@ class RobotState:
         self._task.start(self.starts, order.override)
         self._follow()
         if order.faults:
-            self.actions.append(Injected(order.faults, self.starts))
-        self.actions.append(Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}'))
+            self.actions.append(robot_actions.Injected(order.faults, self.starts))
+        self.actions.append(
+            robot_actions.Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}')
+        )
         self._enter(Event.START)
         return None
 
@@ -208,7 +201,7 @@ class RobotState:
         self.ends = self._task.coming_last_cycle
         self._due = NEVER
         self._told = profile
-        self.actions.append(Followed(profile))
+        self.actions.append(robot_actions.Followed(profile))
         self._enter(Event.CHANGE)
         return None
 
@@ -246,14 +239,14 @@ class RobotState:
     def _tell_profile(self) -> None:
         self._told = self._task.profile
         if self._told is not None:
-            self.actions.append(Followed(self._told))
+            self.actions.append(robot_actions.Followed(self._told))
 
     def commanded(self, cycle: int) -> None:
         """Look at what the command of a cycle has brought about."""
         task = self._task
         if task.outputs != self._outputs or task.payload != self._payload:
             self._outputs, self._payload = task.outputs, task.payload
-            self.actions.append(Switched(cycle))
+            self.actions.append(robot_actions.Switched(cycle))
         if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._told:
             self._tell_profile()
         if cycle >= self._due:
@@ -285,7 +278,7 @@ class RobotState:
         if self.fault is not None:
             return
         self.fault = fault if fault.cycle >= 0 else replace(fault, cycle=self._bus.answered)
-        self.actions.append(Said(fault.sentence, error=True))
+        self.actions.append(robot_actions.Said(fault.sentence, error=True))
         self._forget_program()
         self._enter(Event.FAIL)
 
@@ -299,7 +292,9 @@ class RobotState:
         if self.fault is None:
             self._reporting = stop.drive
             asked = self._axes.faulty()
-            self.actions.extend(Asked(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked)
+            self.actions.extend(
+                robot_actions.Asked(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked
+            )
         self._task.stop_at(stop.first, stop.hard)
         self.note(stop.fault)
 
@@ -315,7 +310,7 @@ class RobotState:
         if told and self.fault and index == self._reporting:
             sentence = f'{self.fault}: {fault_text(told)}'
             self.fault = replace(self.fault, sentence=sentence, number=number)
-            self.actions.append(Said(sentence, error=True))
+            self.actions.append(robot_actions.Said(sentence, error=True))
 
     def recover(self, tcp_m: Floats) -> None:
         """Stand ready where the motors are, without a fault and without a program."""

@@ -15,6 +15,7 @@ Arguments of the kernels here:
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -59,18 +60,16 @@ STATE = np.dtype(
     align=True,
 )
 
-CONSTANTS = np.dtype(
-    [
-        ('gear_ratio', 'f8'),
-        ('increments_per_rad', 'f8'),
-        ('cycle_time', 'f8'),
-        ('extrapolation', 'f8'),  # [cycles], of the actual value (7.3)
-        ('set_point_delay', 'f8'),  # [cycles], of the actual TCP behind the command
-        ('torque_constant', 'f8'),
-    ],
-    align=True,
-)
-
+# name of each constant, and what it is of the parameters
+_CONSTANTS: dict[str, Callable[[Parameters], float]] = {
+    'gear_ratio': lambda p: p.dynamics.gear_ratio,
+    'increments_per_rad': lambda p: p.bus.increments_per_rev / math.tau,
+    'cycle_time': lambda p: p.bus.cycle_time_s,
+    'extrapolation': lambda p: p.following_error_delay_cycles,  # [cycles], of the actual value (7.3)
+    'set_point_delay': lambda p: p.set_point_delay_cycles,  # [cycles], of the actual TCP behind the command
+    'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
+}
+CONSTANTS = np.dtype([(name, 'f8') for name in _CONSTANTS], align=True)
 
 # columns of the answer of one cycle
 THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
@@ -91,12 +90,7 @@ TASK = np.dtype(
 def task_constants(parameters: Parameters) -> NDArray[Any]:
     """Return one record of ``CONSTANTS``."""
     constants = np.zeros(1, CONSTANTS)
-    constants['gear_ratio'] = parameters.dynamics.gear_ratio
-    constants['increments_per_rad'] = parameters.bus.increments_per_rev / math.tau
-    constants['cycle_time'] = parameters.bus.cycle_time_s
-    constants['extrapolation'] = parameters.following_error_delay_cycles
-    constants['set_point_delay'] = parameters.set_point_delay_cycles
-    constants['torque_constant'] = parameters.motor.torque_constant_n_m_a
+    constants[0] = tuple(value(parameters) for value in _CONSTANTS.values())
     return constants
 
 

@@ -30,6 +30,10 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, payload_on_grid
 
+# figures of a program, which begin with it
+MEASURED = (
+    'measured_cycles', 'error_max', 'error_square_sum', 'following_error_max', 'current_peak', 'current_square_sum'
+)  # fmt: skip
 DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 
 
@@ -47,7 +51,20 @@ class Figures:
 
 
 class Transformation:
-    """The task makes the cyclic calculations of the controller; it knows bus cycles, no clock and no messages."""
+    """The task makes the cyclic calculations of the controller; it knows bus cycles, no clock and no messages.
+
+    Attributes
+    ----------
+    record, state, motors, answer
+        Arrays of the compiled code: one record ``TASK``, its state, its commands [rad], the answers of a cycle.
+    timeline, loaded
+        The program in bus time, and whether it is loaded.
+    next_cycle
+        Cycle of the next command.
+    enable_cycle, disable_cycle
+        From which cycle on the drives are enabled, and no longer; ``NEVER`` for none.
+
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -58,9 +75,9 @@ class Transformation:
         self.answer: Floats = record['answer'][0]
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
-        self._timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
+        self.timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
         self._coming: MotionProfile | None = None
-        self._cycle = 0  # of the next command
+        self.next_cycle = 0  # of the next command
         self.loaded = False
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
@@ -68,8 +85,7 @@ class Transformation:
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
-        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
-        tcp = kinematics.forward(theta, self._parameters.kinematics)
+        theta, tcp = self._place(motor_positions_rad)
         state = self.state[0]
         state['tcp'] = tcp
         state['tcp_history'], state['theta_history'] = tcp, theta
@@ -78,14 +94,17 @@ class Transformation:
 
     def distance_m(self, motor_positions_rad: ArrayLike) -> float:
         """Return how far the TCP is from where it is commanded to be [m]; raises UnreachableError."""
-        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
-        tcp = kinematics.forward(theta, self._parameters.kinematics)
+        _, tcp = self._place(motor_positions_rad)
         return float(np.linalg.norm(tcp - self.state['tcp'][0]))
+
+    def _place(self, motor_positions_rad: ArrayLike) -> tuple[Floats, Floats]:
+        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
+        return theta, kinematics.forward(theta, self._parameters.kinematics)
 
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``."""
-        self._timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
-        self.state['end_cycle'] = self._timeline.end_cycle
+        self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        self.state['end_cycle'] = self.timeline.end_cycle
         self._coming = None
         self.loaded = True
         state = self.state[0]
@@ -96,17 +115,15 @@ class Transformation:
         """Start the loaded program at a cycle to come; return the first one in which the TCP has arrived."""
         if not self.loaded:
             raise RunError('no program is loaded')
-        if cycle < self._cycle:
-            raise RunError(f'bus cycle {cycle} is over, the next one is {self._cycle}')
-        self._timeline.start(cycle, override)
-        self.state['end_cycle'] = self._timeline.end_cycle
+        if cycle < self.next_cycle:
+            raise RunError(f'bus cycle {cycle} is over, the next one is {self.next_cycle}')
+        self.timeline.start(cycle, override)
+        self.state['end_cycle'] = self.timeline.end_cycle
         state = self.state[0]
         state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
-        state['payload'] = payload_on_grid(self._timeline.plan.move(0).payload_kg)
-        for name in ('measured_cycles', 'error_max', 'error_square_sum', 'following_error_max'):
+        state['payload'] = payload_on_grid(self.timeline.plan.move(0).payload_kg)
+        for name in MEASURED:
             state[name] = 0
-        for name in ('current_peak', 'current_square_sum'):
-            state[name] = 0.0
         return self.end_cycle
 
     def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
@@ -115,7 +132,7 @@ class Transformation:
         It takes the acceleration of the move, or that one if it is larger.
         """
         self._coming = None
-        profile = self._timeline.stop(max(self._cycle, self._timeline.start_cycle), acceleration_m_s2)
+        profile = self.timeline.stop(max(self.next_cycle, self.timeline.start_cycle), acceleration_m_s2)
         self._follow(profile)
         return profile
 
@@ -125,7 +142,7 @@ class Transformation:
         A hard stop takes ``motion.fault_stop_acceleration_m_s2`` where the move allows less: an axis does not follow
         any more, and the farther the others go on without it, the farther the TCP is off its path.
         """
-        self._stop_cycle = min(self._stop_cycle, max(cycle, self._cycle))
+        self._stop_cycle = min(self._stop_cycle, max(cycle, self.next_cycle))
         self._stop_hard = self._stop_hard or hard
 
     def enable(self, cycle: int) -> None:
@@ -157,9 +174,9 @@ class Transformation:
 
     def change(self, profile: MotionProfile) -> None:
         """Go over to another motion profile at its cycle, which is still to come; raises ProgramError."""
-        if profile.cycle < self._cycle:
-            raise ProgramError(f'bus cycle {profile.cycle} is over, the next one is {self._cycle}')
-        self._timeline.check(profile)
+        if profile.cycle < self.next_cycle:
+            raise ProgramError(f'bus cycle {profile.cycle} is over, the next one is {self.next_cycle}')
+        self.timeline.check(profile)
         self._coming = profile
 
     @property
@@ -167,11 +184,11 @@ class Transformation:
         """Last cycle whose answer counts, once the motion profile that is still to come is followed."""
         if self._coming is None:
             return self.last_cycle
-        return self._timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
+        return self.timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
 
     def _follow(self, profile: MotionProfile) -> None:
-        self._timeline.change(profile)
-        self.state['end_cycle'] = self._timeline.end_cycle
+        self.timeline.change(profile)
+        self.state['end_cycle'] = self.timeline.end_cycle
 
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
@@ -180,14 +197,9 @@ class Transformation:
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
 
     @property
-    def timeline(self) -> Timeline:
-        """The loaded program in bus time."""
-        return self._timeline
-
-    @property
     def profile(self) -> MotionProfile | None:
         """What the master follows, ``None`` before a start."""
-        return self._timeline.profile
+        return self.timeline.profile
 
     @property
     def held(self) -> bool:
@@ -196,17 +208,12 @@ class Transformation:
 
     def master(self, cycle: int) -> MasterState:
         """Return the master in a cycle of the present motion profile."""
-        return self._timeline.at(cycle)
-
-    @property
-    def next_cycle(self) -> int:
-        """Cycle of the next command."""
-        return self._cycle
+        return self.timeline.at(cycle)
 
     @property
     def moves(self) -> int:
         """Number of moves of the last program that was loaded."""
-        return len(self._timeline.plan) if self._timeline.plan is not _NO_PLAN else 0
+        return len(self.timeline.plan) if self.timeline.plan is not _NO_PLAN else 0
 
     @property
     def outputs(self) -> int:
@@ -241,8 +248,8 @@ class Transformation:
             self._stop(cycle)
         if cycle >= self.disable_cycle:
             self.enable_cycle = self.disable_cycle = NEVER
-        command_cycle(cycle, self.record, self._timeline.arrays)
-        self._cycle = cycle + 1
+        command_cycle(cycle, self.record, self.timeline.arrays)
+        self.next_cycle = cycle + 1
         return self.motors
 
     def next_event(self, cycle: int) -> int:
@@ -253,7 +260,7 @@ class Transformation:
 
     def commanded_to(self, cycle: int) -> None:
         """Note that compiled code has given the commands of the cycles before this one."""
-        self._cycle = cycle
+        self.next_cycle = cycle
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
         """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""

@@ -25,6 +25,7 @@ Arguments of the kernels of this room:
 """
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
@@ -121,67 +122,11 @@ STATE = np.dtype(
         # sampled at the start of the bus cycle for the AT
         ('sampled_position', 'f8'),  # [rad], on the grid
         ('status', 'i8'),  # S-0-0135
-        (
-            'answer',
-            'f8',
-            (3,),
-        ),  # of the AT: position [rad] on the increment grid, speed [rad/s], torque [N m]
+        # of the AT: position [rad] on the increment grid, speed [rad/s], torque [N m]
+        ('answer', 'f8', (3,)),
     ],
     align=True,
 )
-
-CONSTANTS = np.dtype(
-    [
-        ('increments_per_rad', 'f8'),
-        ('encoder_noise', 'f8'),  # [rad], amplitude
-        ('encoder_error', 'f8'),  # [rad], amplitude within a sine period
-        ('encoder_periods', 'f8'),
-        ('current_noise', 'f8'),  # [A], amplitude
-        ('cycle_time', 'f8'),
-        ('velocity_period', 'f8'),
-        ('current_period', 'f8'),
-        ('steps_per_cycle', 'i8'),
-        ('steps_per_exchange', 'i8'),
-        ('steps_per_position', 'i8'),
-        ('steps_per_velocity', 'i8'),
-        ('positions_per_cycle', 'f8'),
-        ('position_gain', 'f8'),
-        ('velocity_gain', 'f8'),
-        ('velocity_integral_step', 'f8'),  # K_Ivel T_vel
-        ('current_gain', 'f8'),
-        ('current_integral_step', 'f8'),  # K_Icurr T_cur
-        ('velocity_feedforward', 'f8'),
-        ('current_feedforward', 'f8'),  # [A s^2/rad]
-        ('velocity_smoothing', 'f8'),
-        ('current_reference_smoothing', 'f8'),
-        ('current_smoothing', 'f8'),
-        ('speed_max', 'f8'),
-        ('speed_trip', 'f8'),
-        ('current_max', 'f8'),
-        ('current_trip', 'f8'),  # blocks the end stage
-        ('current_nominal', 'f8'),
-        ('dc_link_min', 'f8'),  # [V]
-        ('dc_link_max', 'f8'),
-        ('torque_constant', 'f8'),
-        ('observer_inertia', 'f8'),  # motor side
-        ('following_error_limit', 'f8'),  # of the warning; eight times as much trips
-        ('travel_min', 'f8'),  # [rad]
-        ('travel_max', 'f8'),
-        ('encoder_step_max', 'f8'),  # [rad], in a cycle
-        ('stop_deceleration', 'f8'),  # [rad/s^2], of BD2
-        ('command_step_max', 'f8'),
-        ('overload_time', 'f8'),
-        ('settle_cycles', 'i8'),
-        ('release_cycles', 'i8'),
-        ('apply_cycles', 'i8'),
-        ('stop_cycles_max', 'i8'),
-        ('motor', MOTOR),
-    ],
-    align=True,
-)
-
-
-DRIVE = np.dtype([('state', STATE), ('constants', CONSTANTS)], align=True)
 
 
 def _smoothing(period_s: float, time_constant_s: float) -> float:
@@ -189,67 +134,80 @@ def _smoothing(period_s: float, time_constant_s: float) -> float:
     return 1.0 if time_constant_s == 0.0 else 1.0 - math.exp(-period_s / time_constant_s)
 
 
+def _cycles(p: Parameters, seconds: float) -> int:
+    return math.ceil(seconds / p.bus.cycle_time_s)
+
+
+def _sensor(p: Parameters, name: str) -> float:
+    """Return a figure of the sensors of a built robot; 0 for ideal ones."""
+    return float(getattr(p.rich.effects, name)) if p.rich.effects.sensors else 0.0
+
+
+# name and type of each constant, and what it is of the parameters
+# fmt: off
+_CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
+    ('increments_per_rad', 'f8', lambda p: p.bus.increments_per_rev / math.tau),
+    ('encoder_noise', 'f8', lambda p: _sensor(p, 'encoder_noise_rad')),  # [rad], amplitude
+    ('encoder_error', 'f8', lambda p: _sensor(p, 'encoder_error_rad')),  # [rad], amplitude within a sine period
+    ('encoder_periods', 'f8', lambda p: _sensor(p, 'encoder_periods')),
+    ('current_noise', 'f8', lambda p: _sensor(p, 'current_noise_a')),  # [A], amplitude
+    ('cycle_time', 'f8', lambda p: p.bus.cycle_time_s),
+    ('velocity_period', 'f8', lambda p: p.drive.velocity_period_s),
+    ('current_period', 'f8', lambda p: p.drive.current_period_s),
+    ('steps_per_cycle', 'i8', lambda p: round(p.bus.cycle_time_s / p.drive.current_period_s)),
+    ('steps_per_exchange', 'i8', lambda p: round(p.bus.exchange_period_s / p.drive.current_period_s)),
+    ('steps_per_position', 'i8', lambda p: round(p.drive.position_period_s / p.drive.current_period_s)),
+    ('steps_per_velocity', 'i8', lambda p: round(p.drive.velocity_period_s / p.drive.current_period_s)),
+    ('positions_per_cycle', 'f8', lambda p: round(p.bus.cycle_time_s / p.drive.position_period_s)),
+    ('position_gain', 'f8', lambda p: p.drive.position_gain_rad_s_rad),
+    ('velocity_gain', 'f8', lambda p: p.drive.velocity_gain_a_s_rad),
+    # K_Ivel T_vel
+    ('velocity_integral_step', 'f8', lambda p: p.drive.velocity_integral_gain_a_rad * p.drive.velocity_period_s),
+    ('current_gain', 'f8', lambda p: p.drive.current_gain_v_a),
+    # K_Icurr T_cur
+    ('current_integral_step', 'f8', lambda p: p.drive.current_integral_gain_v_a_s * p.drive.current_period_s),
+    ('velocity_feedforward', 'f8', lambda p: p.drive.velocity_feedforward),
+    # [A s^2/rad]
+    ('current_feedforward', 'f8',
+     lambda p: p.drive.current_feedforward * p.drive.feedforward_inertia_kg_m2 / p.motor.torque_constant_n_m_a),
+    ('velocity_smoothing', 'f8', lambda p: _smoothing(p.drive.velocity_period_s, p.drive.velocity_filter_s)),
+    ('current_reference_smoothing', 'f8',
+     lambda p: _smoothing(p.drive.current_period_s, p.drive.current_reference_filter_s)),
+    ('current_smoothing', 'f8', lambda p: _smoothing(p.drive.current_period_s, p.drive.current_filter_s)),
+    ('speed_max', 'f8', lambda p: min(p.motor.max_speed_rad_s, p.drive.velocity_limit_rad_s)),
+    ('speed_trip', 'f8', lambda p: p.motor.max_speed_rad_s * p.drive.overspeed_factor),
+    ('current_max', 'f8',
+     lambda p: min(p.motor.peak_current_a, p.drive.torque_limit_n_m / p.motor.torque_constant_n_m_a)),
+    ('current_trip', 'f8', lambda p: SHORT_CIRCUIT * p.motor.peak_current_a),  # blocks the end stage
+    ('current_nominal', 'f8', lambda p: p.motor.nominal_current_a),
+    ('dc_link_min', 'f8', lambda p: UNDER_VOLTAGE * p.drive.dc_link_voltage_v),  # [V]
+    ('dc_link_max', 'f8', lambda p: OVER_VOLTAGE * p.drive.dc_link_voltage_v),
+    ('torque_constant', 'f8', lambda p: p.motor.torque_constant_n_m_a),
+    ('observer_inertia', 'f8', lambda p: p.drive.observer_arm_inertia_kg_m2 / p.dynamics.gear_ratio**2),  # motor side
+    # of the warning; eight times as much trips
+    ('following_error_limit', 'f8', lambda p: p.drive.following_error_limit_rad),
+    ('travel_min', 'f8', lambda p: math.radians(p.dynamics.end_stop_min_deg) * p.dynamics.gear_ratio),  # [rad]
+    ('travel_max', 'f8', lambda p: math.radians(p.dynamics.end_stop_max_deg) * p.dynamics.gear_ratio),
+    # [rad], in a cycle
+    ('encoder_step_max', 'f8',
+     lambda p: IMPLAUSIBLE_SPEED * p.motor.max_speed_rad_s * p.drive.overspeed_factor * p.bus.cycle_time_s),
+    ('stop_deceleration', 'f8', lambda p: p.drive.stop_deceleration_rad_s2),  # [rad/s^2], of BD2
+    ('command_step_max', 'f8', lambda p: p.motor.max_speed_rad_s * p.drive.overspeed_factor * p.bus.cycle_time_s),
+    ('overload_time', 'f8', lambda p: p.drive.overload_time_s),
+    ('settle_cycles', 'i8', lambda p: _cycles(p, p.drive.enable_settle_s)),
+    ('release_cycles', 'i8', lambda p: _cycles(p, p.motor.brake_release_s) + 1),
+    ('apply_cycles', 'i8', lambda p: _cycles(p, p.motor.brake_apply_s) + 1),
+    ('stop_cycles_max', 'i8', lambda p: _cycles(p, p.drive.stop_time_max_s)),
+)
+# fmt: on
+CONSTANTS = np.dtype([*((name, kind) for name, kind, _ in _CONSTANTS), ('motor', MOTOR)], align=True)
+DRIVE = np.dtype([('state', STATE), ('constants', CONSTANTS)], align=True)
+
+
 def drive_constants(parameters: Parameters) -> NDArray[Any]:
     """Return one record of ``CONSTANTS``."""
-    drive, motor, bus = parameters.drive, parameters.motor, parameters.bus
-
-    def cycles(seconds: float) -> int:
-        return math.ceil(seconds / bus.cycle_time_s)
-
-    values = {
-        'increments_per_rad': bus.increments_per_rev / math.tau,
-        'cycle_time': bus.cycle_time_s,
-        'velocity_period': drive.velocity_period_s,
-        'current_period': drive.current_period_s,
-        'steps_per_cycle': round(bus.cycle_time_s / drive.current_period_s),
-        'steps_per_exchange': round(bus.exchange_period_s / drive.current_period_s),
-        'steps_per_position': round(drive.position_period_s / drive.current_period_s),
-        'steps_per_velocity': round(drive.velocity_period_s / drive.current_period_s),
-        'positions_per_cycle': round(bus.cycle_time_s / drive.position_period_s),
-        'position_gain': drive.position_gain_rad_s_rad,
-        'velocity_gain': drive.velocity_gain_a_s_rad,
-        'velocity_integral_step': drive.velocity_integral_gain_a_rad * drive.velocity_period_s,
-        'current_gain': drive.current_gain_v_a,
-        'current_integral_step': drive.current_integral_gain_v_a_s * drive.current_period_s,
-        'velocity_feedforward': drive.velocity_feedforward,
-        'current_feedforward': (
-            drive.current_feedforward * drive.feedforward_inertia_kg_m2 / motor.torque_constant_n_m_a
-        ),
-        'velocity_smoothing': _smoothing(drive.velocity_period_s, drive.velocity_filter_s),
-        'current_reference_smoothing': _smoothing(drive.current_period_s, drive.current_reference_filter_s),
-        'current_smoothing': _smoothing(drive.current_period_s, drive.current_filter_s),
-        'speed_max': min(motor.max_speed_rad_s, drive.velocity_limit_rad_s),
-        'speed_trip': motor.max_speed_rad_s * drive.overspeed_factor,
-        'current_max': min(motor.peak_current_a, drive.torque_limit_n_m / motor.torque_constant_n_m_a),
-        'current_trip': SHORT_CIRCUIT * motor.peak_current_a,
-        'current_nominal': motor.nominal_current_a,
-        'dc_link_min': UNDER_VOLTAGE * drive.dc_link_voltage_v,
-        'dc_link_max': OVER_VOLTAGE * drive.dc_link_voltage_v,
-        'torque_constant': motor.torque_constant_n_m_a,
-        'observer_inertia': drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2,
-        'following_error_limit': drive.following_error_limit_rad,
-        'travel_min': math.radians(parameters.dynamics.end_stop_min_deg) * parameters.dynamics.gear_ratio,
-        'travel_max': math.radians(parameters.dynamics.end_stop_max_deg) * parameters.dynamics.gear_ratio,
-        'encoder_step_max': IMPLAUSIBLE_SPEED
-        * motor.max_speed_rad_s
-        * drive.overspeed_factor
-        * bus.cycle_time_s,
-        'stop_deceleration': drive.stop_deceleration_rad_s2,
-        'command_step_max': motor.max_speed_rad_s * drive.overspeed_factor * bus.cycle_time_s,
-        'overload_time': drive.overload_time_s,
-        'settle_cycles': cycles(drive.enable_settle_s),
-        'release_cycles': cycles(motor.brake_release_s) + 1,
-        'apply_cycles': cycles(motor.brake_apply_s) + 1,
-        'stop_cycles_max': cycles(drive.stop_time_max_s),
-    }
-    effects = parameters.rich.effects
-    if effects.sensors:
-        values['encoder_noise'] = effects.encoder_noise_rad
-        values['encoder_error'] = effects.encoder_error_rad
-        values['encoder_periods'] = effects.encoder_periods
-        values['current_noise'] = effects.current_noise_a
     record = np.zeros(1, CONSTANTS)
-    for name, value in values.items():
-        record[name] = value
+    for name, _, value in _CONSTANTS:
+        record[name] = value(parameters)
     record['motor'] = motor_constants(parameters)
     return record

@@ -60,50 +60,35 @@ class Diagnostic:
     text: str
 
 
+# fmt: off
 FAULTS = {
-    DriveFault.FOLLOWING_ERROR: Diagnostic(
-        8111, 3, Reaction.BD1, Class1.POSITION_DEVIATION, 'following error over eight times its limit'
-    ),
+    DriveFault.FOLLOWING_ERROR: Diagnostic(8111, 3, Reaction.BD1, Class1.POSITION_DEVIATION,
+        'following error over eight times its limit'),
     DriveFault.OVERSPEED: Diagnostic(8901, 3, Reaction.BD1, Class1.MANUFACTURER, 'motor overspeed'),
-    DriveFault.OVERLOAD: Diagnostic(
-        8902, 3, Reaction.BD2, Class1.OVERLOAD, 'current over nominal for too long (I2t)'
-    ),
+    DriveFault.OVERLOAD: Diagnostic(8902, 3, Reaction.BD2, Class1.OVERLOAD, 'current over nominal for too long (I2t)'),
     DriveFault.COMMAND_STEP: Diagnostic(8903, 3, Reaction.BD2, Class1.MANUFACTURER, 'command step too large'),
-    DriveFault.COMMAND_NOT_FINITE: Diagnostic(
-        8904, 3, Reaction.BD2, Class1.MANUFACTURER, 'command is not a finite number'
-    ),
-    DriveFault.TELEGRAM: Diagnostic(
-        8112, 3, Reaction.BD2, Class1.COMMUNICATION, 'telegram invalid: two lost in a row, or ten in a window'
-    ),
+    DriveFault.COMMAND_NOT_FINITE: Diagnostic(8904, 3, Reaction.BD2, Class1.MANUFACTURER,
+        'command is not a finite number'),
+    DriveFault.TELEGRAM: Diagnostic(8112, 3, Reaction.BD2, Class1.COMMUNICATION,
+        'telegram invalid: two lost in a row, or ten in a window'),
     DriveFault.ENCODER: Diagnostic(8171, 3, Reaction.AD, Class1.FEEDBACK, 'encoder unreadable or jumping'),
-    DriveFault.OVER_CURRENT: Diagnostic(
-        8905, 3, Reaction.AD, Class1.OVER_CURRENT, 'over-current in the winding'
-    ),
-    DriveFault.OVERTRAVEL: Diagnostic(
-        8906, 3, Reaction.BD1, Class1.OVERTRAVEL, 'arm beyond its limit: end stop'
-    ),
-    DriveFault.MASTER_SILENT: Diagnostic(
-        8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'
-    ),
+    DriveFault.OVER_CURRENT: Diagnostic(8905, 3, Reaction.AD, Class1.OVER_CURRENT, 'over-current in the winding'),
+    DriveFault.OVERTRAVEL: Diagnostic(8906, 3, Reaction.BD1, Class1.OVERTRAVEL, 'arm beyond its limit: end stop'),
+    DriveFault.MASTER_SILENT: Diagnostic(8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'),
     # without its DC link the drive has no power for a controlled stop
-    DriveFault.UNDER_VOLTAGE: Diagnostic(
-        8909, 3, Reaction.AD, Class1.UNDER_VOLTAGE, 'DC link below 75 % of its voltage'
-    ),
-    DriveFault.OVER_VOLTAGE: Diagnostic(
-        8910, 3, Reaction.AD, Class1.OVER_VOLTAGE, 'DC link above 135 % of its voltage'
-    ),
+    DriveFault.UNDER_VOLTAGE: Diagnostic(8909, 3, Reaction.AD, Class1.UNDER_VOLTAGE,
+        'DC link below 75 % of its voltage'),
+    DriveFault.OVER_VOLTAGE: Diagnostic(8910, 3, Reaction.AD, Class1.OVER_VOLTAGE,
+        'DC link above 135 % of its voltage'),
     # all that is left: the torque is off already
-    DriveFault.BRAKE: Diagnostic(
-        8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'
-    ),
+    DriveFault.BRAKE: Diagnostic(8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'),
 }
-
 WARNINGS = {
-    DriveWarning.FOLLOWING_ERROR: Diagnostic(
-        8132, 2, Reaction.NONE, Class2.MANUFACTURER, 'following error over its limit'
-    ),
+    DriveWarning.FOLLOWING_ERROR: Diagnostic(8132, 2, Reaction.NONE, Class2.MANUFACTURER,
+        'following error over its limit'),
     DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class2.OVERLOAD, 'I2t over 80 % of its limit'),
 }
+# fmt: on
 
 # for compiled code, by number of the fault
 REACTIONS = tuple(int(FAULTS[fault].reaction) if fault else 0 for fault in DriveFault)

@@ -5,34 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.drive import cascade, sensors, state_machine
 from delta3_pacdrive.drive.arrays import DRIVE, DriveState, drive_constants
-from delta3_pacdrive.drive.cascade import (
-    clamp,
-    current_feedforward,
-    current_loop,
-    hold_place,
-    position_loop,
-    velocity_loop,
-)
 from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
-from delta3_pacdrive.drive.sensors import (
-    calibrate,
-    interpolation_error,
-    measured_current,
-    next_random,
-    signed_share,
-)
 from delta3_pacdrive.drive.shaft_observer import advance_observer, reset_observer
-from delta3_pacdrive.drive.state_machine import (
-    accept_telegram,
-    advance_state,
-    clear_fault,
-    extrapolate_telegram,
-    follows,
-    is_powered,
-    leave_bus,
-    stopping_speed,
-)
 from delta3_pacdrive.motor import (
     phase_currents,
     phase_voltage_max,
@@ -50,10 +26,10 @@ from delta3_pacdrive.sercos.words import payload_on_grid
 def _encoder(position, s, c):
     """Increments that the encoder reads for a shaft position, with its errors; an injected fault adds its own."""
     noise = c.encoder_noise + s.encoder_noise
-    position += interpolation_error(position, c)
+    position += sensors.interpolation_error(position, c)
     if noise != 0.0:
-        s.encoder_seed = next_random(s.encoder_seed)
-        position += noise * signed_share(s.encoder_seed)
+        s.encoder_seed = sensors.next_random(s.encoder_seed)
+        position += noise * sensors.signed_share(s.encoder_seed)
     return to_increments(position + s.encoder_offset, c.increments_per_rad)
 
 
@@ -92,10 +68,10 @@ def mc4_begin_cycle(received, command, control, shaft, drives, i):
     if s.started == 0:
         s.last_sampled = s.sampled_position
     if received:
-        accept_telegram(command, control, s)
+        state_machine.accept_telegram(command, control, s)
     else:
-        extrapolate_telegram(s)
-    advance_state(s, c)
+        state_machine.extrapolate_telegram(s)
+    state_machine.advance_state(s, c)
     return s.status
 
 
@@ -103,16 +79,16 @@ def mc4_begin_cycle(received, command, control, shaft, drives, i):
 def _end_stage(s, c, m):
     """Feed the winding through one current-loop period; return whether the end stage is still on."""
     voltage = s.voltage
-    current_loop(phase_voltage_max(s.dc_link), s, c)
+    cascade.current_loop(phase_voltage_max(s.dc_link), s, c)
     if s.winding_short != 0:
         s.stage_current = short_circuit_current(s.stage_current, voltage, m)
     else:
         s.stage_current = winding_current(s.stage_current, voltage, s.speed, m)
     if abs(s.stage_current) > c.current_trip:
         # its comparator does not wait for the next bus cycle
-        s.stage_current = clamp(s.stage_current, c.current_trip)
+        s.stage_current = cascade.clamp(s.stage_current, c.current_trip)
         s.blocked = 1
-    s.current = measured_current(s.stage_current, s, c, m)
+    s.current = sensors.measured_current(s.stage_current, s, c, m)
     return s.blocked == 0
 
 
@@ -133,7 +109,7 @@ def mc4_run_period(shaft, drives, i, currents):
     s, c = drives[i].state, drives[i].constants
     m = c.motor
     reset_observer(shaft, s)
-    powered = is_powered(s) and s.blocked == 0
+    powered = state_machine.is_powered(s) and s.blocked == 0
     for n in range(currents.shape[0]):
         if s.step % c.steps_per_velocity == 0:
             before = s.increments
@@ -144,16 +120,16 @@ def mc4_run_period(shaft, drives, i, currents):
                     # the difference would span the observer's reset
                     actual = shaft[1]
                 feedforward = 0.0
-                if follows(s):
-                    feedforward = current_feedforward(s, c)
+                if state_machine.follows(s):
+                    feedforward = cascade.current_feedforward(s, c)
                     if s.step % c.steps_per_position == 0:
-                        position_loop(s, c)
+                        cascade.position_loop(s, c)
                 elif s.halt_done != 0:
                     if s.step % c.steps_per_position == 0:
-                        hold_place(s, c)
+                        cascade.hold_place(s, c)
                 else:
-                    s.speed_reference = stopping_speed(s, c)
-                velocity_loop(actual, feedforward, s, c)
+                    s.speed_reference = state_machine.stopping_speed(s, c)
+                cascade.velocity_loop(actual, feedforward, s, c)
         before_current = s.motor_current
         carries_current = powered or s.winding_short != 0
         if powered:
@@ -217,7 +193,7 @@ class MC4:
         self.currents: Floats = self._currents[:, place]
         self.answer: Floats = self.state['answer'][0]
         self.state['dc_link'] = parameters.drive.dc_link_voltage_v
-        calibrate(axis, parameters, self.state)
+        sensors.calibrate(axis, parameters, self.state)
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
 
     def begin_cycle(
@@ -259,16 +235,16 @@ class MC4:
 
     def clear_fault(self) -> bool:
         """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
-        return bool(clear_fault(self.state[0], self.constants[0]))
+        return bool(state_machine.clear_fault(self.state[0], self.constants[0]))
 
     def leave_bus(self) -> None:
         """Leave cyclic operation, without torque; a latched fault stays."""
-        leave_bus(self.state[0])
+        state_machine.leave_bus(self.state[0])
 
     @property
     def powered(self) -> bool:
         """Whether the end stage feeds the motor."""
-        return bool(is_powered(self.state[0]))
+        return bool(state_machine.is_powered(self.state[0]))
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
@@ -297,7 +273,7 @@ class MC4:
     def encoder_position(self, position: float) -> float:
         """Shaft position [rad] as the encoder reads it."""
         per_rad = float(self.constants['increments_per_rad'][0])
-        read = position + interpolation_error(position, self.constants[0])
+        read = position + sensors.interpolation_error(position, self.constants[0])
         return float(to_increments(read, per_rad)) / per_rad
 
     def phase_currents(self) -> tuple[float, float, float]:

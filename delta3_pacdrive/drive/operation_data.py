@@ -14,6 +14,8 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
+from typing import Any
 
 from delta3_pacdrive.drive.arrays import STANDSTILL_RAD_S
 from delta3_pacdrive.drive.diagnostics import (
@@ -150,156 +152,140 @@ def _constant(value: float) -> Callable[[], float]:
     return lambda: value
 
 
-def _row(
-    idn: str,
-    name: str,
-    unit: str,
-    group: Group,
-    *sources: str,
-    formula: Callable[..., float] = float,
-    writable_in: frozenset[Phase] = READ_ONLY,
-) -> OperationData:
-    return OperationData(parse_idn(idn), name, unit, group, sources, formula, writable_in)
+def _row(idn: str, name: str, unit: str, *sources: str, **more: Any) -> partial[OperationData]:
+    """Return a row that still lacks its group."""
+    return partial(OperationData, parse_idn(idn), name, unit, sources=sources, **more)
+
+
+def _set(idn: str, name: str, unit: str, source: str, phases: frozenset[Phase]) -> partial[OperationData]:
+    """Return a row of a parameter that can be set in some phases."""
+    return _row(idn, name, unit, source, writable_in=phases)
 
 
 # fmt: off
-ROWS = (
-    # gains
-    _row('S-0-0104', 'Position loop KV-factor', '1/s', Group.GAINS,
-         'drive.position_gain_rad_s_rad', writable_in=ALWAYS),
-    _row('S-0-0100', 'Velocity loop proportional gain', 'A s/rad', Group.GAINS,
-         'drive.velocity_gain_a_s_rad', writable_in=ALWAYS),
-    _row('P-0-0011', 'Velocity loop integral gain', 'A/rad', Group.GAINS,
-         'drive.velocity_integral_gain_a_rad', writable_in=ALWAYS),
-    _row('S-0-0101', 'Velocity loop integral action time', 's', Group.GAINS,
-         'drive.velocity_gain_a_s_rad', 'drive.velocity_integral_gain_a_rad', formula=_action_time),
-    _row('S-0-0106', 'Current loop proportional gain 1', 'V/A', Group.GAINS,
-         'drive.current_gain_v_a', writable_in=ALWAYS),
-    _row('P-0-0012', 'Current loop integral gain 1', 'V/(A s)', Group.GAINS,
-         'drive.current_integral_gain_v_a_s', writable_in=ALWAYS),
-    _row('S-0-0107', 'Current loop integral action time 1', 's', Group.GAINS,
-         'drive.current_gain_v_a', 'drive.current_integral_gain_v_a_s', formula=_action_time),
-    # feed-forwards
-    _row('S-0-0296', 'Velocity feed forward gain', ONE, Group.FEEDFORWARDS,
-         'drive.velocity_feedforward', writable_in=ALWAYS),
-    _row('S-0-0348', 'Acceleration feed forward gain', ONE, Group.FEEDFORWARDS,
-         'drive.current_feedforward', writable_in=ALWAYS),
-    _row('P-0-0021', 'Inertia of the acceleration feed forward', 'kg m2', Group.FEEDFORWARDS,
-         'drive.feedforward_inertia_kg_m2', writable_in=ALWAYS),
-    _row('P-0-0022', 'Arm inertia of the shaft observer, arm side', 'kg m2', Group.FEEDFORWARDS,
-         'drive.observer_arm_inertia_kg_m2', writable_in=BEFORE_CP4),
-    # filters
-    _row('S-0-0392', 'Velocity feedback filter', 's', Group.FILTERS,
-         'drive.velocity_filter_s', writable_in=ALWAYS),
-    _row('P-0-0031', 'Current command filter', 's', Group.FILTERS,
-         'drive.current_reference_filter_s', writable_in=ALWAYS),
-    _row('P-0-0032', 'Current feedback filter', 's', Group.FILTERS,
-         'drive.current_filter_s', writable_in=ALWAYS),
-    # limits
-    _row('S-0-0159', 'Monitoring window', 'rad', Group.LIMITS,
-         'drive.following_error_limit_rad', writable_in=ALWAYS),
-    _row('S-0-0429', 'Emergency stop deceleration', 'rad/s2', Group.LIMITS,
-         'drive.stop_deceleration_rad_s2', writable_in=ALWAYS),
-    _row('P-0-0041', 'Overspeed trip over maximum motor speed', ONE, Group.LIMITS,
-         'drive.overspeed_factor', writable_in=ALWAYS),
-    _row('P-0-0042', 'Overload time of the I2t monitoring', 's', Group.LIMITS,
-         'drive.overload_time_s', writable_in=ALWAYS),
-    _row('S-0-0273', 'Maximum drive off delay time', 's', Group.LIMITS,
-         'drive.stop_time_max_s', writable_in=BEFORE_CP4),
-    _row('S-0-0295', 'Drive enable delay time', 's', Group.LIMITS,
-         'drive.enable_settle_s', writable_in=BEFORE_CP4),
-    _row('S-0-0091', 'Bipolar velocity limit value', 'rad/s', Group.LIMITS,
-         'drive.velocity_limit_rad_s', writable_in=ALWAYS),
-    _row('S-0-0038', 'Positive velocity limit value', 'rad/s', Group.LIMITS,
-         'drive.velocity_limit_rad_s', formula=operator.pos),
-    _row('S-0-0039', 'Negative velocity limit value', 'rad/s', Group.LIMITS,
-         'drive.velocity_limit_rad_s', formula=operator.neg),
-    _row('S-0-0092', 'Bipolar torque limit value', 'N m', Group.LIMITS,
-         'drive.torque_limit_n_m', writable_in=ALWAYS),
-    _row('S-0-0082', 'Positive torque limit value', 'N m', Group.LIMITS,
-         'drive.torque_limit_n_m', formula=operator.pos),
-    _row('S-0-0083', 'Negative torque limit value', 'N m', Group.LIMITS,
-         'drive.torque_limit_n_m', formula=operator.neg),
-    _row('S-0-0049', 'Positive position limit value', 'rad', Group.LIMITS,
-         'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
-    _row('S-0-0050', 'Negative position limit value', 'rad', Group.LIMITS,
-         'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
-    _row('S-0-0124', 'Standstill window', 'rad/s', Group.LIMITS, formula=_constant(STANDSTILL_RAD_S)),
-    # timing
-    _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
-    _row('S-0-0002', 'Communication cycle time (tScyc)', 's', Group.TIMING, 'bus.cycle_time_s'),
-    _row('S-0-0015', 'Telegram type', BITS, Group.TIMING, formula=_constant(APPLICATION_TELEGRAM)),
-    _row('S-0-0032', 'Primary operation mode', BITS, Group.TIMING,
-         'drive.velocity_feedforward', formula=_operation_mode),
-    _row('P-0-0001', 'Position loop period', 's', Group.TIMING, 'drive.position_period_s'),
-    _row('P-0-0002', 'Velocity loop period', 's', Group.TIMING, 'drive.velocity_period_s'),
-    _row('P-0-0003', 'Current loop period', 's', Group.TIMING, 'drive.current_period_s'),
-    _row('P-0-0004', 'Exchange period with the plant', 's', Group.TIMING, 'bus.exchange_period_s'),
-    # encoder and gear
-    _row('S-0-0079', 'Rotational position resolution', 'increments', Group.ENCODER, 'bus.increments_per_rev'),
-    _row('S-0-0116', 'Resolution of feedback 1 (motor feedback)', 'increments', Group.ENCODER,
-         'bus.increments_per_rev'),
-    _row('S-0-0121', 'Input revolutions of load gear', ONE, Group.ENCODER, 'dynamics.gear_in'),
-    _row('S-0-0122', 'Output revolutions of load gear', ONE, Group.ENCODER, 'dynamics.gear_out'),
-    _row('P-0-0051', 'Commutation offset, electrical', 'rad', Group.ENCODER, 'drive.commutation_offset_rad'),
-    # motor and brake
-    _row('S-0-0109', 'Motor peak current', 'A', Group.MOTOR, 'motor.peak_current_a'),
-    _row('S-0-0111', 'Motor continuous stall current', 'A', Group.MOTOR, 'motor.nominal_current_a'),
-    _row('S-0-0113', 'Maximum motor speed', 'rad/s', Group.MOTOR, 'motor.max_speed_rad_s'),
-    _row('S-0-0206', 'Drive on delay time', 's', Group.MOTOR, 'motor.brake_release_s'),
-    _row('S-0-0207', 'Drive off delay time', 's', Group.MOTOR, 'motor.brake_apply_s'),
-    _row('P-0-0061', 'Torque constant', 'N m/A', Group.MOTOR, 'motor.torque_constant_n_m_a'),
-    _row('P-0-0062', 'Rotor inertia', 'kg m2', Group.MOTOR, 'motor.rotor_inertia_kg_m2'),
-    _row('P-0-0063', 'Brake inertia', 'kg m2', Group.MOTOR, 'motor.brake_inertia_kg_m2'),
-    _row('P-0-0064', 'Winding resistance, phase to phase', 'ohm', Group.MOTOR, 'motor.winding_resistance_ohm'),
-    _row('P-0-0065', 'Winding inductance, phase to phase', 'H', Group.MOTOR, 'motor.winding_inductance_h'),
-    _row('P-0-0066', 'Pole pairs', ONE, Group.MOTOR, 'motor.pole_pairs'),
-    _row('P-0-0067', 'Viscous friction', 'N m s/rad', Group.MOTOR, 'motor.viscous_friction_n_m_s_rad'),
-    _row('P-0-0068', 'Static friction', 'N m', Group.MOTOR, 'motor.static_friction_n_m'),
-    _row('P-0-0069', 'Torque of the holding brake', 'N m', Group.MOTOR, 'motor.brake_torque_n_m'),
-    _row('P-0-0070', 'Nominal DC bus voltage', 'V', Group.MOTOR, 'drive.dc_link_voltage_v'),
+_GROUPS = {
+    Group.GAINS: (
+        _set('S-0-0104', 'Position loop KV-factor', '1/s', 'drive.position_gain_rad_s_rad', ALWAYS),
+        _set('S-0-0100', 'Velocity loop proportional gain', 'A s/rad', 'drive.velocity_gain_a_s_rad', ALWAYS),
+        _set('P-0-0011', 'Velocity loop integral gain', 'A/rad', 'drive.velocity_integral_gain_a_rad', ALWAYS),
+        _row('S-0-0101', 'Velocity loop integral action time', 's',
+             'drive.velocity_gain_a_s_rad', 'drive.velocity_integral_gain_a_rad', formula=_action_time),
+        _set('S-0-0106', 'Current loop proportional gain 1', 'V/A', 'drive.current_gain_v_a', ALWAYS),
+        _set('P-0-0012', 'Current loop integral gain 1', 'V/(A s)', 'drive.current_integral_gain_v_a_s', ALWAYS),
+        _row('S-0-0107', 'Current loop integral action time 1', 's',
+             'drive.current_gain_v_a', 'drive.current_integral_gain_v_a_s', formula=_action_time),
+    ),
+    Group.FEEDFORWARDS: (
+        _set('S-0-0296', 'Velocity feed forward gain', ONE, 'drive.velocity_feedforward', ALWAYS),
+        _set('S-0-0348', 'Acceleration feed forward gain', ONE, 'drive.current_feedforward', ALWAYS),
+        _set('P-0-0021', 'Inertia of the acceleration feed forward', 'kg m2',
+             'drive.feedforward_inertia_kg_m2', ALWAYS),
+        _set('P-0-0022', 'Arm inertia of the shaft observer, arm side', 'kg m2',
+             'drive.observer_arm_inertia_kg_m2', BEFORE_CP4),
+    ),
+    Group.FILTERS: (
+        _set('S-0-0392', 'Velocity feedback filter', 's', 'drive.velocity_filter_s', ALWAYS),
+        _set('P-0-0031', 'Current command filter', 's', 'drive.current_reference_filter_s', ALWAYS),
+        _set('P-0-0032', 'Current feedback filter', 's', 'drive.current_filter_s', ALWAYS),
+    ),
+    Group.LIMITS: (
+        _set('S-0-0159', 'Monitoring window', 'rad', 'drive.following_error_limit_rad', ALWAYS),
+        _set('S-0-0429', 'Emergency stop deceleration', 'rad/s2', 'drive.stop_deceleration_rad_s2', ALWAYS),
+        _set('P-0-0041', 'Overspeed trip over maximum motor speed', ONE, 'drive.overspeed_factor', ALWAYS),
+        _set('P-0-0042', 'Overload time of the I2t monitoring', 's', 'drive.overload_time_s', ALWAYS),
+        _set('S-0-0273', 'Maximum drive off delay time', 's', 'drive.stop_time_max_s', BEFORE_CP4),
+        _set('S-0-0295', 'Drive enable delay time', 's', 'drive.enable_settle_s', BEFORE_CP4),
+        _set('S-0-0091', 'Bipolar velocity limit value', 'rad/s', 'drive.velocity_limit_rad_s', ALWAYS),
+        _row('S-0-0038', 'Positive velocity limit value', 'rad/s', 'drive.velocity_limit_rad_s', formula=operator.pos),
+        _row('S-0-0039', 'Negative velocity limit value', 'rad/s', 'drive.velocity_limit_rad_s', formula=operator.neg),
+        _set('S-0-0092', 'Bipolar torque limit value', 'N m', 'drive.torque_limit_n_m', ALWAYS),
+        _row('S-0-0082', 'Positive torque limit value', 'N m', 'drive.torque_limit_n_m', formula=operator.pos),
+        _row('S-0-0083', 'Negative torque limit value', 'N m', 'drive.torque_limit_n_m', formula=operator.neg),
+        _row('S-0-0049', 'Positive position limit value', 'rad',
+             'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+        _row('S-0-0050', 'Negative position limit value', 'rad',
+             'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+        _row('S-0-0124', 'Standstill window', 'rad/s', formula=_constant(STANDSTILL_RAD_S)),
+    ),
+    Group.TIMING: (
+        _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', 'bus.cycle_time_s'),
+        _row('S-0-0002', 'Communication cycle time (tScyc)', 's', 'bus.cycle_time_s'),
+        _row('S-0-0015', 'Telegram type', BITS, formula=_constant(APPLICATION_TELEGRAM)),
+        _row('S-0-0032', 'Primary operation mode', BITS, 'drive.velocity_feedforward', formula=_operation_mode),
+        _row('P-0-0001', 'Position loop period', 's', 'drive.position_period_s'),
+        _row('P-0-0002', 'Velocity loop period', 's', 'drive.velocity_period_s'),
+        _row('P-0-0003', 'Current loop period', 's', 'drive.current_period_s'),
+        _row('P-0-0004', 'Exchange period with the plant', 's', 'bus.exchange_period_s'),
+    ),
+    Group.ENCODER: (
+        _row('S-0-0079', 'Rotational position resolution', 'increments', 'bus.increments_per_rev'),
+        _row('S-0-0116', 'Resolution of feedback 1 (motor feedback)', 'increments', 'bus.increments_per_rev'),
+        _row('S-0-0121', 'Input revolutions of load gear', ONE, 'dynamics.gear_in'),
+        _row('S-0-0122', 'Output revolutions of load gear', ONE, 'dynamics.gear_out'),
+        _row('P-0-0051', 'Commutation offset, electrical', 'rad', 'drive.commutation_offset_rad'),
+    ),
+    Group.MOTOR: (
+        _row('S-0-0109', 'Motor peak current', 'A', 'motor.peak_current_a'),
+        _row('S-0-0111', 'Motor continuous stall current', 'A', 'motor.nominal_current_a'),
+        _row('S-0-0113', 'Maximum motor speed', 'rad/s', 'motor.max_speed_rad_s'),
+        _row('S-0-0206', 'Drive on delay time', 's', 'motor.brake_release_s'),
+        _row('S-0-0207', 'Drive off delay time', 's', 'motor.brake_apply_s'),
+        _row('P-0-0061', 'Torque constant', 'N m/A', 'motor.torque_constant_n_m_a'),
+        _row('P-0-0062', 'Rotor inertia', 'kg m2', 'motor.rotor_inertia_kg_m2'),
+        _row('P-0-0063', 'Brake inertia', 'kg m2', 'motor.brake_inertia_kg_m2'),
+        _row('P-0-0064', 'Winding resistance, phase to phase', 'ohm', 'motor.winding_resistance_ohm'),
+        _row('P-0-0065', 'Winding inductance, phase to phase', 'H', 'motor.winding_inductance_h'),
+        _row('P-0-0066', 'Pole pairs', ONE, 'motor.pole_pairs'),
+        _row('P-0-0067', 'Viscous friction', 'N m s/rad', 'motor.viscous_friction_n_m_s_rad'),
+        _row('P-0-0068', 'Static friction', 'N m', 'motor.static_friction_n_m'),
+        _row('P-0-0069', 'Torque of the holding brake', 'N m', 'motor.brake_torque_n_m'),
+        _row('P-0-0070', 'Nominal DC bus voltage', 'V', 'drive.dc_link_voltage_v'),
+    ),
     # actual values, of the bus cycle in which the drive answers
-    _row('S-0-0036', 'Velocity command value', 'rad/s', Group.ACTUAL_VALUES, 'speed_reference'),
-    _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', Group.ACTUAL_VALUES, 'speed'),
-    _row('S-0-0047', 'Position command value', 'rad', Group.ACTUAL_VALUES, 'command'),
-    _row('S-0-0051', 'Position feedback value 1 (motor feedback)', 'rad', Group.ACTUAL_VALUES,
-         'sampled_position'),
-    _row('S-0-0080', 'Torque command value', 'N m', Group.ACTUAL_VALUES,
-         'motor.torque_constant_n_m_a', 'current_reference', formula=operator.mul),
-    _row('S-0-0084', 'Torque feedback value', 'N m', Group.ACTUAL_VALUES,
-         'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
-    _row('S-0-0189', 'Following distance', 'rad', Group.ACTUAL_VALUES, 'following_error'),
-    _row('S-0-0380', 'DC bus voltage', 'V', Group.ACTUAL_VALUES, 'dc_link'),
-    _row('S-0-0389', 'Effective current', 'A', Group.ACTUAL_VALUES, 'current'),
-    _row('P-0-0071', 'Voltage command value of a phase', 'V', Group.ACTUAL_VALUES, 'voltage'),
-    _row('P-0-0072', 'Integral of the I2t monitoring', 's', Group.ACTUAL_VALUES, 'overload'),
-    # diagnostics
-    _row('S-0-0011', 'Class 1 diagnostic', BITS, Group.DIAGNOSTICS, 'fault', formula=_class_1),
-    _row('S-0-0012', 'Class 2 diagnostic', BITS, Group.DIAGNOSTICS, 'warning', formula=_class_2),
-    _row('S-0-0013', 'Class 3 diagnostic', BITS, Group.DIAGNOSTICS,
-         'speed', 'speed_reference', 'drive.velocity_limit_rad_s', 'motor.max_speed_rad_s',
-         'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a', 'motor.peak_current_a',
-         formula=_class_3),
-    _row('S-0-0014', 'Interface status', BITS, Group.DIAGNOSTICS,
-         PHASE, 'fault', formula=_interface_status),
-    # one message is MST and MDT: its stamp synchronises, its values command. A drive that loses it, or gets it garbled
-    # and so without a stamp, has lost both: the two IDNs show one counter
-    _row('S-0-0028', 'MST error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
-    _row('S-0-0029', 'MDT error counter', ONE, Group.DIAGNOSTICS, 'mdt_losses'),
-    _row('S-0-0134', 'Drive control', BITS, Group.DIAGNOSTICS, 'control'),
-    _row('S-0-0135', 'Drive status', BITS, Group.DIAGNOSTICS, 'status'),
-    _row('S-0-0390', 'Diagnostic number', ONE, Group.DIAGNOSTICS,
-         'fault', 'warning', formula=_diagnostic_number),
-    _row('P-0-0081', 'State of the drive', ONE, Group.DIAGNOSTICS, 'state'),
-    _row('P-0-0082', 'Reaction under way', ONE, Group.DIAGNOSTICS, 'reaction'),
-    _row('P-0-0083', 'Brake output', ONE, Group.DIAGNOSTICS, 'brake_release'),
+    Group.ACTUAL_VALUES: (
+        _row('S-0-0036', 'Velocity command value', 'rad/s', 'speed_reference'),
+        _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', 'speed'),
+        _row('S-0-0047', 'Position command value', 'rad', 'command'),
+        _row('S-0-0051', 'Position feedback value 1 (motor feedback)', 'rad', 'sampled_position'),
+        _row('S-0-0080', 'Torque command value', 'N m',
+             'motor.torque_constant_n_m_a', 'current_reference', formula=operator.mul),
+        _row('S-0-0084', 'Torque feedback value', 'N m',
+             'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
+        _row('S-0-0189', 'Following distance', 'rad', 'following_error'),
+        _row('S-0-0380', 'DC bus voltage', 'V', 'dc_link'),
+        _row('S-0-0389', 'Effective current', 'A', 'current'),
+        _row('P-0-0071', 'Voltage command value of a phase', 'V', 'voltage'),
+        _row('P-0-0072', 'Integral of the I2t monitoring', 's', 'overload'),
+    ),
+    Group.DIAGNOSTICS: (
+        _row('S-0-0011', 'Class 1 diagnostic', BITS, 'fault', formula=_class_1),
+        _row('S-0-0012', 'Class 2 diagnostic', BITS, 'warning', formula=_class_2),
+        _row('S-0-0013', 'Class 3 diagnostic', BITS,
+             'speed', 'speed_reference', 'drive.velocity_limit_rad_s', 'motor.max_speed_rad_s',
+             'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a',
+             'motor.peak_current_a', formula=_class_3),
+        _row('S-0-0014', 'Interface status', BITS, PHASE, 'fault', formula=_interface_status),
+        # one message is MST and MDT: its stamp synchronises, its values command. A drive that loses it, or gets it
+        # garbled and so without a stamp, has lost both: the two IDNs show one counter
+        _row('S-0-0028', 'MST error counter', ONE, 'mdt_losses'),
+        _row('S-0-0029', 'MDT error counter', ONE, 'mdt_losses'),
+        _row('S-0-0134', 'Drive control', BITS, 'control'),
+        _row('S-0-0135', 'Drive status', BITS, 'status'),
+        _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
+        _row('P-0-0081', 'State of the drive', ONE, 'state'),
+        _row('P-0-0082', 'Reaction under way', ONE, 'reaction'),
+        _row('P-0-0083', 'Brake output', ONE, 'brake_release'),
+    ),
     # procedure commands: they are executed at once, so that none is ever found active
-    _row('S-0-0099', 'Reset class 1 diagnostic', BITS, Group.COMMANDS, formula=_constant(0.0)),
-    _row('S-0-0127', 'CP3 transition check', BITS, Group.COMMANDS, formula=_constant(0.0)),
-    _row('S-0-0128', 'CP4 transition check', BITS, Group.COMMANDS, formula=_constant(0.0)),
-)
+    Group.COMMANDS: (
+        _row('S-0-0099', 'Reset class 1 diagnostic', BITS, formula=_constant(0.0)),
+        _row('S-0-0127', 'CP3 transition check', BITS, formula=_constant(0.0)),
+        _row('S-0-0128', 'CP4 transition check', BITS, formula=_constant(0.0)),
+    ),
+}
 # fmt: on
 
+ROWS = tuple(row(group=group) for group, rows in _GROUPS.items() for row in rows)
 TABLE = {row.idn: row for row in ROWS}
 # IDN by the name of the parameter that is its value
 OF_PARAMETER = {

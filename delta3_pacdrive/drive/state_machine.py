@@ -9,35 +9,14 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.sercos.losses import count_loss, count_telegram, too_many
 from delta3_pacdrive.sercos.words import Control, Status
 
-NOT_READY, READY, ENABLING, ENABLED = (
-    int(DriveState.NOT_READY),
-    int(DriveState.READY),
-    int(DriveState.ENABLING),
-    int(DriveState.ENABLED),
-)
-STOPPING, HOLDING, FAULT, HALTED = (
-    int(DriveState.STOPPING),
-    int(DriveState.HOLDING),
-    int(DriveState.FAULT),
-    int(DriveState.HALTED),
-)
-NO_FAULT = int(DriveFault.NONE)
-FOLLOWING_ERROR, OVERSPEED, OVERLOAD = (
-    int(DriveFault.FOLLOWING_ERROR),
-    int(DriveFault.OVERSPEED),
-    int(DriveFault.OVERLOAD),
-)
-COMMAND_STEP, COMMAND_NOT_FINITE = int(DriveFault.COMMAND_STEP), int(DriveFault.COMMAND_NOT_FINITE)
-TELEGRAM, ENCODER, OVER_CURRENT = (
-    int(DriveFault.TELEGRAM),
-    int(DriveFault.ENCODER),
-    int(DriveFault.OVER_CURRENT),
-)
-BRAKE = int(DriveFault.BRAKE)
-OVERTRAVEL, MASTER_SILENT = int(DriveFault.OVERTRAVEL), int(DriveFault.MASTER_SILENT)
-UNDER_VOLTAGE, OVER_VOLTAGE = int(DriveFault.UNDER_VOLTAGE), int(DriveFault.OVER_VOLTAGE)
+# plain integers for compiled code, in the order of their enumerations
+NOT_READY, READY, ENABLING, ENABLED, STOPPING, HOLDING, FAULT, HALTED = map(int, DriveState)
+(
+    NO_FAULT, FOLLOWING_ERROR, OVERSPEED, OVERLOAD, COMMAND_STEP, COMMAND_NOT_FINITE, TELEGRAM,
+    ENCODER, OVER_CURRENT, OVERTRAVEL, MASTER_SILENT, UNDER_VOLTAGE, OVER_VOLTAGE, BRAKE,
+) = map(int, DriveFault)  # fmt: skip
 WARN_FOLLOWING, WARN_OVERLOAD = int(DriveWarning.FOLLOWING_ERROR), int(DriveWarning.OVERLOAD)
-NO_REACTION, BD2, BD1, AD = int(Reaction.NONE), int(Reaction.BD2), int(Reaction.BD1), int(Reaction.AD)
+NO_REACTION, BD2, BD1, AD = map(int, Reaction)
 DRIVE_ON, ENABLE, RUN = int(Control.DRIVE_ON), int(Control.ENABLE), int(Control.RUN)
 STATUS_READY_FOR_POWER, STATUS_READY_TO_ENABLE = int(Status.READY_FOR_POWER), int(Status.READY_TO_ENABLE)
 STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (

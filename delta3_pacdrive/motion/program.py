@@ -20,35 +20,35 @@ class Target:
     relative: bool = False
 
 
-@dataclass(frozen=True)
-class MoveL:
-    """Straight line to a point (6.1)."""
+@dataclass(frozen=True, kw_only=True)
+class PathMove:
+    """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed."""
 
-    to: Target
     limits: Limits
     blend_m: float = 0.0
     strict: bool = False
 
 
 @dataclass(frozen=True)
-class MoveC:
+class MoveL(PathMove):
+    """Straight line to a point (6.1)."""
+
+    to: Target
+
+
+@dataclass(frozen=True)
+class MoveC(PathMove):
     """Circle through a circle point to an end (6.2)."""
 
     via: Target
     to: Target
-    limits: Limits
-    blend_m: float = 0.0
-    strict: bool = False
 
 
 @dataclass(frozen=True)
-class MoveSB:
+class MoveSB(PathMove):
     """Cubic spline through points (6.3)."""
 
     through: tuple[Target, ...]
-    limits: Limits
-    blend_m: float = 0.0
-    strict: bool = False
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ faults:                                                             # optional: 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,7 @@ from delta3_pacdrive.motion.program import (
     MoveL,
     MoveSB,
     Output,
+    PathMove,
     Point,
     Program,
     Statement,
@@ -66,6 +67,7 @@ VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 NAME_MAX = 100
 FAULTS_MAX = 1000
 _NAME = line_of_text(NAME_MAX)
+Read = Callable[[Any, str], Any]
 
 
 def load(path: str | Path, motion: Motion) -> Program:
@@ -92,15 +94,6 @@ def find(path: str | Path) -> Path:
 def packaged_names() -> list[str]:
     """Names of the packaged programs."""
     return packaged.program_names()
-
-
-@dataclass(frozen=True)
-class _Context:
-    """What a statement may refer to."""
-
-    limits: Limits
-    points: dict[str, Point | None]
-    errors: Errors
 
 
 _LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
@@ -143,27 +136,19 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Progra
     )
     points = fields.read('points', lambda value, where: _points(value, where, errors), {}, prefix='')
     repeat = fields.read('repeat', whole_number_between(1, REPEAT_MAX), 1, prefix='')
-    context = _Context(limits, points, errors)
+    reader = _StatementReader(limits, points, errors)
 
     def statements(value: Any, where: str) -> tuple[Statement, ...]:
         if not isinstance(value, list) or not value:
             refuse(f'{where} must be a list of at least one move')
         if len(value) * repeat > MOVES_MAX:
             refuse(f'the program has {len(value) * repeat} moves, the limit is {MOVES_MAX}')
-        found = []
-        for item, name, place in numbered(value, where):
-            with errors.noted(place):
-                found.append(_statement(item, name, context))
-        return tuple(found)
+        return _each(value, where, errors, reader.statement)
 
     def faults(value: Any, where: str) -> tuple[Fault, ...]:
         if not isinstance(value, list) or len(value) > FAULTS_MAX:
             refuse(f'{where} must be a list of at most {FAULTS_MAX} faults')
-        found = []
-        for item, name, place in numbered(value, where):
-            with errors.noted(place):
-                found.append(read_fault(item, name, errors))
-        return tuple(found)
+        return _each(value, where, errors, lambda item, name: read_fault(item, name, errors))
 
     return Program(
         fields.read('name', _NAME, _NAME(name, 'name'), prefix=''),
@@ -173,6 +158,15 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Progra
         fields.read('payload_kg', _payload, prefix=''),
         fields.read('faults', faults, (), prefix=''),
     )
+
+
+def _each(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
+    """Read the items of a list; what is wrong with one is noted, and it is left out."""
+    found = []
+    for item, name, place in numbered(value, where):
+        with errors.noted(place):
+            found.append(read(item, name))
+    return tuple(found)
 
 
 def _points(value: Any, where: str, errors: Errors) -> dict[str, Point | None]:
@@ -221,20 +215,6 @@ def _point(value: Any, where: str, points: dict[str, Point | None]) -> Point | N
     return point
 
 
-def _target(value: Any, where: str, context: _Context) -> Target | None:
-    if not isinstance(value, dict):
-        point = _point(value, where, context.points)
-        return None if point is None else Target(point)
-    fields = Section(value, where, context.errors, ('point', 'by_m'), ('by_m',))
-    step = fields.read('by_m', lambda step, name: _point(step, name, {}))
-    if 'point' not in fields:
-        return None if step is None else Target(step, relative=True)
-    point = fields.read('point', lambda name, place: _point(name, place, context.points))
-    if point is None or step is None:
-        return None
-    return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
-
-
 def _limit(value: Any, where: str) -> float:
     limit = number(value, where)
     if not limit > 0.0 or (math.isinf(limit) and not where.endswith('jerk_m_s3')):
@@ -255,102 +235,97 @@ def _blend(value: Any, where: str) -> float:
     return blend
 
 
-def _path_options(fields: Section, context: _Context) -> dict[str, Any]:
-    return {
-        'limits': _limits(fields, context.limits),
-        'blend_m': fields.read('blend_m', _blend, 0.0),
-        'strict': fields.read('strict', flag, False),
-    }
+def _velocity(value: Any, where: str) -> Point:
+    vector = _vector(value, where, 'm/s')
+    if max(abs(item) for item in vector) > VELOCITY_MAX_M_S:
+        refuse(f'{where} may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
+    return vector
 
 
-def _parse_move_l(value: Any, where: str, context: _Context) -> Statement:
-    fields = Section(value, where, context.errors, {'to_m', *_PATH_KEYS}, ('to_m',))
-    to = fields.read('to_m', lambda value, where: _target(value, where, context))
-    return MoveL(to, **_path_options(fields, context))  # type: ignore[arg-type]
+def _duration(value: Any, where: str) -> float:
+    time = number(value, where)
+    if not 0.0 < time <= TIME_MAX_S:
+        refuse(f'{where} is {time}, but must be positive and at most {TIME_MAX_S:g}')
+    return time
 
 
-def _parse_move_c(value: Any, where: str, context: _Context) -> Statement:
-    fields = Section(value, where, context.errors, {'via_m', 'to_m', *_PATH_KEYS}, ('to_m', 'via_m'))
-    via, to = (
-        fields.read(key, lambda value, where: _target(value, where, context)) for key in ('via_m', 'to_m')
-    )
-    return MoveC(via, to, **_path_options(fields, context))  # type: ignore[arg-type]
+class _StatementReader:
+    """The reader of statements, which may refer to limits and points of the program."""
 
+    def __init__(self, limits: Limits, points: dict[str, Point | None], errors: Errors) -> None:
+        self._limits, self._points, self._errors = limits, points, errors
+        # of each kind of statement: its class, its fields by their keys with a reader, and the keys that it must have
+        self._kinds: dict[str, tuple[type[Statement], dict[str, tuple[str, Read]], tuple[str, ...]]] = {
+            'move_l': (MoveL, {'to_m': ('to', self._target)}, ('to_m',)),
+            'move_c': (
+                MoveC,
+                {'via_m': ('via', self._target), 'to_m': ('to', self._target)},
+                ('to_m', 'via_m'),
+            ),
+            'move_sb': (MoveSB, {'through_m': ('through', self._through)}, ('through_m',)),
+            'cubic': (
+                Cubic,
+                {
+                    'to_m': ('to', self._target),
+                    'duration_s': ('duration_s', number_between(1e-3, TIME_MAX_S)),
+                    'end_velocity_m_s': ('end_velocity_m_s', _velocity),
+                },
+                ('duration_s', 'to_m'),
+            ),
+            'dwell': (Dwell, {'time_s': ('time_s', _duration)}, ('time_s',)),
+            'output': (
+                Output,
+                {
+                    'name': ('name', one_of(OUTPUTS)),
+                    'value': ('value', lambda value, where: float(flag(value, where))),
+                    'before_m': ('before_m', number_between(0.0, REACH_M)),
+                    'payload_kg': ('payload_kg', _payload),
+                },
+                ('name', 'value'),
+            ),
+        }
 
-def _parse_move_sb(value: Any, where: str, context: _Context) -> Statement:
-    fields = Section(value, where, context.errors, {'through_m', *_PATH_KEYS}, ('through_m',))
+    def statement(self, value: Any, where: str) -> Statement:
+        """Read a statement."""
+        if not isinstance(value, dict):
+            refuse(f'{where} must be a mapping, not {shown(value)}')
+        for key in value:
+            if key not in self._kinds:
+                unknown = f'{where}: unknown key {shown(key)}, {expected(key, self._kinds)}'
+                refuse(unknown, place_of_key(value, key))
+        if len(value) != 1:
+            refuse(f'{where} must hold exactly one of {", ".join(self._kinds)}')
+        ((kind, content),) = value.items()
+        made, keys, required = self._kinds[kind]
+        along_path = issubclass(made, PathMove)
+        with at(place_in(value, kind)):
+            allowed = {*keys, *(_PATH_KEYS if along_path else ())}
+            fields = Section(content, f'{where}.{kind}', self._errors, allowed, required)
+            # a key that is left out has the default of its field
+            there = {key: name_read for key, name_read in keys.items() if key in fields or key in required}
+            values = {name: fields.read(key, read) for key, (name, read) in there.items()}
+            if along_path:
+                values['limits'] = _limits(fields, self._limits)
+                values['blend_m'] = fields.read('blend_m', _blend, 0.0)
+                values['strict'] = fields.read('strict', flag, False)
+            return made(**values)
 
-    def through(points: Any, name: str) -> tuple[Target, ...]:
+    def _target(self, value: Any, where: str) -> Target | None:
+        if not isinstance(value, dict):
+            point = _point(value, where, self._points)
+            return None if point is None else Target(point)
+        fields = Section(value, where, self._errors, ('point', 'by_m'), ('by_m',))
+        step = fields.read('by_m', lambda step, name: _point(step, name, {}))
+        if 'point' not in fields:
+            return None if step is None else Target(step, relative=True)
+        point = fields.read('point', lambda name, place: _point(name, place, self._points))
+        if point is None or step is None:
+            return None
+        return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
+
+    def _through(self, points: Any, where: str) -> tuple[Target, ...]:
         if not isinstance(points, list) or not points:
-            refuse(f'{name} must be a list of at least one point')
+            refuse(f'{where} must be a list of at least one point')
         if len(points) > SPLINE_POINTS_MAX:
-            refuse(f'{name} has {len(points)} points, the limit is {SPLINE_POINTS_MAX}')
-        targets = []
-        for item, place_name, place in numbered(points, name):
-            with context.errors.noted(place):
-                targets.append(_target(item, place_name, context))
-        return tuple(targets)  # type: ignore[arg-type]
-
-    return MoveSB(fields.read('through_m', through, ()), **_path_options(fields, context))
-
-
-def _parse_cubic(value: Any, where: str, context: _Context) -> Statement:
-    keys = {'to_m', 'duration_s', 'end_velocity_m_s'}
-    fields = Section(value, where, context.errors, keys, ('duration_s', 'to_m'))
-
-    def velocity(value: Any, where: str) -> Point:
-        vector = _vector(value, where, 'm/s')
-        if max(abs(item) for item in vector) > VELOCITY_MAX_M_S:
-            refuse(f'{where} may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
-        return vector
-
-    return Cubic(
-        fields.read('to_m', lambda value, where: _target(value, where, context)),  # type: ignore[arg-type]
-        fields.read('duration_s', number_between(1e-3, TIME_MAX_S)),
-        fields.read('end_velocity_m_s', velocity, (0.0, 0.0, 0.0)),
-    )
-
-
-def _parse_dwell(value: Any, where: str, context: _Context) -> Statement:
-    def duration(value: Any, where: str) -> float:
-        time = number(value, where)
-        if not 0.0 < time <= TIME_MAX_S:
-            refuse(f'{where} is {time}, but must be positive and at most {TIME_MAX_S:g}')
-        return time
-
-    return Dwell(Section(value, where, context.errors, ('time_s',), ('time_s',)).read('time_s', duration))
-
-
-def _parse_output(value: Any, where: str, context: _Context) -> Statement:
-    keys = {'name', 'value', 'before_m', 'payload_kg'}
-    fields = Section(value, where, context.errors, keys, ('name', 'value'))
-
-    return Output(
-        fields.read('name', one_of(OUTPUTS)),
-        float(fields.read('value', flag, False)),
-        fields.read('before_m', number_between(0.0, REACH_M), 0.0),
-        fields.read('payload_kg', _payload),
-    )
-
-
-_PARSERS: dict[str, Callable[[Any, str, _Context], Statement]] = {
-    'move_l': _parse_move_l,
-    'move_c': _parse_move_c,
-    'move_sb': _parse_move_sb,
-    'cubic': _parse_cubic,
-    'dwell': _parse_dwell,
-    'output': _parse_output,
-}
-
-
-def _statement(value: Any, where: str, context: _Context) -> Statement:
-    if not isinstance(value, dict):
-        refuse(f'{where} must be a mapping, not {shown(value)}')
-    for key in value:
-        if key not in _PARSERS:
-            refuse(f'{where}: unknown key {shown(key)}, {expected(key, _PARSERS)}', place_of_key(value, key))
-    if len(value) != 1:
-        refuse(f'{where} must hold exactly one of {", ".join(_PARSERS)}')
-    ((kind, content),) = value.items()
-    with at(place_in(value, kind)):
-        return _PARSERS[kind](content, f'{where}.{kind}', context)
+            refuse(f'{where} has {len(points)} points, the limit is {SPLINE_POINTS_MAX}')
+        return _each(points, where, self._errors, self._target)

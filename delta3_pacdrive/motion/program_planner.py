@@ -14,7 +14,7 @@ from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove
-from delta3_pacdrive.motion.program import Cubic, MoveC, MoveL, MoveSB, Program, Statement, point_text
+from delta3_pacdrive.motion.program import Cubic, PathMove, Program, Statement, point_text
 from delta3_pacdrive.motion.round_planner import RoundPlanner
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
@@ -131,7 +131,7 @@ def capped(program: Program, caps: tuple[float, float, float]) -> Program:
     for n, one in enumerate(program.statements):
         if isinstance(one, Cubic):
             raise ProgramError(f'moves[{n}].cubic: its duration is fixed, it takes no cap of speed')
-        if isinstance(one, MoveL | MoveC | MoveSB):
+        if isinstance(one, PathMove):
             statements.append(replace(one, limits=one.limits.lower(most)))
         else:
             statements.append(one)

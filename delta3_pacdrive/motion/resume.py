@@ -165,6 +165,6 @@ def way_back(timeline: Timeline, here_m: Floats, parameters: Parameters) -> Plan
     if float(np.linalg.norm(here_m - on_path)) > STANDING_M:
         motion, (x, y, z) = parameters.motion, on_path.tolist()
         limits = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
-        program = Program('way back', (MoveL(Target((x, y, z)), limits),))
+        program = Program('way back', (MoveL(Target((x, y, z)), limits=limits),))
         moves = [*program_planner.plan(program, here_m, parameters, returning=True).plan.moves, *moves]
     return Plan.of(moves)

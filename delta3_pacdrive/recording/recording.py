@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, BagWriter
 from delta3_pacdrive.recording.completeness import Completeness
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
@@ -31,10 +31,8 @@ class Recording:
 
     Attributes
     ----------
-    begin
-        Puts topics and metadata on the disk; raises RunError if there is no room for them.
-    flush
-        Puts what waits on the disk.
+    bag
+        The writer of the bag.
 
     """
 
@@ -42,19 +40,19 @@ class Recording:
         self._meta: dict[str, Any] = {
             'program': program,
             'checksum': parameters.checksum,
+            'parameters': flat_document(parameters),
             'gear_ratio': parameters.dynamics.gear_ratio,
             'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
             'cycle_time_s': parameters.bus.cycle_time_s,
             'exchange_period_s': parameters.bus.exchange_period_s,
         }
-        self._writer = BagWriter(folder, {METADATA_KEY: json.dumps(self._meta)}, self._about)
+        self.bag = BagWriter(folder, {METADATA_KEY: json.dumps(self._meta)}, self._about)
         self._completeness: dict[str, Completeness] = {}
         self._starts: set[int] = set()
-        self.begin, self.flush, self.path = self._writer.begin, self._writer.flush, folder
 
     def add_topic(self, absolute: str, message_type: str, depth: int, latched: bool) -> Write:
         """Announce a topic by its absolute name; the returned call writes a message of it."""
-        connection, write = self._writer.add_topic(absolute, message_type, depth, latched), self._writer.write
+        connection, write = self.bag.add_topic(absolute, message_type, depth, latched), self.bag.write
         return lambda received_ns, data: write(connection, received_ns, data)
 
     def add_cyclic_topic(self, name: str, of_exchange: bool, write: Write) -> Write:
@@ -65,7 +63,7 @@ class Recording:
         def write_and_count(received_ns: int, data: bytes) -> None:
             write(received_ns, data)
             # what comes after a full disk is not recorded, and is not missing from what is
-            if not self._writer.stopped:
+            if not self.bag.stopped:
                 counted.count(data)
 
         return write_and_count
@@ -85,16 +83,6 @@ class Recording:
         return write_and_note
 
     @property
-    def stopped(self) -> str:
-        """Why nothing is written any more; '' while it is."""
-        return self._writer.stopped
-
-    @property
-    def messages(self) -> int:
-        """Messages that are on the disk."""
-        return self._writer.messages
-
-    @property
     def hears_everything(self) -> bool:
         """Whether every cyclic topic has been received."""
         return all(item.greeted or item.messages for item in self._completeness.values())
@@ -109,7 +97,7 @@ class Recording:
 
     def close(self) -> None:
         """Finish the bag; what is written is complete and readable."""
-        self._writer.close(self._about(self.stopped))
+        self.bag.close(self._about(self.bag.stopped))
 
     def _about(self, stopped: str) -> dict[str, str]:
         """Return what the metadata says of a bag that ends now."""

@@ -6,7 +6,9 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.service import Service
 
-Answer = Callable[[bool, str], None]
+from delta3_pacdrive.errors import Reason
+
+Tell = Callable[[Reason | None, str], None]  # why something was refused, or None and what has happened
 
 
 class _Pending:
@@ -17,12 +19,13 @@ class _Pending:
         self._header: Any = None
         self._filled = False
 
-    def answer(self, success: bool, message: str) -> None:
+    def tell(self, reason: Reason | None, sentence: str) -> None:
         """Fill the response; only the first answer counts."""
         if self._filled:
             return
         self._filled = True
-        self._response.success, self._response.message = success, message
+        self._response.success = reason is None
+        self._response.message = reason.sentence if reason else sentence
         self._send_if_complete()
 
     def address(self, header: Any) -> None:
@@ -35,15 +38,15 @@ class _Pending:
             self._send(self._response, self._header)
 
 
-def create_deferred_service(node: Node, kind: Any, name: str, ask: Callable[[Any, Answer], None]) -> Service:
-    """Create a service whose callback gets the request and a function (success, message) that answers it.
+def create_deferred_service(node: Node, kind: Any, name: str, ask: Callable[[Any, Tell], None]) -> Service:
+    """Create a service whose callback gets the request and what answers it.
 
     ``kind`` has a response with these two fields, as Trigger and SetBool have.
     """
 
     def serve(request: Any, response: Any) -> _Pending:
         pending = _Pending(response, send)
-        ask(request, pending.answer)
+        ask(request, pending.tell)
         return pending
 
     service = node.create_service(kind, name, serve)

@@ -19,7 +19,8 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.messages import Numbering
-from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, shown
+from delta3_pacdrive.controller.robot_controller import RobotController
+from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
 from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.ros import node_process
@@ -36,27 +37,13 @@ class FaultInjection:
 
     Parameters
     ----------
-    node
+    node, controller
         Of the transformation task.
-    closed
-        Returns why nothing can be injected, None while it can.
-    next_cycle
-        Returns the next bus cycle that is not under way.
-    session
-        Returns the session of the bus.
 
     """
 
-    def __init__(
-        self,
-        node: Node,
-        cycle_time_s: float,
-        closed: Callable[[], Reason | None],
-        next_cycle: Callable[[], int],
-        session: Callable[[], bytes],
-    ) -> None:
-        self._node, self._cycle_time_s = node, cycle_time_s
-        self._closed, self._next_cycle, self._session = closed, next_cycle, session
+    def __init__(self, node: Node, controller: RobotController, cycle_time_s: float) -> None:
+        self._node, self._controller, self._cycle_time_s = node, controller, cycle_time_s
         self.accepted = 0
         self._schedule = FAULT_SCHEDULE.publisher(node)
         INJECT_FAULT.server(node, self._on_request)
@@ -69,10 +56,10 @@ class FaultInjection:
             if len(text) > REQUEST_MAX:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
             fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
-            closed = self._closed()
+            closed = self._controller.closed()
             if closed is not None:
                 raise ProgramError(f'a fault needs cyclic operation, {closed}')
-            (scheduled,) = self.inject([fault], self._next_cycle() + LEAD_CYCLES)
+            (scheduled,) = self.inject([fault], self._controller.next_cycle + LEAD_CYCLES)
             response.success = True
             response.message = f'{fault.text} from bus cycle {scheduled.first} on'
         except Delta3Error as error:
@@ -92,7 +79,7 @@ class FaultInjection:
         placed = [Scheduled.of(fault, cycle, self._cycle_time_s) for fault in faults]
         for scheduled in placed:
             self.accepted += 1
-            origin = {'session': self._session().decode(), 'serial': self.accepted}
+            origin = {'session': self._controller.bus.session.decode(), 'serial': self.accepted}
             self._schedule.publish(String(data=json.dumps(origin | scheduled.to_document())))
             self._node.get_logger().warning(
                 f'injected fault: {scheduled.fault.text} from bus cycle {scheduled.first} on'

@@ -25,23 +25,16 @@ from std_srvs.srv import SetBool, Trigger
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.ros import qos
-from delta3_pacdrive.ros.deferred_service import Answer, create_deferred_service
+from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
 
-TASK, PLANNER, DRIVE, PLANT, RECORDER, OPERATOR = (
-    'transformation_task',
-    'unit_robot',
-    'mc4_drive',
-    'plant',
-    'recorder',
-    'operator',
-)
+TASK, PLANNER, DRIVE, PLANT = 'transformation_task', 'unit_robot', 'mc4_drive', 'plant'
+RECORDER, OPERATOR = 'recorder', 'operator'
 EVERY_AXIS = 'axisN'
-_ARRAYS = ('position', 'velocity', 'effort')
 
 
 @dataclass(frozen=True)
@@ -80,29 +73,21 @@ CYCLIC_NEWEST = Delivery(
 )
 LATCHED = Delivery('latched', qos.LATCHED, qos.LATCHED, 'States and facts that latecomers need.')
 LATCHED_FROM_MANY = Delivery(
-    'latched, many writers',
-    qos.LATCHED,
-    qos.LATCHED_FROM_MANY,
+    'latched, many writers', qos.LATCHED, qos.LATCHED_FROM_MANY,
     'The newest word of every participant, for latecomers as well.',
-)
+)  # fmt: skip
 PLAN = Delivery(
-    'plan',
-    qos.PLAN,
-    qos.PLAN,
+    'plan', qos.PLAN, qos.PLAN,
     'Every move of a program comes at once and none may be missed; who joins later must not take an old one for new.',
-)
+)  # fmt: skip
 REQUEST = Delivery(
-    'request',
-    qos.REQUEST,
-    qos.REQUEST,
+    'request', qos.REQUEST, qos.REQUEST,
     'Requests of operators, in the order in which they were made, and the answers to them.',
-)
+)  # fmt: skip
 FAULTS = Delivery(
-    'faults',
-    qos.FAULTS,
-    qos.FAULTS,
+    'faults', qos.FAULTS, qos.FAULTS,
     'No injected fault may be missed, however many a program holds; who joins later has nothing to do with them.',
-)
+)  # fmt: skip
 REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for people and tools.')
 DELIVERIES = (CYCLIC, CYCLIC_NEWEST, LATCHED, LATCHED_FROM_MANY, PLAN, REQUEST, FAULTS, REPORT)
 
@@ -344,13 +329,7 @@ VERDICT = Topic(
     recorded=True,
 )
 REFUSAL = Topic(
-    'motion/refusal',
-    String,
-    REQUEST,
-    (TASK,),
-    (),
-    'why a plan or a change of a foreign writer is refused',
-    ASKED,
+    'motion/refusal', String, REQUEST, (TASK,), (), 'why a plan or a change of a foreign writer is refused', ASKED
 )
 PLANNER_ALIVE = Topic(
     'unit_robot/alive', Header, REPORT, (PLANNER,), (TASK,),
@@ -374,14 +353,7 @@ MOVE_L = Topic(
     'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE
 )
 MOVE_C = Topic(
-    'unit_robot/move_c',
-    Path,
-    REQUEST,
-    (),
-    (PLANNER,),
-    'circular move: circle point and end [m]',
-    ASKED,
-    _BASE,
+    'unit_robot/move_c', Path, REQUEST, (), (PLANNER,), 'circular move: circle point and end [m]', ASKED, _BASE
 )
 MOVE_SB = Topic(
     'unit_robot/move_sb', Path, REQUEST, (), (PLANNER,), 'spline through at most 100 points [m]', ASKED, _BASE
@@ -406,14 +378,7 @@ CONTROL_ALIVE = Topic(
     'heartbeat of who has control: his identity in the frame, a number in `stamp.sec`', '5 Hz',
 )
 CONTROL_OPERATOR = Topic(
-    'control/operator',
-    String,
-    LATCHED,
-    (TASK,),
-    (),
-    'who has control: name and identity',
-    CHANGE,
-    recorded=True,
+    'control/operator', String, LATCHED, (TASK,), (), 'who has control: name and identity', CHANGE, recorded=True
 )
 RECORDER_STATE = Topic(
     'recorder/state', String, LATCHED, (RECORDER,), (),
@@ -445,7 +410,7 @@ class Service:
         """Create the server."""
         return node.create_service(self.type, self.name, serve)
 
-    def deferred_server(self, node: Node, ask: Callable[[Any, Answer], None]) -> Server:
+    def deferred_server(self, node: Node, ask: Callable[[Any, Tell], None]) -> Server:
         """Create a server that answers when what was asked for has happened."""
         return create_deferred_service(node, self.type, self.name, ask)
 
@@ -463,11 +428,9 @@ HOLD = Service('hold', Trigger, TASK, 'stop on the path, to be resumed')
 ABORT = Service('abort', Trigger, TASK, 'stop on the path for good')
 EMERGENCY_STOP = Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off')
 INJECT_FAULT = Service(
-    'inject_fault',
-    AddDiagnostics,
-    TASK,
+    'inject_fault', AddDiagnostics, TASK,
     'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',
-)
+)  # fmt: skip
 SERVICES = tuple(item for item in list(vars().values()) if isinstance(item, Service))
 
 

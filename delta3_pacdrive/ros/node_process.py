@@ -64,13 +64,18 @@ class Process:
         self._executor.shutdown()
 
 
-def run(factories: Sequence[Callable[[], Node]], arguments: list[str] | None = None) -> int:
-    """Be the main function of a process: build the nodes, spin, clean up; return the exit status."""
+def run(
+    factories: Sequence[Callable[[], Node]],
+    arguments: list[str] | None = None,
+    prepare: Callable[[], None] = lambda: None,
+) -> int:
+    """Be the main function of a process: prepare, build the nodes, spin, clean up; return the exit status."""
     global _separate  # noqa: PLW0603 (a fact about the process)
     _separate = len(factories) == 1
     process: Process | None = None
     try:
         domain.check()
+        prepare()
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         process = Process()
         for stopping in interrupts.NUMBERS:
@@ -109,15 +114,11 @@ def run_single(factory: Callable[[], Node]) -> int:
     # an exception would be lost where the compiler calls back; whatever the node is to leave behind comes later
     interrupts.install()
     discovery.keep_to_this_machine()
-    try:
-        domain.check()
-        simulation.compile_kernels(
-            Lines().show
-        )  # nodes that are started together compile once, not each for itself
+
+    def prepare() -> None:
+        simulation.compile_kernels(Lines().show)  # nodes started together compile once, not each for itself
         simulation.rehearse(parameters.load())
-    except Delta3Error as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
-    status = run([factory])
+
+    status = run([factory], prepare=prepare)
     interrupts.ignore()
     return status

@@ -8,30 +8,20 @@ his name. Reading and stopping are free for all; who enables or resets needs con
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.controller.control import Control, Operator
-from delta3_pacdrive.controller.enabling import Enabling
-from delta3_pacdrive.controller.messages import (
-    ABORT,
-    DISABLE,
-    EMERGENCY_STOP,
-    ENABLE,
-    HOLD,
-    RELEASE,
-    RESET,
-    TAKE,
-    TAKE_OVER,
-    Request,
-)
+from delta3_pacdrive.controller import messages
+from delta3_pacdrive.controller.control import Operator
+from delta3_pacdrive.controller.messages import ENABLE, RELEASE, RESET, TAKE_OVER, Request
 from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.ros import interfaces
-from delta3_pacdrive.ros.deferred_service import Answer
-from delta3_pacdrive.ros.request_server import RequestServer, Tell
+from delta3_pacdrive.ros.deferred_service import Tell
+from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_node import RobotNode
 
 REQUEST_BYTES_MAX = 4096
@@ -45,10 +35,8 @@ class OperatorServices:
     ----------
     node
         Has the services.
-    state, enabling, control
+    controller
         Of the same transformation task.
-    session
-        Returns the session of the bus.
     changed
         Called when the state has been asked to change: whatever it wants done has to be done.
     told
@@ -59,40 +47,49 @@ class OperatorServices:
     def __init__(
         self,
         node: RobotNode,
-        state: RobotState,
-        enabling: Enabling,
-        control: Control,
-        session: Callable[[], bytes],
+        controller: RobotController,
         changed: Callable[[], None],
         told: Callable[[], None],
     ) -> None:
-        self._log, self._state, self._enabling, self._control = node.get_logger(), state, enabling, control
-        self._changed, self._told = changed, told
+        self._log, self._changed, self._told = node.get_logger(), changed, told
+        self._state, self._control = state, control = controller.state, controller.control
+        self._enabling = enabling = controller.enabling
+        self._acts: dict[str, Callable[[], Reason | str]] = {
+            messages.HOLD: state.hold,
+            messages.ABORT: state.abort,
+            messages.EMERGENCY_STOP: state.emergency_stop,
+            messages.ENABLE: enabling.enable,
+            messages.DISABLE: enabling.disable,
+        }
         self._operator = interfaces.CONTROL_OPERATOR.publisher(node)
+
+        def session() -> str:
+            return controller.bus.session.decode()
+
         self._server = RequestServer(
             node,
             interfaces.CONTROL_REQUEST,
             interfaces.CONTROL_REPLY,
-            lambda: session().decode(),
+            session,
             self._on_request,
             changes=lambda: control.changes,
             bytes_max=REQUEST_BYTES_MAX,
         )
         interfaces.CONTROL_ALIVE.bounded_subscription(node, self._on_alive)
         for service, action in (
-            (interfaces.HOLD, HOLD),
-            (interfaces.ABORT, ABORT),
-            (interfaces.EMERGENCY_STOP, EMERGENCY_STOP),
-            (interfaces.RESET, RESET),
+            (interfaces.HOLD, messages.HOLD),
+            (interfaces.ABORT, messages.ABORT),
+            (interfaces.EMERGENCY_STOP, messages.EMERGENCY_STOP),
+            (interfaces.RESET, messages.RESET),
         ):
-            service.deferred_server(node, self._service(action))
+            service.deferred_server(node, partial(self._serve, action))
         interfaces.ENABLE.deferred_server(node, self._on_enable)
 
-    def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
-        return lambda _, answer: self._do('', action, '', _told_by(answer))
+    def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
+        self._do('', action, '', tell)
 
-    def _on_enable(self, request: SetBool.Request, answer: Answer) -> None:
-        self._do('', ENABLE if request.data else DISABLE, '', _told_by(answer))
+    def _on_enable(self, request: SetBool.Request, tell: Tell) -> None:
+        self._do('', ENABLE if request.data else messages.DISABLE, '', tell)
 
     # control --------------------------------------------------------------------------------------------------------
 
@@ -129,12 +126,14 @@ class OperatorServices:
         if action in NEEDS_CONTROL:
             outcome = self._control.refusal(operator)
         if outcome is None:
-            if action in (TAKE, TAKE_OVER, RELEASE):
+            if action in (messages.TAKE, TAKE_OVER, RELEASE):
                 outcome = self._change_control(operator, action, text)
             elif action == RESET:
                 outcome = self._enabling.reset(tell)
+            elif action in self._acts:
+                outcome = self._acts[action]()
             else:
-                outcome = self._act(action)
+                outcome = Reason(Code.CONTENT, f'there is no action {shown(action)}')
         self._changed()
         self._told()  # before the answer: who acts on it finds everybody informed
         if isinstance(outcome, Reason):
@@ -142,19 +141,6 @@ class OperatorServices:
             tell(outcome, '')
         elif outcome is not None:
             tell(None, outcome)
-
-    def _act(self, action: str) -> Reason | str:
-        state = self._state
-        acts: dict[str, Callable[[], Reason | str]] = {
-            HOLD: state.hold,
-            ABORT: state.abort,
-            EMERGENCY_STOP: state.emergency_stop,
-            ENABLE: self._enabling.enable,
-            DISABLE: self._enabling.disable,
-        }
-        if action not in acts:
-            return Reason(Code.CONTENT, f'there is no action {shown(action)}')
-        return acts[action]()
 
     def _change_control(self, identity: str, action: str, name: str) -> Reason | str:
         if action == RELEASE:
@@ -166,8 +152,3 @@ class OperatorServices:
             return reason
         self._tell_control()
         return 'control released' if action == RELEASE else f'{name} has control'
-
-
-def _told_by(answer: Answer) -> Tell:
-    """Return what answers a service."""
-    return lambda reason, sentence: answer(reason is None, reason.sentence if reason else sentence)

@@ -8,6 +8,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import ParameterError
@@ -41,6 +42,12 @@ def _declare_all(node: Node, entries: list[Any]) -> list[Any]:
         return [parameter.value for parameter in node.declare_parameters('', entries)]
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         raise ParameterError(f'{node.get_fully_qualified_name()}: {error}') from None
+
+
+def overrides(robot: core.Parameters, values: dict[str, Any]) -> list[Parameter]:
+    """Return what makes a node take the parameters of a robot, and values of its own beside them."""
+    flat = core.flatten(robot) | values
+    return [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
 
 
 def declare_robot(node: Node, writable: frozenset[str] = frozenset()) -> core.Parameters:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from std_msgs.msg import Float64MultiArray, Header, String
 
-from delta3_pacdrive.controller.orders import Orders
+from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.numbers import numbers, row_of
@@ -30,23 +30,16 @@ class PlannerLink:
     ----------
     node
         Publishes and subscribes.
-    orders
+    controller
         Decides.
-    bus
-        Returns the name of the bus phase and the next cycle.
     changed
         Called when the state of the robot may have changed: what that asks for has to be done.
 
     """
 
-    def __init__(
-        self,
-        node: RobotNode,
-        orders: Orders,
-        bus: Callable[[], tuple[str, int]],
-        changed: Callable[[], None],
-    ) -> None:
-        self._log, self._orders, self._bus, self._changed = node.get_logger(), orders, bus, changed
+    def __init__(self, node: RobotNode, controller: RobotController, changed: Callable[[], None]) -> None:
+        self._log, self._controller, self._orders = node.get_logger(), controller, controller.orders
+        self._changed = changed
         self._told = 0  # checked rows in the last status
         self._status = interfaces.STATUS.publisher(node)
         self._verdicts = interfaces.VERDICT.publisher(node)
@@ -69,7 +62,9 @@ class PlannerLink:
     def tell_status(self) -> None:
         """Publish all that the planner has to know."""
         self._told = self._orders.checked
-        self._status.publish(String(data=self._orders.status(*self._bus()).to_json()))
+        controller = self._controller
+        status = self._orders.status(controller.bus.phase.name, controller.next_cycle)
+        self._status.publish(String(data=status.to_json()))
 
     def tell_profile(self, profile: MotionProfile) -> None:
         """Publish what the master follows."""

@@ -13,6 +13,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from std_msgs.msg import String
@@ -22,8 +23,8 @@ from delta3_pacdrive.controller.messages import QueueReport, Request
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.errors import Code, Reason, TelegramError
 from delta3_pacdrive.ros import interfaces, move_messages
-from delta3_pacdrive.ros.deferred_service import Answer
-from delta3_pacdrive.ros.request_server import RequestServer, Tell
+from delta3_pacdrive.ros.deferred_service import Tell
+from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_node import RobotNode
 
 PROGRAM_BYTES_MAX = 1024 * 1024
@@ -79,7 +80,7 @@ class PlannerServices:
         ):
             topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)
         for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
-            service.deferred_server(node, self._service(service.name))
+            service.deferred_server(node, partial(self._serve, service.name))
 
     # requests ---------------------------------------------------------------------------------------------------------
 
@@ -93,14 +94,8 @@ class PlannerServices:
         self._planner.ask(request, time.monotonic())
         self._changed()
 
-    def _service(self, action: str) -> Callable[[Trigger.Request, Answer], None]:
-        def ask(_: Trigger.Request, answer: Answer) -> None:
-            def tell(reason: Reason | None, sentence: str) -> None:
-                answer(reason is None, reason.sentence if reason else sentence)
-
-            self._ask(action, tell=tell)
-
-        return ask
+    def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
+        self._ask(action, tell=tell)
 
     def _enqueue(self, statement: Callable[[Any], move_messages.Statement]) -> Callable[[Any], None]:
         return lambda message: self._ask('program', json.dumps({'moves': [statement(message)]}))

@@ -12,19 +12,12 @@ from delta3_pacdrive.ros.diagnostics import Health
 from delta3_pacdrive.ros.interfaces import PROGRESS, second_writer
 from delta3_pacdrive.ros.publishers import Output
 
+Facts = Callable[[], dict[str, Any]]
 DIAGNOSTICS_S = 1.0
 # what ``motion/progress`` tells at least
 _TEXTS = (
-    'session',
-    'phase',
-    'waiting',
-    'fault',
-    'fault_code',
-    'fault_source',
-    'state',
-    'operator',
-    'operator_identity',
-)
+    'session', 'phase', 'waiting', 'fault', 'fault_code', 'fault_source', 'state', 'operator', 'operator_identity',
+)  # fmt: skip
 _FLAGS = ('finished', 'in_torque', 'enabled')
 _NUMBERS = (
     'fault_number', 'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s',
@@ -64,13 +57,7 @@ class ProgressReport:
 
     """
 
-    def __init__(
-        self,
-        node: Node,
-        period_s: float,
-        progress: Callable[[], dict[str, Any]],
-        statistics: Callable[[], dict[str, Any]],
-    ) -> None:
+    def __init__(self, node: Node, period_s: float, progress: Facts, statistics: Facts) -> None:
         self._node, self._facts, self._statistics = node, progress, statistics
         self._progress = Output(node, PROGRESS)
         self._health = Health(node)

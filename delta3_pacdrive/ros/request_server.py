@@ -9,8 +9,6 @@ from delta3_pacdrive.errors import Reason, RobotFault, TelegramError, shown
 from delta3_pacdrive.ros.interfaces import Topic
 from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
 
-Tell = Callable[[Reason | None, str], None]  # why something was refused, or None and what has happened
-
 
 class RequestServer:
     """The requests to one receiver.

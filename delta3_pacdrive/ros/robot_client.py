@@ -36,15 +36,9 @@ PATIENCE_S = 10.0  # without a word
 AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
 ALIVE_S = 0.2
 NAME_MAX = 90
+_STOPS = messages.HOLD, messages.ABORT, messages.EMERGENCY_STOP, messages.DISABLE
 # what is asked of the transformation task, and how it calls that; the rest is asked of the planner
-OF_THE_TASK = {
-    'hold': messages.HOLD,
-    'abort': messages.ABORT,
-    'emergency_stop': messages.EMERGENCY_STOP,
-    'reset': messages.RESET,
-}
-OF_THE_PLANNER = ('start', 'resume', 'clear')
-SERVICES = (*OF_THE_PLANNER, *OF_THE_TASK)
+OF_THE_TASK = {text.replace(' ', '_'): text for text in (*_STOPS, messages.ENABLE, messages.RESET)}
 
 
 @dataclass
@@ -269,14 +263,14 @@ class OperatorNode(PollingNode):
         return self.ask('unit_robot', 'override', repr(percent))
 
     def call(self, name: str) -> str:
-        """Ask for one of ``SERVICES``; raises RefusedError if it is refused."""
+        """Ask for what a service of that name does, or for ``disable``; raises RefusedError if it is refused."""
         if name in OF_THE_TASK:
             return self.ask('control', OF_THE_TASK[name])
         return self.ask('unit_robot', name)
 
     def enable(self, on: bool) -> str:
         """Enable or disable the drives."""
-        return self.ask('control', messages.ENABLE if on else messages.DISABLE)
+        return self.call('enable' if on else 'disable')
 
     @property
     def reaches_drives(self) -> bool:

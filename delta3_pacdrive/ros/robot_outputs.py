@@ -12,26 +12,16 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from delta3_pacdrive.controller.robot_actions import (
-    Answered,
-    Asked,
-    Entered,
-    Followed,
-    Injected,
-    Located,
-    Said,
-    Switched,
-)
-from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.controller import robot_actions
+from delta3_pacdrive.controller.robot_actions import Asked, Located, Said, Switched
+from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.fault_injection import FaultInjection
+from delta3_pacdrive.ros.planner_link import PlannerLink
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.service_channel import Answer, ServiceError
-from delta3_pacdrive.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
@@ -42,39 +32,35 @@ class RobotOutputs:
     ----------
     node
         Publishes.
-    state, task, faults, drives, cycles
+    controller, faults, planner
         Of the same transformation task.
-    tell_profile, tell_status
-        Tell the planner what the master follows, and how things stand.
+    cycles
+        Bus time.
 
     """
 
     def __init__(
         self,
         node: Node,
-        state: RobotState,
-        task: Transformation,
+        controller: RobotController,
         faults: FaultInjection,
-        drives: ServiceRequests,
+        planner: PlannerLink,
         cycles: Clock,
-        tell_profile: Callable[[MotionProfile], None],
-        tell_status: Callable[[], None],
     ) -> None:
-        self._log, self._state, self._task = node.get_logger(), state, task
-        self._faults, self._drives, self._cycles = faults, drives, cycles
-        self._tell_status = tell_status
+        self._log, self._cycles, self._planner = node.get_logger(), cycles, planner
+        self._state, self._task, self._drives = controller.state, controller.task, controller.services
         self._states = interfaces.MOTION_STATE.publisher(node)
         self._located = interfaces.LOCATED.publisher(node)
         self._outputs = interfaces.OUTPUTS.publisher(node)
-        self._states.publish(String(data=str(state.motion)))
-        self._ways: dict[type, Callable[[Any], None]] = {
-            Entered: lambda action: self._states.publish(String(data=str(action.state))),
-            Followed: lambda action: tell_profile(action.profile),
+        self._states.publish(String(data=str(self._state.motion)))
+        self._ways: dict[type, Callable[[Any], object]] = {
+            robot_actions.Entered: lambda action: self._states.publish(String(data=str(action.state))),
+            robot_actions.Followed: lambda action: planner.tell_profile(action.profile),
             Located: self._tell_place,
             Switched: self._tell_outputs,
             Asked: self._ask,
-            Injected: self._inject,
-            Answered: lambda action: action.request(action.reason, action.sentence),
+            robot_actions.Injected: lambda action: faults.inject(action.faults, action.cycle),
+            robot_actions.Answered: lambda action: action.request(action.reason, action.sentence),
             Said: self._say,
         }
 
@@ -87,7 +73,7 @@ class RobotOutputs:
                 self._ways[type(action)](action)
                 told = told or not isinstance(action, Switched)
         if told:
-            self._tell_status()
+            self._planner.tell_status()
 
     def _tell_place(self, action: Located) -> None:
         message = PointStamped()
@@ -102,9 +88,6 @@ class RobotOutputs:
         bits = self._task.outputs
         message.position = [*(float(bits >> n & 1) for n in range(len(OUTPUTS))), self._task.payload]
         self._outputs.publish(message)
-
-    def _inject(self, action: Injected) -> None:
-        self._faults.inject(action.faults, action.cycle)
 
     def _ask(self, action: Asked) -> None:
         def take(index: int, answer: Answer) -> None:

@@ -2,12 +2,11 @@
 
 from rclpy.node import Node
 
+from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.controller.task_arrays import FOLLOWING_ERROR, TCP_ACTUAL, TCP_COMMAND, TCP_ERROR, THETA
-from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.publishers import TelegramOutput
-from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
 
 JOINT_STATES_S = 0.01  # of bus time
@@ -35,8 +34,9 @@ class TaskOutputs:
             output.send(ACYCLIC, [0.0] * 3)
         self.master.send(ACYCLIC, [0.0] * 3)
 
-    def send(self, cycle: int, stamp: tuple[int, int], answer: Floats, axes: AxisMonitor) -> None:
+    def send(self, cycle: int, stamp: tuple[int, int], controller: RobotController) -> None:
         """Publish what the answers of a cycle say."""
+        answer, axes = controller.task.answer, controller.axes
         for output, columns in self._answers:
             if output.wanted:
                 output.send(stamp, answer[columns].tolist())

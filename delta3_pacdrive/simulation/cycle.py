@@ -47,20 +47,9 @@ REST_S = 1.0  # without torque, in which a machine comes to rest
 
 NAMES = (*SIGNALS, *TRUE_SIGNALS)
 (
-    MOTOR_COMMAND,
-    MOTOR_POSITION,
-    MOTOR_SPEED,
-    CURRENT,
-    FOLLOWING_ERROR,
-    TCP_COMMAND,
-    TCP_ACTUAL,
-    TCP_ERROR,
-    SHAFT_POSITION,
-    SHAFT_SPEED,
-    COUPLING_TORQUE,
-    ARM_ANGLE,
-    TCP_TRUE,
-) = range(len(NAMES))
+    MOTOR_COMMAND, MOTOR_POSITION, MOTOR_SPEED, CURRENT, FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR,
+    SHAFT_POSITION, SHAFT_SPEED, COUPLING_TORQUE, ARM_ANGLE, TCP_TRUE,
+) = range(len(NAMES))  # fmt: skip
 
 
 @kernel
@@ -232,7 +221,7 @@ class CyclicOperation:
         motors, control, payload = self._controller.command(cycle)
         note_command(cycle, motors, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
-        robot.cycle(motors, control, robot.answers, payload, received)
+        robot.cycle(motors, control, payload, received)
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""

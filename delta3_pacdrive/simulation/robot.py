@@ -162,11 +162,10 @@ class Robot:
         self,
         commands: Floats,
         control: int,
-        answers: Floats,
         payload_kg: float | None = None,
         received: Sequence[bool] = (True, True, True),
-    ) -> list[int]:
-        """Run one bus cycle.
+    ) -> None:
+        """Run one bus cycle; ``status`` and ``answers`` are those of its AT.
 
         Parameters
         ----------
@@ -174,22 +173,13 @@ class Robot:
             Motor shafts [rad] of the MDT, shape (3,).
         control
             Control word S-0-0134 of the MDT.
-        answers
-            Takes the AT, shape (3, 3): rows of position [rad], speed [rad/s] and torque [N m], columns of axes.
         payload_kg
             Payload of the MDT [kg]; None: as before.
         received
             Which drives get the MDT, shape (3,).
-
-        Returns
-        -------
-        list[int]
-            Status words S-0-0135 of the three drives.
 
         """
         self.received[:] = received
         payload = float(self.record['next_payload'][0]) if payload_kg is None else payload_kg
         commands = np.ascontiguousarray(commands, dtype=np.float64)
         robot_cycle(commands, control, payload, self.record, self.plant.built, self.currents)
-        answers[:] = self.answers
-        return list(self.status.tolist())

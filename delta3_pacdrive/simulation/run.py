@@ -6,9 +6,9 @@ import numpy as np
 
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion import plan_times, program_planner
 from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.cycle import CyclicOperation
 from delta3_pacdrive.simulation.robot import Robot
@@ -67,10 +67,13 @@ def run(program: Program, parameters: Parameters) -> Trace:
     operation = CyclicOperation(robot, task, program.faults, parameters)
     signals = operation.run()
     signals['current'] /= parameters.motor.torque_constant_n_m_a
+    meta = _meta(planned, parameters, task) | {
+        'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
+        'stopped': operation.stopped,
+        'lost_telegrams': operation.lost,
+    }
     return Trace(
-        np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s,
-        signals,
-        _meta(planned, parameters, task) | {'stopped': operation.stopped, 'lost_telegrams': operation.lost},
+        np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s, signals, meta
     )
 
 
@@ -81,7 +84,10 @@ def _meta(planned: program_planner.Planned, parameters: Parameters, task: Transf
         'notices': list(planned.notices),
         'program_s': planned.plan.duration_s,
         'repeat': planned.repeat,
+        'moves': plan_times.driven_moves(planned.plan),
+        'outputs': plan_times.output_changes(planned.plan),
         'checksum': parameters.checksum,
+        'parameters': flat_document(parameters),
         'gear_ratio': parameters.dynamics.gear_ratio,
         'rich': parameters.rich.enabled,
         'cycle_time_s': parameters.bus.cycle_time_s,

@@ -137,19 +137,23 @@ def rehearse(parameters: Parameters) -> None:
 
 
 def _call_all(parameters: Parameters) -> None:
-    quick = parameters.replace(motion__enable_cycle=-1)
-    robot, task = Robot(quick), Transformation(quick)
-    tcp = task.locate(robot.encoder_positions())
-    task.load(program_planner.plan(_rehearsal(parameters), tcp, quick).plan)
-    task.start(0)
-    answers = np.empty((3, 3))
-    robot.cycle(task.command(0), task.control(0), answers, task.payload)
-    task.receive(0, answers[0], answers[2])
+    robot, task = _started(_rehearsal(parameters), parameters)
+    robot.cycle(task.command(0), task.control(0), task.payload)
+    task.receive(0, robot.answers[0], robot.answers[2])
     _rehearse_plant(parameters)
     _rehearse_drive(parameters)
     _stand(parameters)
     task.hold()
     robot.drives[0].phase_currents()
+
+
+def _started(program: Program, parameters: Parameters) -> tuple[Robot, Transformation]:
+    """Return a robot and a task that has started a program, of drives that are not enabled."""
+    quick = parameters.replace(motion__enable_cycle=-1)
+    robot, task = Robot(quick), Transformation(quick)
+    task.load(program_planner.plan(program, task.locate(robot.encoder_positions()), quick).plan)
+    task.start(0)
+    return robot, task
 
 
 def _rehearse_plant(parameters: Parameters) -> None:
@@ -173,19 +177,14 @@ def _rehearse_planning(parameters: Parameters) -> None:
 
 
 def _rehearse_task(parameters: Parameters) -> None:
-    quick = parameters.replace(motion__enable_cycle=-1)
-    task = Transformation(quick)
-    tcp = task.locate(Robot(quick).encoder_positions())
-    task.load(program_planner.plan(Program('rehearsal', (Dwell(1.0),)), tcp, quick).plan)
-    task.start(0)
+    _, task = _started(Program('rehearsal', (Dwell(1.0),)), parameters)
     task.command(0)
     task.receive(0, np.zeros(3), np.zeros(3))
 
 
 def _rehearse_robot(parameters: Parameters) -> None:
     """Call drives and plant as the simulation does."""
-    robot = Robot(parameters)
-    robot.cycle(np.zeros(3), CONTROL_ON, np.empty((3, 3)))
+    Robot(parameters).cycle(np.zeros(3), CONTROL_ON)
 
 
 # One for each process. What takes longest comes first, one part with each process; who has done his own helps with that
@@ -204,5 +203,10 @@ def _rehearsal(parameters: Parameters) -> Program:
     up, along = Target((0.0, 0.0, -0.01), relative=True), Target((0.02, 0.0, 0.0), relative=True)
     return Program(
         'rehearsal',
-        (MoveL(up, limits, blend_m=0.004), MoveL(along, limits), MoveC(along, up, limits), Dwell(0.01)),
+        (
+            MoveL(up, limits=limits, blend_m=0.004),
+            MoveL(along, limits=limits),
+            MoveC(along, up, limits=limits),
+            Dwell(0.01),
+        ),
     )

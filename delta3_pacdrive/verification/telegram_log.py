@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,9 @@ from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import WATCHER
-from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.sercos.telegrams import NO_SESSION, parse_mdt_frame
+from delta3_pacdrive.sercos.words import Control
 
 SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
 AT = interfaces.AT.names
@@ -35,8 +37,8 @@ class Telegrams:
     ----------
     cycles
         Bus cycles.
-    sessions
-        Session of each.
+    frames
+        Frame of each: its words and its session.
     received_s
         Wall time of each [s since 1970].
     values
@@ -45,9 +47,14 @@ class Telegrams:
     """
 
     cycles: NDArray[np.int64]
-    sessions: list[bytes]
+    frames: list[bytes]
     received_s: Floats
     values: Floats
+
+    @property
+    def sessions(self) -> list[bytes]:
+        """Session of each."""
+        return [frame[-len(NO_SESSION) :] for frame in self.frames]
 
     @staticmethod
     def joined(parts: 'Sequence[Telegrams]') -> 'Telegrams':
@@ -56,7 +63,7 @@ class Telegrams:
             return Telegrams(np.zeros(0, np.int64), [], np.zeros(0), np.zeros((0, 1)))
         return Telegrams(
             np.concatenate([part.cycles for part in parts]),
-            [session for part in parts for session in part.sessions],
+            [frame for part in parts for frame in part.frames],
             np.concatenate([part.received_s for part in parts]),
             np.concatenate([part.values for part in parts]),
         )
@@ -69,7 +76,7 @@ def read_telegrams(
 
     ``refuse`` is called with a sentence about a message that cannot be read.
     """
-    cycles, sessions, received, rows = [], [], [], []
+    cycles, frames, received, rows = [], [], [], []
     for data, received_ns in taken:
         try:
             sec, nanosec, frame, values = CODECS[topic].decode(data)
@@ -79,12 +86,20 @@ def read_telegrams(
             continue
         if cycle >= 0:
             cycles.append(cycle)
-            sessions.append(frame[-len(NO_SESSION) :])
+            frames.append(frame)
             received.append(received_ns * 1e-9)
             rows.append(values)
     if not rows:
         return None
-    return Telegrams(np.array(cycles, np.int64), sessions, np.array(received), np.array(rows))
+    return Telegrams(np.array(cycles, np.int64), frames, np.array(received), np.array(rows))
+
+
+def enabled_from(commands: Telegrams) -> int:
+    """First bus cycle in which the drives obey the newest order to enable them; ``NEVER`` without one."""
+    words = map(parse_mdt_frame, commands.frames, repeat(0), commands.sessions)
+    enabled = np.array([bool(word.control & Control.ENABLE) for word in words], bool)
+    begun = np.flatnonzero(enabled[1:] & ~enabled[:-1])
+    return int(commands.cycles[begun[-1] + 1]) + 1 if len(begun) and enabled[-1] else NEVER
 
 
 class TelegramLog:

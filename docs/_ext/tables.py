@@ -83,23 +83,62 @@ def bound(value: float) -> str:
 
 def topics() -> Rows:
     """Return the topics of a robot."""
-    from delta3_pacdrive.ros.interface_tables import topic_table
+    from delta3_pacdrive.ros.interfaces import TOPICS
 
-    return joined(topic_table())
+    yield 'topic', 'type', 'from → to', 'when', 'delivery', 'content'
+    for topic in TOPICS:
+        ends = f'{", ".join(topic.writers) or "clients"} → {", ".join(topic.readers) or "clients"}'
+        marks = [topic.delivery.name, *['recorded'] * topic.recorded, *['one writer'] * topic.one_writer]
+        yield f'`{topic.name}`', topic.type.__name__, ends, topic.rate, ', '.join(marks), content(topic)
+
+
+def content(topic: Any) -> str:
+    """Return what a message says, with its layout."""
+    from delta3_pacdrive.ros.interfaces import EVERY_AXIS
+
+    parts = [topic.content]
+    for telegram in topic.telegrams[:1]:
+        if telegram.names:
+            joints = EVERY_AXIS if EVERY_AXIS in topic.name else ', '.join(telegram.names)
+            arrays = zip(telegram.lengths, ('position', 'velocity', 'effort'), strict=True)
+            parts.append(f'joints {joints}: {", ".join(f"{n} {array}" for n, array in arrays if n)}')
+    if topic.frame:
+        parts.append(f'frame `{topic.frame}`')
+    if topic.signals:
+        parts.append('signals ' + ', '.join(f'`{signal}`' for signal in topic.signals))
+    return '; '.join(parts)
 
 
 def services() -> Rows:
     """Return the services of a robot."""
-    from delta3_pacdrive.ros.interface_tables import service_table
+    from delta3_pacdrive.ros.interfaces import SERVICES
 
-    return joined(service_table())
+    yield 'service', 'type', 'node', 'needs control', 'what it does'
+    for item in SERVICES:
+        yield (
+            f'`{item.name}`',
+            item.type.__name__,
+            item.node,
+            'yes' if item.needs_control else '',
+            item.content,
+        )
 
 
 def deliveries() -> Rows:
     """Return the ways in which messages are delivered."""
-    from delta3_pacdrive.ros.interface_tables import delivery_table
+    from delta3_pacdrive.ros.interfaces import DELIVERIES
 
-    return joined(delivery_table())
+    yield 'delivery', 'writers offer', 'the robot asks for', 'why'
+    for item in DELIVERIES:
+        yield item.name, profile(item.publisher), profile(item.subscription), item.reason
+
+
+def profile(qos: Any) -> str:
+    """Return a profile of quality of service in words."""
+    reliability = qos.reliability.name.lower().replace('_', ' ')
+    durability = ', transient local' if qos.durability.name == 'TRANSIENT_LOCAL' else ''
+    depth = 'keep all' if qos.history.name == 'KEEP_ALL' else f'last {qos.depth}'
+    return f'{reliability}{durability}, {depth}'
 
 
 def layers() -> list[list[str]]:
@@ -137,12 +176,6 @@ def modules() -> Rows:
         for path in sorted(room.rglob('*.py')) if room.is_dir() else [room.with_suffix('.py')]:
             if path.name != '__init__.py':
                 yield f'`{path.relative_to(PACKAGE)}`', first_sentence(path).replace('``', '`')
-
-
-def joined(table: tuple[Sequence[object], Rows]) -> Rows:
-    """Return a table with its head as the first row."""
-    head, rows = table
-    return [head, *rows]
 
 
 class Table(SphinxDirective):

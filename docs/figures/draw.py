@@ -22,6 +22,7 @@ PICTURES = {
     'workspace.png': workspace.make,
     'three_spheres.png': places.three_spheres,
     'eight_solutions.png': places.eight_solutions,
+    'limits.png': places.limits,
     'speed_profile.png': signals.speed_profile,
     'following_error.png': signals.following_error,
     'fault_stop.png': signals.fault_stop,

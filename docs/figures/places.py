@@ -1,11 +1,14 @@
-"""Pictures of a place of the robot: those that ``delta3 pose --output`` draws."""
+"""Pictures of a place and of a plan: those that ``delta3 pose`` and ``delta3 plan`` draw with ``--output``."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import delta3_pacdrive as d3
+from delta3_pacdrive.analysis.planning import evaluation as plans
+from delta3_pacdrive.analysis.planning import figures as plan_figures
 from delta3_pacdrive.analysis.pose import evaluation, figures
+from delta3_pacdrive.motion import program_planner
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,3 +26,11 @@ def eight_solutions() -> Figure:
     """Draw all solutions of the inverse kinematics."""
     robot = d3.load_parameters()
     return figures.eight_solutions(evaluation.of_point(PLACE_M, robot), robot)
+
+
+def limits() -> Figure:
+    """Draw what limits the packaging cycle."""
+    robot = d3.load_parameters()
+    program = d3.load_program('packaging', robot)
+    start = robot.motion.home_m if program.start_m is None else program.start_m
+    return plan_figures.limits(plans.study(program_planner.plan(program, start, robot), robot))

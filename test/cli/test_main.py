@@ -126,6 +126,25 @@ def test_check_reads_parameters_and_faults(tmp_path, capsys):
     assert check.main([str(path)]) == 1
 
 
+@pytest.mark.parametrize(
+    'text',
+    [
+        'motion: {speed_max_m_s: 2.0}\nbus: {}\n',
+        'motion.speed_max_m_s: 2.0\n',
+        '/**: {motion: {speed_max_m_s: 2.0}}\n',
+        'ros__parameters: {motion: {speed_max_m_s: 2.0}}\n',
+    ],
+)
+def test_check_tells_how_parameters_without_their_header_become_a_parameter_file(text, tmp_path, capsys):
+    path = tmp_path / 'fast.yaml'
+    path.write_text(text)
+    assert check.main([str(path)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'error: {path} holds ')
+    assert 'without the header' in line
+    assert 'begin it with the lines "/**:" and "  ros__parameters:"' in line
+
+
 def test_the_packaged_programs_stand_in_the_help(capsys):
     for command in ('run', 'simulate', 'check'):
         with pytest.raises(SystemExit, match='0'):

@@ -39,6 +39,22 @@ def test_every_command_shows_its_help(html):
     assert shown == set(COMMANDS)
 
 
+def test_every_topic_and_service_has_a_row_and_every_row_as_many_cells_as_its_head(html):
+    from delta3_pacdrive.ros.interfaces import DELIVERIES, SERVICES, TOPICS
+
+    tables = [
+        [
+            re.findall(r'<t[dh]\b.*?</t[dh]>', row, re.DOTALL)
+            for row in re.findall(r'<tr\b.*?</tr>', table, re.DOTALL)
+        ]
+        for table in re.findall(r'<table\b.*?</table>', html['integrator.html'], re.DOTALL)
+    ]
+    assert all({len(row) for row in table} == {len(table[0])} for table in tables)
+    first = {tuple(re.sub(r'<[^>]*>', '', row[0]).strip() for row in table[1:]): table for table in tables}
+    for rows in (TOPICS, SERVICES, DELIVERIES):
+        assert tuple(row.name for row in rows) in first
+
+
 def test_nothing_that_a_page_shows_comes_from_the_network(html):
     loaded = re.compile(r'<(?:script|img|iframe)[^>]*src="(?:https?:)?//|<link[^>]*href="(?:https?:)?//')
     assert {name: found for name, text in html.items() if (found := loaded.findall(text))} == {}

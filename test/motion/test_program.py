@@ -32,7 +32,7 @@ def to(x, y, z, **options):
 def test_a_program_is_its_name_statements_start_repeats_and_payload(robot):
     limits = Limits(1.5, 15.0, 600.0)
     assert parse({'moves': [to(0, 0, -0.8)]}, robot) == Program(
-        'program', (MoveL(Target((0.0, 0.0, -0.8)), limits),), None, 1, None
+        'program', (MoveL(Target((0.0, 0.0, -0.8)), limits=limits),), None, 1, None
     )
     document = {
         'name': 'x',
@@ -47,11 +47,13 @@ def test_a_program_is_its_name_statements_start_repeats_and_payload(robot):
 def test_every_kind_of_statement_is_read(robot):
     limits = Limits(1.5, 15.0, 600.0)
     near, far = Target((0.1, 0.0, -0.8)), Target((0.0, 0.2, -0.8))
-    assert statement(to(0.1, 0, -0.8, blend_m=0.02, strict=True), robot) == MoveL(near, limits, 0.02, True)
+    assert statement(to(0.1, 0, -0.8, blend_m=0.02, strict=True), robot) == MoveL(
+        near, limits=limits, blend_m=0.02, strict=True
+    )
     circle = {'move_c': {'via_m': [0.1, 0, -0.8], 'to_m': [0, 0.2, -0.8]}}
-    assert statement(circle, robot) == MoveC(near, far, limits)
+    assert statement(circle, robot) == MoveC(near, far, limits=limits)
     spline = {'move_sb': {'through_m': [[0.1, 0, -0.8], [0, 0.2, -0.8]], 'blend_m': 0.01}}
-    assert statement(spline, robot) == MoveSB((near, far), limits, 0.01)
+    assert statement(spline, robot) == MoveSB((near, far), limits=limits, blend_m=0.01)
     cubic = {'cubic': {'to_m': [0.1, 0, -0.8], 'duration_s': 0.5, 'end_velocity_m_s': [0, 1, 0.5]}}
     assert statement(cubic, robot) == Cubic(near, 0.5, (0.0, 1.0, 0.5))
     del cubic['cubic']['end_velocity_m_s']

@@ -65,20 +65,20 @@ def dropping(publish: Callable[[bytes], None], numbers: set[int]) -> Callable[[b
 def test_one_lost_mdt_is_bridged_and_counted(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    cell.task.publish_mdt = dropping(cell.task.publish_mdt, {5, 150})
+    cell.task.commands.publish = dropping(cell.task.commands.publish, {5, 150})
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
-    assert [node.diagnostics()['S-0-0029 MDT losses'] for node in cell.drives] == [2, 2, 2]
+    assert [node.report.facts()['S-0-0029 MDT losses'] for node in cell.drives] == [2, 2, 2]
     assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
 
 
 def test_two_lost_mdt_in_a_row_stop_all_axes_with_8112(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    cell.task.publish_mdt = dropping(cell.task.publish_mdt, {5, 6})
+    cell.task.commands.publish = dropping(cell.task.commands.publish, {5, 6})
     cell.wait_until_disabled()
-    assert [node.diagnostics()['diagnostic'][:4] for node in cell.drives] == ['8112'] * 3
-    assert [node.diagnostics()['S-0-0011 class 1 diagnostic'] for node in cell.drives] == ['1000'] * 3
+    assert [node.report.facts()['diagnostic'][:4] for node in cell.drives] == ['8112'] * 3
+    assert [node.report.facts()['S-0-0011 class 1 diagnostic'] for node in cell.drives] == ['1000'] * 3
     assert 'reports a fault in bus cycle' in cell.task.progress()['fault']
     assert cell.operator.state == 'error'
 
@@ -88,11 +88,11 @@ def test_one_lost_at_is_bridged_and_two_in_a_row_are_8506(axis: int, graph: Any)
     cell = Cell(graph)
     cell.move()
     drive = cell.drives[axis]
-    drive.publish_at = dropping(drive.publish_at, {5})
+    drive.telegrams.publish_at = dropping(drive.telegrams.publish_at, {5})
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
     assert cell.task.statistics()['at_losses'] == [int(n == axis) for n in range(3)]
-    drive.publish_at = dropping(drive.publish_at, {5, 6})
+    drive.telegrams.publish_at = dropping(drive.telegrams.publish_at, {5, 6})
     graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
     assert cell.task.progress()['fault'].startswith(f'axis{axis + 1}: two AT lost in a row in bus cycle')
     assert cell.task.progress()['fault'].endswith('(8506)')
@@ -102,17 +102,17 @@ def test_one_lost_at_is_bridged_and_two_in_a_row_are_8506(axis: int, graph: Any)
 def test_repeated_telegrams_change_nothing(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
-    publish = cell.task.publish_mdt
+    publish = cell.task.commands.publish
 
     def twice(data: bytes) -> None:
         publish(data)
         publish(data)
 
-    cell.task.publish_mdt = twice
+    cell.task.commands.publish = twice
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['fault'] == ''
     assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
-    assert all(node.diagnostics()['late_telegrams'] > 100 for node in cell.drives)
+    assert all(node.report.facts()['late_telegrams'] > 100 for node in cell.drives)
 
 
 def test_an_overload_of_one_axis_stops_the_tcp_on_its_path(graph: Any) -> None:
@@ -137,7 +137,7 @@ def test_a_broken_encoder_stops_the_others_too_and_the_robot_stays_in_its_worksp
     cell.move()
     cell.drives[0].drive.state['encoder_broken'] = 1
     cell.wait_until_disabled()
-    assert cell.drives[0].diagnostics()['diagnostic'].startswith('8171')
+    assert cell.drives[0].report.facts()['diagnostic'].startswith('8171')
     graph.spin_until(lambda: max(np.abs(shafts[-1].velocity)) == 0.0, 'standstill')
     from delta3_pacdrive import kinematics, parameters
 

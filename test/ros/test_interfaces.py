@@ -8,7 +8,6 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from delta3_pacdrive.ros.interface_tables import markdown, rst, service_table, topic_table
 from delta3_pacdrive.ros.interfaces import (
     DRIVE,
     ONE_WRITER,
@@ -126,17 +125,6 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
         *(f'{axis}/motor_current' for axis in DRIVES),
         'plant/motor_shafts',
     }
-
-
-def test_tables_for_people_have_a_row_for_each_topic_and_service() -> None:
-    for table, names in (
-        (topic_table(), [topic.name for topic in TOPICS]),
-        (service_table(), [item.name for item in SERVICES]),
-    ):
-        text = markdown(table).splitlines()
-        assert [line.split('|')[1].strip() for line in text[2:]] == [f'`{name}`' for name in names]
-        assert {line.count('|') for line in text} == {len(table[0]) + 1}
-        assert rst(table).count('   * - ') == 1 + len(names)
 
 
 def test_a_name_with_axis_n_stands_for_three() -> None:

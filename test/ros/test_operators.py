@@ -291,7 +291,7 @@ def test_megabytes_on_a_topic_stop_nothing(topic: str, qos: Any, cell: Cell, gra
 
 def test_a_large_document_is_parsed_beside_the_thread_that_must_answer(cell: Cell, graph: Any) -> None:
     cell.anna.send_program(POSSIBLE)
-    document = 'moves: [' + ', '.join('{dwell: {time_s: 0.1}}' for _ in range(19_000)) + ']'
+    document = 'moves: [' + ', '.join('{dwell: {time_s: 0.1}}' for _ in range(8_000)) + ']'
     publisher = graph.listener.create_publisher(String, 'unit_robot/program', REQUEST)
     graph.spin_until(publisher.get_subscription_count, 'the planner')
     publisher.publish(String(data=document))

@@ -105,7 +105,7 @@ def test_a_master_that_dies_leaves_drives_that_stop_by_themselves(cell: Cell, gr
     graph.spin_until(
         lambda: all(drive.drive.drive_state == DriveState.FAULT for drive in drives), 'the fault', BOUND_S
     )
-    assert [drive.diagnostics()['diagnostic'][:4] for drive in drives] == ['8506'] * 3
+    assert [drive.report.facts()['diagnostic'][:4] for drive in drives] == ['8506'] * 3
     graph.spin_until(lambda: np.abs(cell.shafts[-1].velocity).max() == 0.0, 'standstill')
     before = cell.stamps()[-1]
     cell.task = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
@@ -186,7 +186,7 @@ def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell:
     assert cell.task.progress()['fault'] == ''
     assert cell.task.statistics()['refused_telegrams'] > refused
     assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
-    assert all(cell.drive(axis).diagnostics()['refused_telegrams'] > 0 for axis in (1, 2, 3))
+    assert all(cell.drive(axis).report.facts()['refused_telegrams'] > 0 for axis in (1, 2, 3))
 
 
 def test_a_stranger_that_announces_phases_is_not_obeyed(cell: Cell, graph: Any) -> None:
@@ -208,7 +208,7 @@ def test_a_drive_that_is_started_twice_stays_out(cell: Cell, graph: Any) -> None
     second = graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
     graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
     assert cell.task.progress()['fault'].startswith('axis2 was started again, or has left the bus')
-    assert second.diagnostics()['state'] == 'NOT_READY'
+    assert second.report.facts()['state'] == 'NOT_READY'
     graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
     actual = np.array(cell.shafts[-1].position) / 32.0
     assert np.isfinite(actual).all()

@@ -131,7 +131,7 @@ def test_questions_to_the_same_drive_are_answered_in_their_order(cell: Cell) -> 
 
 def test_the_drive_tells_the_same_in_its_diagnostics_and_in_the_service_channel(cell: Cell) -> None:
     cell.drives[0].drive.state['mdt_losses'] = 3
-    facts = {key.split()[0]: value for key, value in cell.drives[0].diagnostics().items()}
+    facts = {key.split()[0]: value for key, value in cell.drives[0].report.facts().items()}
     assert (facts['S-0-0028'], facts['S-0-0029']) == (3, 3)
     assert cell.operator.drive('axis1 read S-0-0028').endswith('MST error counter = 3')
     for idn in ('S-0-0011', 'S-0-0012', 'S-0-0134', 'S-0-0135'):

@@ -121,7 +121,7 @@ def test_an_mdt_far_ahead_of_bus_time_is_refused(seconds: int, cell: Cell) -> No
     message = telegram_message(last.header.frame_id, list(DRIVES), (seconds, 0), position=list(last.position))
     cell.publish(JointState, 'sercos/mdt', CYCLIC_PUBLISHER, message)
     cell.assert_untouched()
-    assert all(drive.diagnostics()['refused_telegrams'] > 0 for drive in cell.drives)
+    assert all(drive.report.facts()['refused_telegrams'] > 0 for drive in cell.drives)
 
 
 def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) -> None:

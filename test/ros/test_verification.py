@@ -75,6 +75,13 @@ def test_what_a_fault_leaves_behind_is_found(
     assert found.as_expected, found
 
 
+@pytest.mark.parametrize('state', [State.ENABLING, State.STOPPING])
+def test_a_fault_hits_the_short_state_that_it_is_meant_for(state: State, catalogue: Catalogue) -> None:
+    found = outcome_of(catalogue, state, fault='drop_at', axis='axis2')
+    assert found.evidence == '1 lost', found
+    assert found.as_expected, found
+
+
 def test_losses_of_before_are_no_evidence(catalogue: Catalogue) -> None:
     for _ in range(2):
         assert outcome_of(catalogue, State.STANDING, fault='drop_mdt', axis='axis2').evidence == '1 lost'

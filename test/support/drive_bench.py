@@ -22,14 +22,15 @@ class Bench:
     def __init__(self, parameters):
         self.robot = Robot(parameters)
         self.start = np.array(self.robot.encoder_positions())
-        self.answers = np.empty((3, 3))
+        self.answers = self.robot.answers
         self.shafts, self.currents, self.states, self.status, self.released = [], [], [], [], []
 
     def run(self, cycles, offset=0.0, control=CONTROL_ENABLE):
         """Run cycles with commands ``offset`` [rad, motor] from the start; it may be a function of the cycle."""
         for n in range(cycles):
             now = offset(n) if callable(offset) else offset
-            self.status.append(self.robot.cycle(self.start + now, control, self.answers))
+            self.robot.cycle(self.start + now, control)
+            self.status.append(self.robot.status.tolist())
             self.shafts.append(self.robot.plant.shafts())
             self.currents.append([drive.currents.copy() for drive in self.robot.drives])
             self.states.append([drive.drive_state for drive in self.robot.drives])

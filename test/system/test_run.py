@@ -174,60 +174,6 @@ def test_a_second_robot_in_another_namespace_runs_beside_the_first(light_run: tu
     _end(process)
 
 
-BAD_PROGRAMS = {
-    'unreachable': ('moves: [{move_l: {to_m: [0.9, 0, -0.8]}}]', 'distance from the z axis is 0.9 m'),
-    'malformed': ('moves: [{move_l: {to: [0, 0, -0.8]}}]', "unknown key 'to'"),
-    'millimetres': ('moves: [{move_l: {to_m: [0, 0, -800]}}]', 'are these millimetres?'),
-    'not yaml': ('moves: [', 'is not valid YAML'),
-    'too fast': (
-        'limits: {speed_m_s: 15, acceleration_m_s2: 900, jerk_m_s3: .inf}\n'
-        'moves: [{move_l: {to_m: [0.4, 0, -0.8], strict: true}}]',
-        'the limit is 17 A (strict)',
-    ),
-}
-
-
-@pytest.mark.parametrize('case', BAD_PROGRAMS)
-@pytest.mark.parametrize('command', ['run', 'simulate'])
-def test_a_bad_program_is_one_sentence(
-    command: str, case: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    text, expected = BAD_PROGRAMS[case]
-    program = tmp_path / 'bad.yaml'
-    program.write_text(text)
-    done = delta3(command, program)
-    assert done.returncode == 1
-    assert done.stderr.startswith('error: ')
-    assert done.stderr.count('\n') == 1
-    assert expected in done.stderr
-    assert done.stdout == ''
-
-
-def test_bad_arguments_are_one_sentence(delta3: Runner, tmp_path: Path, nothing_left_behind: None) -> None:
-    wrong = tmp_path / 'wrong.yaml'
-    wrong.write_text('/**: {ros__parameters: {motor: {}}}')
-    bag = tmp_path / 'bag'
-    bag.mkdir()
-    cases = {
-        ('run', 'nowhere.yaml'): (1, 'cannot read program file'),
-        ('run', '--parameters', 'nowhere.yaml'): (1, 'cannot read parameter file nowhere.yaml'),
-        ('run', '--parameters', str(wrong)): (1, 'missing parameter group kinematics'),
-        ('run', '--bag', str(bag)): (1, 'it exists already'),
-        ('run', '--namespace', 'a b'): (1, 'is not valid'),
-        ('run', '--exchange-period', '1e-5'): (1, 'bus.exchange_period_s'),
-        ('run', '--real-time-factor', '-1'): (2, 'must be between 0 and 1000'),
-        ('run', '--warp'): (2, 'unrecognized arguments: --warp'),
-        ('fly',): (2, "unknown command 'fly'"),
-        ('plot', 'nowhere'): (1, 'nowhere'),
-        ('simulate', '--trace', '/nowhere/trace.npz'): (1, 'cannot write trace'),
-    }
-    for arguments, (status, expected) in cases.items():
-        done = delta3(*arguments)
-        assert done.returncode == status, arguments
-        assert expected in done.stderr, arguments
-        assert 'Traceback' not in done.stderr, arguments
-
-
 def test_the_benchmark_of_the_graph_has_a_column_for_each_kind_of_user(
     delta3: Runner, nothing_left_behind: None
 ) -> None:
@@ -255,7 +201,7 @@ def test_every_process_keeps_its_log_where_it_is_asked_for(
 
 
 def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runner) -> None:
-    done = delta3('bench', 'motion', '--seconds', '3', '--json')
+    done = delta3('bench', 'motion', '--seconds', '1', '--json')
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result['planning_ms'].keys() == result['cycle_us'].keys()
@@ -268,7 +214,7 @@ def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runn
     assert bounds['motors alone'] < bounds['free jerk'] < bounds['planned']
     arriving = result['plans_arriving']
     assert arriving['without']['plans'] == 0
-    assert arriving['with']['plans'] >= 50
+    assert arriving['with']['plans'] >= 15
     assert arriving['with']['lateness_ms'].keys() == arriving['without']['lateness_ms'].keys()
 
 

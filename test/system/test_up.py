@@ -161,25 +161,6 @@ def test_limits_of_a_single_move_are_obeyed(robot: subprocess.Popen, delta3: Run
     assert 'is slowed down' in delta3('move', *bend).stdout
 
 
-@pytest.mark.parametrize(
-    'arguments',
-    [
-        ['program', 'packaging', '--blend', '0.1'],
-        ['program', 'packaging', '--strict'],
-        ['hold', '--speed', '1'],
-        ['state', '--detach'],
-        ['abort', '--take-over'],
-        ['override', '50', '--queue'],
-    ],
-)
-def test_options_that_an_action_does_not_obey_are_refused_by_name(
-    arguments: list[str], delta3: Runner, nothing_left_behind: None
-) -> None:
-    done = delta3('move', *arguments)
-    option = next(word for word in arguments if word.startswith('--'))
-    assert (done.returncode, done.stderr) == (1, f'error: move {arguments[0]} does not take {option}\n')
-
-
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_robot_that_is_ended_brakes_first(
     number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
@@ -198,27 +179,3 @@ def test_a_robot_that_is_ended_brakes_first(
     brakes = [frame.split()[0] for frame in frames]
     assert 'free' in brakes
     assert brakes[-1] == 'held'
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'sentence'),
-    [
-        (['l', '0.1', '0'], 'error: move l takes 3 numbers, not 2\n'),
-        (['l', '0.1', '0', 'up'], "error: move l: 'up' is no number\n"),
-        (['sb'], 'error: move sb takes three numbers a point, not 0\n'),
-        (['override'], 'error: move override takes one number, not 0\n'),
-        (
-            ['program', 'nowhere.yaml'],
-            'error: cannot read program file nowhere.yaml: No such file or directory\n',
-        ),
-        (
-            ['state', '--namespace', 'nobody'],
-            'error: no motion/progress within 10 s: is a robot up in namespace /nobody?\n',
-        ),
-    ],
-)
-def test_a_wrong_request_is_one_sentence(
-    arguments: list[str], sentence: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    done = delta3('move', *arguments)
-    assert (done.returncode, done.stderr) == (1, sentence)

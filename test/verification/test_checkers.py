@@ -198,9 +198,7 @@ def test_what_a_robot_does_that_stops_hard_is_allowed(invariants, said, robot):
 def test_shafts_whose_commands_nobody_has_heard_are_allowed_to_be_anywhere(invariants, said, robot):
     recorded = sound(robot)
     late = recorded[MDT]
-    recorded[MDT] = Telegrams(
-        late.cycles[100:], late.sessions[100:], late.received_s[100:], late.values[100:]
-    )
+    recorded[MDT] = Telegrams(late.cycles[100:], late.frames[100:], late.received_s[100:], late.values[100:])
     error, _ = invariants.check_undisturbed(recorded, AWAY)
     assert said == []
     assert error < 2e-4

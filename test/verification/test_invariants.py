@@ -11,10 +11,20 @@ pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
 from delta3_pacdrive.motion import program_file
-from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.sercos.telegrams import mdt_frame
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Phase
 from delta3_pacdrive.verification import invariants
 from delta3_pacdrive.verification.soak import programs as soak_programs
-from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Telegrams, read_telegrams
+from delta3_pacdrive.verification.telegram_log import (
+    AT,
+    CODECS,
+    MDT,
+    SHAFTS,
+    Telegrams,
+    enabled_from,
+    read_telegrams,
+)
 
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio
@@ -124,11 +134,11 @@ def test_bus_time_may_go_on_only_where_the_bus_was_phased_up(
 ) -> None:
     telegrams = healthy()[MDT]
     jump_forward(telegrams)
-    telegrams.sessions[20:] = [b'0815'] * (COUNT - 20)
+    telegrams.frames[20:] = [b'0815'] * (COUNT - 20)
     rules.check(MDT, telegrams)
     assert seen == []
     telegrams.cycles[:] -= 10  # the next session begins in the past
-    telegrams.sessions[:] = [b'1234'] * COUNT
+    telegrams.frames[:] = [b'1234'] * COUNT
     rules.check(MDT, telegrams)
     assert seen[0][0] == f'sercos/mdt: bus cycle {FIRST - 10} after {FIRST + COUNT}'
 
@@ -218,6 +228,20 @@ def test_telegrams_of_cyclic_operation_are_read_from_its_first_cycle_on_and_join
     assert whole.cycles.tolist() == [0, 1, 2]
     assert whole.values[:, 0].tolist() == [1.0, 2.0, 3.0]
     assert read(taken[:1]) is None
+
+
+def test_drives_are_enabled_in_the_cycle_behind_the_newest_order() -> None:
+    def from_orders(*controls: int) -> int:
+        frames = [mdt_frame(Phase.CP4, control, 0.0, b'3fa9') for control in controls]
+        cycles = np.arange(100, 100 + len(frames))
+        return enabled_from(Telegrams(cycles, frames, cycles * 1e-3, np.zeros((len(frames), 3))))
+
+    on, off = CONTROL_ENABLE, CONTROL_ON
+    assert from_orders(off, on, on) == 102
+    assert from_orders(on, off, off, on) == 104
+    assert from_orders(off, on, off, on) == 104
+    assert from_orders(off, on, off) == NEVER
+    assert from_orders(on, on) == NEVER  # nobody has seen when that began
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,8 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     move, stretches = planned.plan.moves[number], planned.stretches[number]
     times = _times(move)
     master = sample_master(times, move.master)
+    # the end is reached as the last phase goes on
+    master[-1, 1:] = sample_master([(1.0 - BEFORE) * move.duration_s], move.master)[0, 1:]
     samples = sample_path(master[:, 0], move.segments)
     coefficients = path_coefficients(samples, *_payloads(move, master[:, 0]), parameters)
     dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
@@ -186,18 +188,29 @@ def _row(
         key=lambda use: (use.used >= AT_LIMIT, use.time_share, use.used),
         reverse=True,
     )
+    d, torque = part.dynamics, parameters.motor.torque_constant_n_m_a
     return MoveRow(
-        n + 1,
-        planned.names[number],
-        part.move.kind.name.lower(),
-        start_s,
-        part.move.duration_s,
-        length_m,
-        part.move.payload_kg,
-        tuple(uses),
-        _limited_by(uses, part.move, planned, parameters),
-        _distances(part, parameters),
+        number=n + 1,
+        name=planned.names[number],
+        kind=part.move.kind.name.lower(),
+        start_s=start_s,
+        duration_s=part.move.duration_s,
+        length_m=length_m,
+        payload_kg=part.move.payload_kg,
+        speed_max_m_s=float(d.tcp_speed_m_s.max()),
+        acceleration_max_m_s2=float(d.tcp_acceleration_m_s2.max()),
+        jerk_max_m_s3=float(d.tcp_jerk_m_s3.max()),
+        motor_speed_max_rad_s=_of_axes(np.abs(d.motor_speed_rad_s).max(axis=0)),
+        motor_torque_max_n_m=_of_axes(torque * np.abs(d.motor_current_a).max(axis=0)),
+        motor_current_rms_a=_of_axes(np.sqrt(weights @ d.motor_current_a**2)),
+        uses=tuple(uses),
+        limited_by=_limited_by(uses, part.move, planned, parameters),
+        distances=_distances(part, parameters),
     )
+
+
+def _of_axes(values: Floats) -> tuple[float, ...]:
+    return tuple(values.tolist())
 
 
 def _use(k: int, one: _Limiter, part: _Part, weights: Floats) -> Use:

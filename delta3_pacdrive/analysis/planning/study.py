@@ -122,6 +122,10 @@ class MoveRow:
         When it begins, how long it takes, how far the TCP goes.
     payload_kg
         At its start.
+    speed_max_m_s, acceleration_max_m_s2, jerk_max_m_s3
+        Largest of the TCP in space.
+    motor_speed_max_rad_s, motor_torque_max_n_m, motor_current_rms_a
+        Of each motor; torque and current with friction.
     uses
         Of all limits, the most limiting first.
     limited_by
@@ -138,6 +142,12 @@ class MoveRow:
     duration_s: float
     length_m: float
     payload_kg: float
+    speed_max_m_s: float
+    acceleration_max_m_s2: float
+    jerk_max_m_s3: float
+    motor_speed_max_rad_s: tuple[float, ...]
+    motor_torque_max_n_m: tuple[float, ...]
+    motor_current_rms_a: tuple[float, ...]
     uses: tuple[Use, ...]
     limited_by: Use
     distances: dict[str, float]

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from std_msgs.msg import String
 
@@ -19,7 +18,7 @@ from delta3_pacdrive.recording.bag_writer import FLUSH_S
 from delta3_pacdrive.recording.recording import Recording
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.interfaces import PHASE, RECORDED, RECORDER_STATE, Topic
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor, overrides
 from delta3_pacdrive.ros.polling import PollingNode
 
 DRAIN_S = 0.02
@@ -41,7 +40,7 @@ class RecorderNode(PollingNode):
         self._state = RECORDER_STATE.publisher(self)
         self._ready = self._said_stopped = False
         self._newest_ns = 0  # when the newest message was published
-        self._recording.begin()
+        self._recording.bag.begin()
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
 
@@ -70,7 +69,7 @@ class RecorderNode(PollingNode):
         self._announce()
 
     def _flush(self) -> None:
-        self._recording.flush()
+        self._recording.bag.flush()
         self._announce()
 
     def _catch_up(self) -> None:
@@ -85,24 +84,24 @@ class RecorderNode(PollingNode):
 
     def _announce(self) -> None:
         """Say once that every cyclic topic has been received, and once that nothing is written any more."""
-        recording = self._recording
-        if recording.stopped:
+        bag = self._recording.bag
+        if bag.stopped:
             if not self._said_stopped:
                 self._said_stopped = self._ready = True
-                self._state.publish(String(data=f'stopped: {recording.stopped}'))
+                self._state.publish(String(data=f'stopped: {bag.stopped}'))
                 self.get_logger().error(
-                    f'stopped recording into {recording.path}: {recording.stopped}; '
-                    f'{recording.messages} messages until then are kept, the robot goes on'
+                    f'stopped recording into {bag.path}: {bag.stopped}; '
+                    f'{bag.messages} messages until then are kept, the robot goes on'
                 )
-        elif not self._ready and recording.hears_everything:
+        elif not self._ready and self._recording.hears_everything:
             self._ready = True
             self._state.publish(String(data='recording'))
-            self.get_logger().info(f'recording {len(self._drains)} topics into {recording.path}')
+            self.get_logger().info(f'recording {len(self._drains)} topics into {bag.path}')
 
     @property
     def stopped(self) -> str:
         """Why nothing is written any more; '' while it is."""
-        return self._recording.stopped
+        return self._recording.bag.stopped
 
     def completeness(self) -> dict[str, tuple[int, int]]:
         """Messages and missing messages by cyclic topic."""
@@ -117,7 +116,7 @@ class RecorderNode(PollingNode):
             total = sum(messages for messages, _ in self.completeness().values())
             lost = self._recording.lost()
             self.get_logger().info(
-                f'{total} cyclic messages in {self._recording.path}, {sum(lost.values())} missing {lost or ""}'
+                f'{total} cyclic messages in {self._recording.bag.path}, {sum(lost.values())} missing {lost or ""}'
             )
         super().destroy_node()
 
@@ -131,13 +130,13 @@ def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
         The recording ended before that, for want of space.
 
     """
-    flat = core.flatten(robot) | {'bag': str(folder)}
-    overrides = [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
     discovery.keep_to_this_machine()
     made: list[RecorderNode] = []
 
     def recorder() -> RecorderNode:
-        made.append(RecorderNode(namespace=namespace, parameter_overrides=overrides))
+        made.append(
+            RecorderNode(namespace=namespace, parameter_overrides=overrides(robot, {'bag': str(folder)}))
+        )
         return made[0]
 
     status = node_process.run([recorder], [])

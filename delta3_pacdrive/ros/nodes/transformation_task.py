@@ -1,10 +1,9 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
 Its topics and services are those of ``TASK`` in ``ros.interfaces``; what it decides is in
-``controller.robot_controller``. Values of every cycle: ``task_outputs``; plans: ``planner_link``; services and control:
-``operator_services``; states and outputs: ``robot_outputs``; service channel: ``service_requests``.
-
-It is longer than other nodes because it puts all of these together, and is the port through which the controller acts.
+``controller.robot_controller``. MDT: ``command_sender``; AT: ``at_receiver``; values of every cycle: ``task_outputs``;
+plans: ``planner_link``; services and control: ``operator_services``; states and outputs: ``robot_outputs``; service
+channel: ``service_requests``. Here they are put together, and the controller acts through it.
 """
 
 import time
@@ -18,8 +17,9 @@ from delta3_pacdrive.faults.fault import TASK, Fault
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import receive_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver
+from delta3_pacdrive.ros.command_sender import CommandSender
 from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
-from delta3_pacdrive.ros.interfaces import MDT, PHASE, second_writer
+from delta3_pacdrive.ros.interfaces import PHASE, second_writer
 from delta3_pacdrive.ros.operator_services import OperatorServices
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.planner_link import PlannerLink
@@ -28,14 +28,18 @@ from delta3_pacdrive.ros.progress_report import ProgressReport
 from delta3_pacdrive.ros.robot_outputs import RobotOutputs
 from delta3_pacdrive.ros.service_requests import offer_service_requests
 from delta3_pacdrive.ros.task_outputs import TaskOutputs
-from delta3_pacdrive.sercos import master, telegrams
-from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.sercos import master
+from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.words import CONTROL_OFF, Phase
+from delta3_pacdrive.sercos.words import Phase
 
 STARTUP_S = 0.02
 PROGRESS_S, QUICK_PROGRESS_S = 0.2, 0.04  # with a clock, without one
 FACTOR_MIN = 0.01  # of real time: slower cycles would be taken for silence
+FACTOR = descriptor('bus time over wall time; 0 = as fast as possible', 0.0, 1e3, float)
+WAIT = descriptor(
+    'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
+)
 
 
 class TransformationTaskNode(PollingNode):
@@ -45,84 +49,44 @@ class TransformationTaskNode(PollingNode):
     ----------
     controller
         All that the node knows.
-    publish_mdt
-        Sends an MDT, given as bytes.
+    commands
+        Sends MDT.
 
     """
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('transformation_task', **node_options)
-        factor = declare(
-            self,
-            'real_time_factor',
-            1.0,
-            descriptor('bus time over wall time; 0 = as fast as possible', 0.0, 1e3, float),
-        )
+        factor = declare(self, 'real_time_factor', 1.0, FACTOR)
         if 0.0 < factor < FACTOR_MIN:
             raise ParameterError(f'real_time_factor is {factor:g}, but must be 0 or at least {FACTOR_MIN:g}')
-        wait_for_program = declare(
-            self,
-            'wait_for_program',
-            False,
-            descriptor(
-                'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
-            ),
-        )
+        wait_for_program = declare(self, 'wait_for_program', False, WAIT)
         parameters = declare_robot(self)
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
         report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
         clock = Clock(cycle_time_s)
-        self.stamp = clock.stamp
-        self._faults = Faults(
-            self, TASK, lambda: self.controller.next_cycle, lambda: self.controller.bus.session
+        faults = Faults(self, TASK, lambda: controller.next_cycle, lambda: controller.bus.session)
+        self.controller = controller = RobotController(
+            parameters, period_s, report_s, wait_for_program, faults, self, time.monotonic, time.time_ns
         )
-        self.controller = RobotController(
-            parameters,
-            period_s,
-            report_s,
-            wait_for_program,
-            self._faults,
-            self,
-            time.monotonic,
-            time.time_ns,
-        )
-        controller = self.controller
-        self._bus, self._cycles, self._requests = controller.bus, controller.cycles, controller.services
-        self._frames: dict[tuple[int, float], bytes] = {}
-        self._mdt = cdr.codec(telegrams.MDT)
-        self.publish_mdt = cdr.raw_publish(MDT.publisher(self))
+        self.stamp, self._cycles = clock.stamp, controller.cycles
+        self.progress, self.statistics = controller.progress, controller.totals
+        self.commands = CommandSender(self, controller.services)
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(
-            self, clock, factor > 0.0, controller.statistics, controller.cycles.take, controller.greeted
-        )
-        offer_service_requests(self, self._requests)
-        self._injection = FaultInjection(
-            self, cycle_time_s, self._bus.closed, lambda: controller.next_cycle, lambda: self._bus.session
-        )
-        self._planner = planner = PlannerLink(
-            self, controller.orders, lambda: (self._bus.phase.name, controller.next_cycle), self.change
-        )
-        self._actions = RobotOutputs(
             self,
-            controller.state,
-            controller.task,
-            self._injection,
-            self._requests,
             clock,
-            planner.tell_profile,
-            planner.tell_status,
+            factor > 0.0,
+            controller.cycles.statistics,
+            controller.cycles.take,
+            controller.greeted,
         )
-        self._operators = OperatorServices(
-            self,
-            controller.state,
-            controller.enabling,
-            controller.control,
-            lambda: self._bus.session,
-            self.change,
-            planner.tell_status,
-        )
+        offer_service_requests(self, controller.services)
+        self._injection = FaultInjection(self, controller, cycle_time_s)
+        self._planner = PlannerLink(self, controller, self.change)
+        self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
+        self._operators = OperatorServices(self, controller, self.change, self._planner.tell_status)
         receive_announcements(self, controller.announced, self.refuse)
         self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
@@ -140,16 +104,14 @@ class TransformationTaskNode(PollingNode):
         if phase != Phase.CP0 or self.controller.state.fault:
             self.get_logger().info(f'bus phase {phase.name}')
         self._receiver.session = NO_SESSION if phase == Phase.CP0 else session
-        self._frames.clear()
+        self.commands.begin(session)
         if phase == Phase.CP0:
             self._ticker.cancel()
             self._startup.reset()
 
     def greet(self, greeting: master.Greet) -> None:
         """Greet the drives, outside of cyclic operation."""
-        words = self._requests.to_send()
-        frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
-        self.publish_mdt(self._mdt.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
+        self.commands.greet(greeting)
         self._outputs.greet()
 
     def start_ticks(self) -> None:
@@ -159,24 +121,15 @@ class TransformationTaskNode(PollingNode):
 
     def send(self, cycle: int, command: Command) -> None:
         """Send the MDT of a bus cycle."""
-        motors, control, payload = command
-        if self._requests.busy:
-            words = self._requests.to_send()
-            frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._bus.session, words)
-        else:
-            known = self._frames.get((control, payload))
-            frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._bus.session)
-            self._frames[control, payload] = frame
         stamp = self.stamp(cycle)
-        self.publish_mdt(self._mdt.encode(stamp, frame, motors.tolist()))
+        self.commands.send(stamp, command)
         if self._outputs.master.wanted:
             move, distance, speed = self.controller.task.progress()
             self._outputs.master.send(stamp, [distance, speed, float(move)])
 
     def tell(self, cycle: int) -> None:
         """Tell what the answers of a bus cycle say."""
-        controller = self.controller
-        self._outputs.send(cycle, self.stamp(cycle), controller.task.answer, controller.axes)
+        self._outputs.send(cycle, self.stamp(cycle), self.controller)
 
     def change(self) -> None:
         """Carry out what the state of the robot wants done."""
@@ -210,14 +163,6 @@ class TransformationTaskNode(PollingNode):
         self.controller.look(time.monotonic())
         self._operators.look()
         self.report()
-
-    def progress(self) -> dict[str, Any]:
-        """Return what ``motion/progress`` tells."""
-        return self.controller.progress()
-
-    def statistics(self) -> dict[str, Any]:
-        """Return what is told at the end of a program."""
-        return self.controller.totals()
 
 
 def main() -> int:

@@ -1,9 +1,8 @@
 """Node of UnitRobot, the planner: takes moves and programs, plans and checks them as a whole, starts and overrides.
 
-In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``motion/plan``,
-``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error), ``unit_robot/alive`` (5 Hz).
-What operators ask and are told: see ``ros.planner_services``. What is decided, ``controller.planner`` decides. Longer
-than other nodes, because what comes in, what goes out and two timers meet here.
+In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``unit_robot/alive``
+(5 Hz), and what ``ros.planner_outputs`` carries out. What operators ask and are told: see ``ros.planner_services``.
+What is decided, ``controller.planner`` decides.
 """
 
 import time
@@ -11,9 +10,7 @@ from typing import Any
 
 from std_msgs.msg import Float64MultiArray, Header, String
 
-from delta3_pacdrive.controller import planner_actions
-from delta3_pacdrive.controller.messages import COURSE, REVOKE, Origin, Status, Verdict
-from delta3_pacdrive.controller.plan_rows import PlanRows
+from delta3_pacdrive.controller.messages import Origin, Status, Verdict
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
@@ -21,9 +18,10 @@ from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.newest_cycle import NewestCycle
-from delta3_pacdrive.ros.numbers import numbers, row_of
+from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
+from delta3_pacdrive.ros.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner_services import PlannerServices
 from delta3_pacdrive.ros.planning_thread import PlanningThread
 from delta3_pacdrive.ros.polling import PollingNode
@@ -47,30 +45,23 @@ class UnitRobotNode(PollingNode):
         robot = declare_robot(self)
         program = programs.load(path, robot.motion) if path else None
         self._participant = Participant(self, UNIT_ROBOT, robot)
-        self._identity = self._participant.instance
+        self._identity = identity = self._participant.instance
         self._newest = NewestCycle(self, Clock(robot.bus.cycle_time_s), self._known_cycle)
-        self._planner = Planner(robot, self._identity, program, self._newest)
+        self._planner = planner = Planner(robot, identity, program, self._newest)
         self._thread = PlanningThread(robot, self.get_logger().error)
-        self._rows = PlanRows()
-        self._beats = self._looks = 0
-
-        self._state = interfaces.PLANNER_STATE.publisher(self)
-        self._plan = interfaces.MOTION_PLAN.publisher(self)
-        self._change = interfaces.MOTION_CHANGE.publisher(self)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
         interfaces.COURSE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
-        self._operators = PlannerServices(
-            self, self._planner, self._identity, self._thread.progress, self._carry_out
-        )
+        self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
+        self._outputs = PlannerOutputs(self, planner, self._thread, self._operators, self._origin)
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
+        self._beats = self._looks = 0
         self._participant.announce(NO_SESSION)
         self._beat()
         self._operators.tell_queue()
         self.create_timer(LOOK_S, self._look)
-        self._fetcher = self.create_timer(FETCH_S, self._fetch)
-        self._fetcher.cancel()
+        self._fetcher = self.create_timer(FETCH_S, self._fetch, autostart=False)
         self.get_logger().info('waiting for transformation_task')
 
     def destroy_node(self) -> None:
@@ -85,6 +76,15 @@ class UnitRobotNode(PollingNode):
     def _known_cycle(self) -> int:
         status = self._planner.status
         return status.cycle if status else 0
+
+    def _origin(self, kind: str, number: int) -> Origin:
+        return Origin(kind, self._identity, self._session().decode(), number)
+
+    def _carry_out(self) -> None:
+        """Do what the planner has decided, and see to it that what is planned will be fetched."""
+        self._outputs.carry_out()
+        if self._thread.busy and self._fetcher.is_canceled():
+            self._fetcher.reset()
 
     # timers -----------------------------------------------------------------------------------------------------------
 
@@ -116,42 +116,6 @@ class UnitRobotNode(PollingNode):
         message.stamp.sec = self._beats
         self._alive.publish(message)
 
-    # what has to be done ----------------------------------------------------------------------------------------------
-
-    def _carry_out(self) -> None:
-        """Do what the planner has decided."""
-        actions, self._planner.actions = self._planner.actions, []
-        for action in actions:
-            match action:
-                case planner_actions.Working(job):
-                    self._thread.begin(job)
-                    self._fetcher.reset()
-                case planner_actions.Cancelled(number):
-                    self._thread.cancel(number)
-                case planner_actions.Ordered():
-                    self._rows.begin(action)
-                    self._send_rows()
-                case planner_actions.Revoked(number):
-                    self._rows.clear()
-                    self._plan.publish(self._numbered(REVOKE, number, []))
-                case planner_actions.Changed(number, profile):
-                    self._change.publish(self._numbered(COURSE, number, profile.to_array()))
-                case planner_actions.Replied(request, reason, sentence):
-                    self._operators.reply(request, reason, sentence)
-                case planner_actions.Mirrored(state):
-                    self._state.publish(String(data=str(state)))
-        if actions:
-            self._operators.tell_queue()
-
-    def _numbered(self, kind: str, number: int, values: Any) -> Float64MultiArray:
-        return numbers(values, Origin(kind, self._identity, self._session().decode(), number).label())
-
-    def _send_rows(self) -> None:
-        """Send what is left of a plan, no more of it than the transformation task can take at once."""
-        status = self._planner.status
-        for row in self._rows.due(status.checked if status else 0):
-            self._plan.publish(self._numbered(*row))
-
     # what the transformation task tells -------------------------------------------------------------------------------
 
     def _on_status(self, message: String) -> None:
@@ -159,9 +123,9 @@ class UnitRobotNode(PollingNode):
         if not self._planner.receive_status(Status.from_json(message.data), time.monotonic()):
             return
         if self._session() != before:
-            self._rows.clear()
+            self._outputs.forget_rows()
             self._beat()
-        self._send_rows()
+        self._outputs.send_rows()
         self._carry_out()
 
     def _on_profile(self, message: Float64MultiArray) -> None:

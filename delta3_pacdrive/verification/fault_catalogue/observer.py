@@ -5,19 +5,22 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, TASK, UNIT_ROBOT
+from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.ros.fault_injection import read_schedule
-from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, FAULT_SCHEDULE
+from delta3_pacdrive.ros.interfaces import COURSE, DIAGNOSTICS, FAULT_SCHEDULE
+from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.qos import REPORT
+from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case
 from delta3_pacdrive.verification.operator import AutomatedOperator
-from delta3_pacdrive.verification.telegram_log import SHAFTS, TelegramLog
+from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, enabled_from
 
 CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
     axis: f'mc4_drive_{number}' for number, axis in enumerate(DRIVES, 1)
@@ -39,16 +42,21 @@ class FaultObserver(AutomatedOperator):
         self._robot = robot
         self._newest = -1  # bus cycle
         self._first: int | None = None  # bus cycle of the newest fault
+        self._profiles: list[MotionProfile] = []  # that the master has begun to follow
         self._failed_s: float | None = None  # when the fault of the robot was seen first
         self._process_fault = ''  # what a process said about the fault that was injected into it
         self._drives: dict[str, dict[str, str]] = {}  # diagnostics of the drives, by axis
         self._log = TelegramLog(self.operator, robot, lambda _: None)
         FAULT_SCHEDULE.subscription(self.operator, self._on_schedule)
+        COURSE.bounded_subscription(self.operator, self._on_profile)
         DIAGNOSTICS.subscription(self.operator, self._on_diagnostics)
         self.operator.create_subscription(Log, '/rosout', self._on_log, REPORT)
 
     def _on_schedule(self, message: String) -> None:
         self._first = read_schedule(message.data)[2].first
+
+    def _on_profile(self, message: Float64MultiArray) -> None:
+        self._profiles.append(MotionProfile.from_array(row_of(message)[1]))
 
     def _on_log(self, message: Log) -> None:
         if ' begins in bus cycle ' in message.msg:
@@ -81,6 +89,19 @@ class FaultObserver(AutomatedOperator):
         while self._newest < first - before and time.monotonic() < deadline:
             self.spin(1e-3)
         return first
+
+    def _enable(self) -> int:
+        """Enable the drives; return the first bus cycle in which they obey, as the MDT say it."""
+        self.operator.enable(True)
+        self.wait(lambda: enabled_from(self._log.telegrams(MDT)) < NEVER, 'MDT that enable the drives')
+        return enabled_from(self._log.telegrams(MDT))
+
+    def _hold(self) -> MotionProfile:
+        """Hold the robot; return the motion profile of its stop."""
+        self._profiles.clear()
+        self.operator.call('hold')
+        self.wait(lambda: any(profile.held for profile in self._profiles), 'motion profile of the stop')
+        return next(profile for profile in self._profiles if profile.held)
 
     def _disable(self) -> None:
         self.operator.enable(False)

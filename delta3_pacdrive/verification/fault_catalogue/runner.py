@@ -1,6 +1,5 @@
 """Runs the cases of the catalogue on a robot of separate processes: what each leads to, and whether it is overcome."""
 
-import re
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -186,7 +185,7 @@ class Catalogue(FaultObserver):
         self._disable()
         self._inject(case, AHEAD_S)
         first = self._await_cycle(ENABLED_BEFORE)
-        begins = int(self.operator.enable(True).rsplit(' ', 1)[1])
+        begins = self._enable()
         drive, motor = self._robot.drive, self._robot.motor
         cycles = (drive.enable_settle_s + motor.brake_release_s) / self._robot.bus.cycle_time_s
         if not begins < first < begins + cycles:
@@ -212,12 +211,14 @@ class Catalogue(FaultObserver):
         self.drive(way, [case.fault | {'after_s': MIDWAY_S + AHEAD_S}], **self._program)
         first = self._await_cycle(HELD_BEFORE)
         try:
-            answer = self.operator.call('hold')
+            stop = self._hold()
         except ProgramError as error:
             raise _MissedError(f'the fault in bus cycle {first} came before the hold: {error}') from None
-        begins, ends = (int(number) for number in re.findall(r'\d+', answer))
-        if not begins < first < ends:
-            raise _MissedError(f'the fault in bus cycle {first} missed the stop from {begins} to {ends}')
+        after_s, stop_s = (first - stop.cycle) * self._robot.bus.cycle_time_s, stop.table[-1, 0]
+        if not 0.0 < after_s < stop_s:
+            raise _MissedError(
+                f'the fault {after_s:g} s after the hold missed the stop, which takes {stop_s:g} s'
+            )
         return self._away
 
     def _while_held(self, case: Case) -> Floats:

@@ -127,22 +127,22 @@ def test_a_drive_passes_the_payload_of_an_mdt_on_to_the_plant(drive: Drive) -> N
 
 def test_shafts_of_another_session_are_none_of_a_drives(drive: Drive) -> None:
     drive.go(5, 0x8000)
-    refused = drive.node.diagnostics()['refused_telegrams']
+    refused = drive.node.report.facts()['refused_telegrams']
     drive.shafts(CLOCK.stamp(drive.cycle), [0.01] * 9, OTHERS)
     drive.command(CLOCK.stamp(drive.cycle), 0x8000)
     drive.shafts(CLOCK.stamp(drive.cycle))
     assert abs(drive.answer().position[0]) < 1e-4
-    assert drive.node.diagnostics()['refused_telegrams'] == refused + 1
+    assert drive.node.report.facts()['refused_telegrams'] == refused + 1
 
 
 def test_two_different_mdt_of_a_cycle_stop_a_drive_and_two_equal_ones_do_not(drive: Drive) -> None:
     drive.go(ENABLING_CYCLES, ON)
     drive.command(CLOCK.stamp(drive.cycle - 1), ON)  # as it was
     assert drive.go(1, ON) == ENABLED
-    assert drive.node.diagnostics()['late_telegrams'] == 1
+    assert drive.node.report.facts()['late_telegrams'] == 1
     drive.command(CLOCK.stamp(drive.cycle - 1), ON, position=1e-3)
     assert drive.go(5, ON) & int(Status.ERROR)  # whichever of the two goes on
-    assert drive.node.diagnostics()['diagnostic'].startswith('8506')
+    assert drive.node.report.facts()['diagnostic'].startswith('8506')
 
 
 def test_the_diagnostics_of_a_drive_that_warns_say_so(graph: Any) -> None:

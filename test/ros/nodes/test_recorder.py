@@ -134,6 +134,7 @@ def test_every_topic_of_a_robot_is_recorded_under_its_name_with_time_and_constan
     assert meta == {
         'program': 'a program',
         'checksum': robot.checksum,
+        'parameters': parameters.flat_document(robot),
         'gear_ratio': robot.dynamics.gear_ratio,
         'torque_constant_n_m_a': 0.8,
         'cycle_time_s': 1e-3,

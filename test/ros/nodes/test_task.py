@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.errors import ProgramError, RefusedError, RobotFault
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RobotFault
 from delta3_pacdrive.faults.fault import TASK, parse
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.ros import cdr, interfaces
@@ -202,9 +202,9 @@ def test_an_output_is_wanted_as_long_as_somebody_listens(graph: Any) -> None:
 def test_the_first_answer_of_a_service_counts(graph: Any) -> None:
     node = graph.add(Node, 'desk')
 
-    def ask(_: Any, answer: Any) -> None:
-        answer(True, 'yes')
-        answer(False, 'no')
+    def ask(_: Any, tell: Any) -> None:
+        tell(None, 'yes')
+        tell(Reason(Code.STATE, 'no'), '')
 
     create_deferred_service(node, Trigger, 'question', ask)
     response = graph.call(Trigger, 'question', Trigger.Request())

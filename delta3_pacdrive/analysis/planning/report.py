@@ -1,0 +1,248 @@
+"""A plan in numbers and in words: what is planned of each move, and what limits it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.planning.study import Quantity
+from delta3_pacdrive.analysis.report_folder import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Use
+    from delta3_pacdrive.parameters import Parameters
+
+RPM, MM = 60.0 / math.tau, 1e3
+NAME_LENGTH = 30
+JSON_UNITS = {'m/s': 'm_s', 'm/s2': 'm_s2', 'm/s3': 'm_s3', 'rpm': 'rpm', 'V': 'v', 'A': 'a', 's': 's'}
+DISTANCE_UNITS = {
+    'radius': 'm',
+    'top': 'm',
+    'bottom': 'm',
+    'arm_angle_max': 'deg',
+    'arm_angle_min': 'deg',
+    'forearm_swing': 'deg',
+}
+
+
+def document(found: PlanStudy, parameters: Parameters) -> dict[str, Any]:
+    """Return a plan ready for JSON: SI, but for what is named otherwise."""
+    planned = found.planned
+    nominal = parameters.motor.nominal_current_a
+    return {
+        'ok': True,
+        'program': planned.name,
+        'time_s': planned.plan.duration_s,
+        'repeat': planned.repeat,
+        'length_m': float(sum(row.length_m for row in found.rows)),
+        'moves': [_move(row) for row in found.rows],
+        'rms_current_a': list(planned.rms_current_a),
+        'rms_current_used': max(planned.rms_current_a) / nominal,
+        'override_max': planned.override_max,
+        'rate': planned.rate,
+        'used_max': {_key(quantity): float(values.max()) for quantity, values in found.samples.used.items()},
+        'distances': _distances(nearest(found)),
+        'notices': list(planned.notices),
+    }
+
+
+def _key(quantity: Quantity) -> str:
+    return quantity.value.lower().replace(' ', '_')
+
+
+def _move(row: MoveRow) -> dict[str, Any]:
+    return {
+        'number': row.number,
+        'statements': row.name,
+        'kind': row.kind,
+        'start_s': row.start_s,
+        'time_s': row.duration_s,
+        'length_m': row.length_m,
+        'payload_kg': row.payload_kg,
+        'speed_max_m_s': row.speed_max_m_s,
+        'acceleration_max_m_s2': row.acceleration_max_m_s2,
+        'jerk_max_m_s3': row.jerk_max_m_s3,
+        'motor_speed_max_rad_s': list(row.motor_speed_max_rad_s),
+        'motor_torque_max_n_m': list(row.motor_torque_max_n_m),
+        'motor_current_rms_a': list(row.motor_current_rms_a),
+        'limited_by': _use(row.limited_by),
+        'limits': [_use(use) for use in row.uses],
+        'distances': _distances(row.distances),
+    }
+
+
+def _use(use: Use) -> dict[str, Any]:
+    unit = JSON_UNITS[use.unit]
+    return {
+        'quantity': _key(use.quantity),
+        'axis': use.axis,
+        f'peak_{unit}': use.peak,
+        f'limit_{unit}': use.limit if math.isfinite(use.limit) else None,
+        'used': use.used,
+        'time_share': use.time_share,
+    }
+
+
+def _distances(distances: dict[str, float]) -> dict[str, float]:
+    """Return distances with the units in their names."""
+    return {
+        f'{key}_{DISTANCE_UNITS[key]}' if key in DISTANCE_UNITS else key: value
+        for key, value in distances.items()
+    }
+
+
+def nearest(found: PlanStudy) -> dict[str, float]:
+    """Return the least distance of the whole plan to each limit of the place."""
+    return {key: min(row.distances[key] for row in found.rows) for key in found.rows[0].distances}
+
+
+def text(found: PlanStudy, parameters: Parameters) -> list[str]:
+    """Return a plan as lines for people: a table of the moves, then what holds for all of it."""
+    planned = found.planned
+    lines = [
+        f'{planned.name}: {len(found.rows)} moves',
+        f'{"":>5} {"statements":<{NAME_LENGTH}} {"kind":<8} {"length":>9} {"time":>8} {"speed":>7} {"accel.":>7} '
+        f'{"jerk":>8} {"motor":>6} {"torque":>7}  limited by',
+        f'{"":>5} {"":<{NAME_LENGTH}} {"":<8} {"mm":>9} {"s":>8} {"m/s":>7} {"m/s2":>7} '
+        f'{"m/s3":>8} {"rpm":>6} {"N m":>7}  (share of its time)',
+    ]
+    lines += [_line(row) for row in found.rows]
+    rounds = f' in {planned.repeat} rounds' if planned.repeat > 1 else ''
+    currents = ' / '.join(f'{value:.2f}' for value in planned.rms_current_a)
+    used = sorted(
+        ((float(values.max()), quantity) for quantity, values in found.samples.used.items()), reverse=True
+    )
+    rows = [
+        (
+            'whole',
+            f'{planned.plan.duration_s:.3f} s{rounds}, override up to {100.0 * planned.override_max:.0f} %',
+        ),
+        ('rms current', f'{currents} A, the limit is {parameters.motor.nominal_current_a:g} A'),
+        (
+            'used',
+            ', '.join(f'{100.0 * share:.0f} % {quantity.value}' for share, quantity in used if share > 0.0),
+        ),
+    ]
+    rows += _distance_rows(nearest(found))
+    rows += [('note', notice) for notice in planned.notices]
+    return [*lines, *(f'{name:>12}  {line}' for name, line in rows)]
+
+
+def _distance_rows(least: dict[str, float]) -> list[tuple[str, str]]:
+    rim, top, bottom = (MM * least[key] for key in ('radius', 'top', 'bottom'))
+    high, low, swing = (least[key] for key in ('arm_angle_max', 'arm_angle_min', 'forearm_swing'))
+    serial, parallel = least['serial_singularity'], least['parallel_singularity']
+    return [
+        (
+            'distances',
+            f'{rim:.1f} mm to the rim of the workspace, {top:.1f} to its top, {bottom:.1f} to its bottom',
+        ),
+        (
+            '',
+            f'{high:.1f} deg to the largest arm angle, {low:.1f} to the smallest, {swing:.1f} to the largest swing',
+        ),
+        ('', f'{serial:.3f} and {parallel:.3f} to the limits of the serial and parallel singularity'),
+    ]
+
+
+def _line(row: MoveRow) -> str:
+    name = row.name if len(row.name) <= NAME_LENGTH else row.name[: NAME_LENGTH - 4] + ' ...'
+    length = '' if row.kind == 'dwell' else f'{MM * row.length_m:.3f}'
+    return (
+        f'{row.number:>5} {name:<{NAME_LENGTH}} {row.kind:<8} {length:>9} {row.duration_s:8.3f} '
+        f'{row.speed_max_m_s:7.3f} {row.acceleration_max_m_s2:7.2f} {row.jerk_max_m_s3:8.0f} '
+        f'{RPM * max(row.motor_speed_max_rad_s):6.0f} {max(row.motor_torque_max_n_m):7.3f}  {limited_text(row)}'
+    )
+
+
+def limited_text(row: MoveRow) -> str:
+    """Say what limits a move, and in which share of its time that is so."""
+    use = row.limited_by
+    what = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
+    if use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT):
+        return what
+    others = [
+        f'{other.quantity.value}{"" if other.axis is None else f" {other.axis}"} {100.0 * other.time_share:.0f} %'
+        for other in sorted(row.uses, key=lambda other: -other.time_share)
+        if other is not use and other.time_share >= 0.005
+    ]
+    return ', '.join([f'{what} {100.0 * use.time_share:.0f} %', *others])
+
+
+def tables(found: PlanStudy) -> list[Table]:
+    """Return the moves, and the plan over time."""
+    return [
+        Table('moves.csv', *_move_columns(found.rows)),
+        Table.of_columns('plan.csv', _columns(found)),
+    ]
+
+
+def _move_columns(rows: Sequence[MoveRow]) -> tuple[list[str], list[list[Any]]]:
+    header = [
+        'move',
+        'statements',
+        'kind',
+        'start [s]',
+        'time [s]',
+        'length [m]',
+        'payload [kg]',
+        'speed [m/s]',
+        'acceleration [m/s2]',
+        'jerk [m/s3]',
+        *(f'motor speed {i} [rad/s]' for i in (1, 2, 3)),
+        *(f'motor torque {i} [N m]' for i in (1, 2, 3)),
+        *(f'rms current {i} [A]' for i in (1, 2, 3)),
+        'limited by',
+        'axis',
+        'used',
+        'share of its time',
+    ]
+    table = [
+        [
+            row.number,
+            row.name,
+            row.kind,
+            row.start_s,
+            row.duration_s,
+            row.length_m,
+            row.payload_kg,
+            row.speed_max_m_s,
+            row.acceleration_max_m_s2,
+            row.jerk_max_m_s3,
+            *row.motor_speed_max_rad_s,
+            *row.motor_torque_max_n_m,
+            *row.motor_current_rms_a,
+            row.limited_by.quantity.value,
+            row.limited_by.axis,
+            row.limited_by.used,
+            row.limited_by.time_share,
+        ]
+        for row in rows
+    ]
+    return header, table
+
+
+def _columns(found: PlanStudy) -> dict[str, Any]:
+    s = found.samples
+    return {
+        'time [s]': s.time_s,
+        'move': s.move + 1,
+        'distance [m]': s.distance_m,
+        'speed [m/s]': s.speed_m_s,
+        'acceleration [m/s2]': s.acceleration_m_s2,
+        'jerk [m/s3]': s.jerk_m_s3,
+        **{f'{name} [m]': s.position_m[:, i] for i, name in enumerate('xyz')},
+        'TCP speed [m/s]': s.tcp_speed_m_s,
+        'TCP acceleration [m/s2]': s.tcp_acceleration_m_s2,
+        'TCP jerk [m/s3]': s.tcp_jerk_m_s3,
+        'curvature [1/m]': s.curvature_1_m,
+        **{f'arm angle {i + 1} [rad]': s.arm_angle_rad[:, i] for i in range(3)},
+        **{f'motor speed {i + 1} [rad/s]': s.motor_speed_rad_s[:, i] for i in range(3)},
+        **{f'motor torque {i + 1} [N m]': s.motor_torque_n_m[:, i] for i in range(3)},
+        **{f'used: {quantity.value}': values for quantity, values in s.used.items()},
+        'leading': np.asarray(s.leading),
+    }

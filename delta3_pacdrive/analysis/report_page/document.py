@@ -1,0 +1,151 @@
+"""What the scripts of a page read: signals as packed columns, moves, marks, plots and the robot, as one JSON object.
+
+Times are seconds from the start of the program, or bus time where there is none; runs after the first one are shifted
+to its time. ``signals`` of a run are packed as ``columns`` says, one row for each bus cycle from ``first_s`` on, every
+``period_s``. ``differences`` are later runs minus the first one, on the cycles of that.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR
+from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
+from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
+from delta3_pacdrive.analysis.run_comparison import resampled
+from delta3_pacdrive.analysis.runs import named, tcp_speed
+from delta3_pacdrive.scene import parts
+from delta3_pacdrive.scene.poses import frames
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from delta3_pacdrive.analysis.run_comparison import Comparison
+    from delta3_pacdrive.analysis.runs import Run
+    from delta3_pacdrive.numerics.types import Floats
+
+VERSION = 1
+
+
+def report_document(
+    title: str, runs: Sequence[Run], comparisons: Sequence[Comparison], coarser: float = 1.0
+) -> dict[str, Any]:
+    """Return the document of a page.
+
+    Parameters
+    ----------
+    title
+        Of the page.
+    runs
+        What is shown.
+    comparisons
+        Of each later run with the first one.
+    coarser
+        Factor on the resolution of all signals.
+
+    """
+    held = [signals_of(run) for run in runs]
+    shifts = [0.0, *(comparison.alignment.shift_s for comparison in comparisons)]
+    every = list(dict.fromkeys(name for signals in held for name in signals))
+    shown = [plot.document(every) for plot in (*PLOTS, *others(every))]
+    return {
+        'version': VERSION,
+        'title': title,
+        'time': 'time from program start' if runs[0].knows_start else 'bus time',
+        'colours': {'axes': list(AXIS_COLOURS), 'norm': NORM_COLOUR},
+        'runs': [
+            _run(name, run, signals, shift, coarser)
+            for name, run, signals, shift in zip(named(runs), runs, held, shifts, strict=True)
+        ],
+        'differences': [
+            _differences(runs[0], run, held[0], signals, comparison, coarser)
+            for run, signals, comparison in zip(runs[1:], held[1:], comparisons, strict=True)
+        ],
+        'plots': [plot for plot in shown if plot is not None],
+    }
+
+
+def signals_of(run: Run) -> dict[str, Floats]:
+    """Return the signals that a page shows of a run, with what it computes from them, each (cycles, columns)."""
+    found = {name: values for name, values in run.part.signals.items() if name in QUANTITIES}
+    if 'tcp_actual' in found:
+        found['tcp_speed'] = tcp_speed(run.part, run.period_s)
+    if 'tcp_error' in found:
+        found['tcp_error_norm'] = np.linalg.norm(found['tcp_error'], axis=1, keepdims=True)
+    return found
+
+
+def _run(
+    name: str, run: Run, signals: Mapping[str, Floats], shift_s: float, coarser: float
+) -> dict[str, Any]:
+    return {
+        'name': name,
+        'title': run.title,
+        'kind': run.kind,
+        'first_s': float(run.part.time_s[0]) + shift_s,
+        'period_s': run.period_s,
+        'cycles': len(run.part.time_s),
+        'shift_s': shift_s,
+        'gear_ratio': run.robot.dynamics.gear_ratio,
+        'payload_kg': run.robot.dynamics.payload_mass_kg,
+        'payloads': [
+            [float(row['time_s']) + shift_s, row['payload_kg']]
+            for row in run.outputs
+            if row.get('payload_kg') is not None
+        ],
+        'robot': _robot(run),
+        'moves': [
+            [move.number, move.kind, move.start_s + shift_s, move.end_s + shift_s] for move in run.moves
+        ],
+        'marks': [[mark.time_s + shift_s, mark.kind, mark.text] for mark in run.marks],
+        'signals': _packed(signals, run, coarser),
+    }
+
+
+def _robot(run: Run) -> dict[str, Any]:
+    """Return the parts of the robot, and where they are joined: the page places them by arm angles and TCP."""
+    robot = run.robot
+    carried = [row['payload_kg'] for row in run.outputs if row.get('payload_kg') is not None]
+    payload = max([robot.dynamics.payload_mass_kg, *carried])
+    hips, joints = frames(robot)
+    return parts.document(robot, payload) | {
+        'azimuths': list(robot.kinematics.arm_azimuth_rad),
+        'hips': hips.tolist(),
+        'joints': joints.tolist(),
+        'arm': robot.kinematics.upper_arm_length_m,
+    }
+
+
+def _differences(
+    first: Run,
+    second: Run,
+    held: Mapping[str, Floats],
+    others_held: Mapping[str, Floats],
+    comparison: Comparison,
+    coarser: float,
+) -> dict[str, Any]:
+    """Return the differences of two runs on the cycles of the first one that both have."""
+    time_s = comparison.time_s
+    shifted = second.part.time_s + comparison.alignment.shift_s
+    found = {
+        name: resampled(shifted, others_held[name], time_s, second.period_s)
+        - resampled(first.part.time_s, held[name], time_s, first.period_s)
+        for name in held
+        if name in others_held
+    }
+    return {
+        'first_s': float(time_s[0]),
+        'period_s': first.period_s,
+        'cycles': len(time_s),
+        'signals': _packed(found, first, coarser),
+    }
+
+
+def _packed(signals: Mapping[str, Floats], run: Run, coarser: float) -> dict[str, Any]:
+    grid = run.robot.bus.increments_per_rev
+    return {
+        name: packed(values, coarser * resolution_of(name, QUANTITIES[name][0], grid))
+        for name, values in signals.items()
+    }

@@ -1,0 +1,105 @@
+"""The page itself: one HTML file with style, scripts and data, which asks nobody for anything.
+
+``assets/page.js`` is made from ``web/report_page`` in the sources (CONTRIBUTING.md); it holds three.js and uPlot, whose
+licences stand in ``assets/LICENSES.txt`` and in the page.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from delta3_pacdrive.analysis.report_page.document import report_document
+from delta3_pacdrive.analysis.report_page.tables import sections
+from delta3_pacdrive.analysis.run_comparison import compare
+from delta3_pacdrive.analysis.runs import named
+from delta3_pacdrive.errors import ReportError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.runs import Run
+
+LONGEST_S = 300.0  # of all runs together
+BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # of a page, and more for each second of a run
+COARSER, COARSEST = 4.0, 1024.0  # how data that is too large is rounded
+RUNS_MAX = 4
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a page that cannot be written, before anything is computed for it; raises ReportError."""
+    why = ''
+    if path.is_dir():
+        why = 'it is a folder'
+    elif not path.parent.is_dir():
+        why = f'there is no folder {path.parent}'
+    elif not os.access(path.parent, os.W_OK):
+        why = f'the folder {path.parent} may not be written'
+    if why:
+        raise ReportError(f'cannot write {path}: {why}')
+
+
+def write(path: Path, runs: Sequence[Run], origin: Provenance, by_correlation: bool = False) -> None:
+    """Write the page of one or more runs; a file that is there is replaced, or stays as it was.
+
+    Raises
+    ------
+    ReportError
+        There are too many runs, they last too long, or the file cannot be written.
+    TraceError
+        The runs cannot be compared.
+
+    """
+    text = page(runs, origin, by_correlation)
+    partial = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        partial.write_text(text, encoding='utf-8')
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise ReportError(f'cannot write {path}: {error.strerror or error}') from error
+
+
+def page(runs: Sequence[Run], origin: Provenance, by_correlation: bool = False) -> str:
+    """Return the page as text; raises as ``write`` does."""
+    length_s = sum(float(run.part.time_s[-1] - run.part.time_s[0]) for run in runs)
+    if len(runs) > RUNS_MAX:
+        raise ReportError(f'a page takes at most {RUNS_MAX} runs, not {len(runs)}')
+    if length_s > LONGEST_S:
+        raise ReportError(
+            f'the runs last {length_s:.0f} s, a page takes at most {LONGEST_S:g} s: choose a part with --from and --to'
+        )
+    comparisons = [compare(runs[0], other, by_correlation) for other in runs[1:]]
+    title = ' and '.join(dict.fromkeys(run.title for run in runs))
+    tables = sections(runs, comparisons, origin)
+    coarser = 1.0
+    while True:
+        document = json.dumps(report_document(title, runs, comparisons, coarser), allow_nan=False)
+        text = _assembled(title, runs, tables, document)
+        if len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s or coarser >= COARSEST:
+            return text
+        coarser *= COARSER
+
+
+def _assembled(title: str, runs: Sequence[Run], tables: str, document: str) -> str:
+    files = resources.files('delta3_pacdrive.analysis.report_page') / 'assets'
+    names = named(runs)
+    told = [f'{run.kind} {name}' for name, run in zip(names, runs, strict=True)]
+    parts = {
+        'title': escape(title),
+        'runs': ''.join(f'<li class="run run{n}">{escape(text)}</li>' for n, text in enumerate(told)),
+        'style': (files / 'page.css').read_text(encoding='utf-8'),
+        'tables': tables,
+        # nothing in it may end the element it stands in
+        'document': document.replace('</', '<\\/'),
+        'licences': escape((files / 'LICENSES.txt').read_text(encoding='utf-8')),
+        'script': (files / 'page.js').read_text(encoding='utf-8'),
+    }
+    template = (files / 'page.html').read_text(encoding='utf-8')
+    return re.sub(r'{{(\w+)}}', lambda found: parts[found[1]], template)

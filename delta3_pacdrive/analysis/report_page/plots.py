@@ -1,0 +1,105 @@
+"""The plots of a page: which signals stand together, in which unit people read them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+AXES, XYZ = ('axis 1', 'axis 2', 'axis 3'), ('x', 'y', 'z')
+ACTUAL, COMMAND, TRUE = 'actual', 'command', 'true'
+DEG = math.degrees(1.0)
+# what a page computes from signals: name: (unit, meaning)
+DERIVED = {
+    'tcp_speed': ('m/s', 'speed of the actual TCP'),
+    'tcp_error_norm': ('m', 'norm of the TCP error'),
+}
+QUANTITIES = SIGNALS | TRUE_SIGNALS | DERIVED
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A plot shows one or more signals over the time.
+
+    Attributes
+    ----------
+    title, unit
+        What stands above it; the unit is that of the shown values.
+    factor
+        Shown value = factor x value.
+    signals
+        Each with its role: what is, what was commanded, what is really there.
+    columns
+        Names of the columns of the signals.
+    of_arm
+        Whether motor values are shown as those of the arm: over the gear ratio (4.17).
+    shown
+        Whether it is there when the page is opened.
+
+    """
+
+    title: str
+    unit: str
+    factor: float
+    signals: tuple[tuple[str, str], ...]
+    columns: tuple[str, ...]
+    of_arm: bool = False
+    shown: bool = True
+
+    def document(self, held: Iterable[str]) -> dict[str, Any] | None:
+        """Return what a page has to know of it, with the signals that runs hold; None if they hold none."""
+        held = set(held)
+        signals = [
+            {'name': name, 'role': role, 'arm': self.of_arm and name.startswith('motor_')}
+            for name, role in self.signals
+            if name in held
+        ]
+        if not signals:
+            return None
+        return {
+            'title': self.title,
+            'unit': self.unit,
+            'factor': self.factor,
+            'columns': list(self.columns),
+            'signals': signals,
+            'shown': self.shown,
+        }
+
+
+PLOTS = (
+    Plot('TCP speed', 'm/s', 1.0, (('tcp_speed', ACTUAL),), ('speed',)),
+    Plot('TCP error', 'mm', 1e3, (('tcp_error', ACTUAL),), XYZ),
+    Plot('TCP error, norm', 'mm', 1e3, (('tcp_error_norm', ACTUAL),), ('norm',), shown=False),
+    Plot('Current', 'A', 1.0, (('current', ACTUAL),), AXES),
+    Plot('Following error of the arms', 'deg', DEG, (('following_error', ACTUAL),), AXES),
+    Plot('Arm speed', 'deg/s', DEG, (('motor_speed', ACTUAL),), AXES, of_arm=True),
+    Plot(
+        'Arm angle',
+        'deg',
+        DEG,
+        (('motor_position', ACTUAL), ('motor_command', COMMAND), ('arm_angle', TRUE)),
+        AXES,
+        of_arm=True,
+    ),
+    Plot(
+        'TCP position', 'mm', 1e3, (('tcp_actual', ACTUAL), ('tcp_command', COMMAND), ('tcp_true', TRUE)), XYZ
+    ),
+    Plot('Coupling torque d', 'N m', 1.0, (('coupling_torque', ACTUAL),), AXES, shown=False),
+    Plot('True motor shaft', 'deg', DEG, (('shaft_position', ACTUAL),), AXES, shown=False),
+    Plot('True motor speed', 'rpm', 60.0 / math.tau, (('shaft_speed', ACTUAL),), AXES, shown=False),
+)
+
+
+def others(held: Iterable[str]) -> list[Plot]:
+    """Return a plot for each signal that none of ``PLOTS`` shows."""
+    known = {name for plot in PLOTS for name, _ in plot.signals}
+    return [
+        Plot(QUANTITIES[name][1], QUANTITIES[name][0], 1.0, ((name, ACTUAL),), ('1', '2', '3'), shown=False)
+        for name in held
+        if name not in known and name in QUANTITIES
+    ]

@@ -1,0 +1,224 @@
+"""Tables of a page as HTML: moves, statistics, what differs, where everything comes from. They read without scripts."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.report_page.document import signals_of
+from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES
+from delta3_pacdrive.analysis.run_comparison import BY_START, Comparison, move_figures
+from delta3_pacdrive.analysis.runs import named
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.runs import Run
+
+NOTHING = '&ndash;'
+MOVES_SHOWN = 400  # rows of the table of moves
+_MOVE_COLUMNS = (
+    ('duration', 's', 1.0, 3),
+    ('TCP speed', 'm/s', 1.0, 3),
+    ('peak current', 'A', 1.0, 2),
+    ('rms current', 'A', 1.0, 2),
+    ('TCP error', 'mm', 1e3, 3),
+    ('following error', 'deg', math.degrees(1.0), 4),
+)
+# in which unit people read a signal, and by which factor
+_READ_IN = {name: (plot.unit, plot.factor) for plot in PLOTS for name, _ in plot.signals}
+
+
+def sections(runs: Sequence[Run], comparisons: Sequence[Comparison], origin: Provenance) -> str:
+    """Return all tables of a page."""
+    names = named(runs)
+    parts = [
+        _notes(runs, names),
+        *(_comparison(names, n, one) for n, one in enumerate(comparisons, start=1)),
+        _moves(runs, names),
+        *(_statistics(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
+        *(_parameters(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
+        _origin(runs, names, origin),
+    ]
+    return '\n'.join(part for part in parts if part)
+
+
+def _section(identity: str, title: str, body: str) -> str:
+    return f'<section class="card" id="{identity}">\n<h2>{escape(title)}</h2>\n{body}\n</section>'
+
+
+def _table(
+    header: Iterable[str], rows: Iterable[Sequence[str]], attributes: Iterable[str] = (), kind: str = 'wide'
+) -> str:
+    """Return a table; cells are HTML already, the header is text. Columns of numbers stand at the right."""
+    heads = ''.join(f'<th scope="col">{escape(cell)}</th>' for cell in header)
+    given = list(attributes)
+    lines = []
+    for n, row in enumerate(rows):
+        more = f' {given[n]}' if given else ''
+        cells = ''.join(f'<td{" class=n" if _is_number(cell) else ""}>{cell}</td>' for cell in row)
+        lines.append(f'<tr{more}>{cells}</tr>')
+    body = '\n'.join(lines)
+    return f'<div class="{kind}"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+
+
+def _is_number(cell: str) -> bool:
+    return cell[:1].isdigit() or cell[:1] in ('-', '+') or cell == NOTHING
+
+
+def _number(value: float, digits: int) -> str:
+    """Return a number for people; a dash for one that is not known."""
+    return f'{round(value, digits) + 0.0:.{digits}f}' if math.isfinite(value) else NOTHING
+
+
+def _notes(runs: Sequence[Run], names: Sequence[str]) -> str:
+    several = len(runs) > 1
+    lines = [
+        (f'<b>{escape(name)}</b>: ' if several else '') + escape(note)
+        for run, name in zip(runs, names, strict=True)
+        for note in run.notes
+    ]
+    if not lines:
+        return ''
+    return _section('notes', 'Notes', f'<ul>{"".join(f"<li>{line}</li>" for line in lines)}</ul>')
+
+
+def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
+    first, second = escape(names[0]), escape(names[number])
+    how = found.alignment
+    told = (
+        f'aligned by {how.by}'
+        if how.by == BY_START
+        else f'shifted by {how.shift_s:+.3f} s for the best correlation'
+    )
+    correlation = '' if math.isnan(how.correlation) else f'; motor speeds correlate by {how.correlation:.6f}'
+    lead = f'<p><b>{second}</b> minus <b>{first}</b>, {told}{correlation}.</p>'
+    if found.same:
+        lead += '<p>No signal differs by a single bit.</p>'
+    rows = []
+    for name, figure in found.figures.items():
+        unit, factor = _READ_IN.get(name, (figure.unit, 1.0))
+        if name.startswith('motor_'):
+            unit, factor = figure.unit, 1.0
+        rows.append(
+            [
+                f'<code>{name}</code>',
+                escape(QUANTITIES[name][1]),
+                f'{factor * figure.rms:.4g}',
+                f'{factor * figure.largest:.4g}',
+                unit,
+                _number(figure.at_s, 3),
+            ]
+        )
+    body = lead + _table(['signal', 'what it is', 'rms', 'largest', 'unit', 'at [s]'], rows)
+    if found.parameters:
+        body += '<h3>Parameters that differ</h3>' + _table(
+            ['parameter', names[0], names[number]],
+            [[f'<code>{name}</code>', _value(a), _value(b)] for name, (a, b) in found.parameters.items()],
+        )
+    else:
+        body += '<p>All parameters are the same.</p>'
+    title = 'Difference' if len(names) == 2 else f'Difference: {names[number]}'
+    return _section(f'difference{number}', title, body)
+
+
+def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
+    """Return the table of moves; those of several runs stand below each other, move by move."""
+    several = len(runs) > 1
+    header = ['move', *(['run'] if several else []), 'kind', 'start [s]', 'length [mm]']
+    header += [f'{title} [{unit}]' for title, unit, _, _ in _MOVE_COLUMNS]
+    limits_known = any(move.limited_by for run in runs for move in run.moves)
+    header += ['limited by'] * limits_known
+    numbers = sorted({move.number for run in runs for move in run.moves})
+    if not numbers:
+        return _section('moves', 'Moves', '<p>Nothing that was recorded tells the moves.</p>')
+    by_number = [{move.number: move for move in run.moves} for run in runs]
+    rows, attributes = [], []
+    for number in numbers[:MOVES_SHOWN]:
+        for n, (run, moves) in enumerate(zip(runs, by_number, strict=True)):
+            if (move := moves.get(number)) is None:
+                continue
+            figures = vars(move_figures(run, move)).values()
+            rows.append(
+                [
+                    str(number),
+                    *([escape(names[n])] if several else []),
+                    escape(move.kind),
+                    _number(move.start_s, 3),
+                    _number(1e3 * move.length_m, 1) if move.length_m else NOTHING,
+                    *(
+                        _number(factor * value, digits)
+                        for value, (_, _, factor, digits) in zip(figures, _MOVE_COLUMNS, strict=True)
+                    ),
+                    *([escape(move.limited_by) or NOTHING] if limits_known else []),
+                ]
+            )
+            attributes.append(f'data-from="{move.start_s:.6f}" data-to="{move.end_s:.6f}" data-run="{n}"')
+    more = len(numbers) - MOVES_SHOWN
+    hint = 'Click a row to see the move.' + (f' {more} more moves are not listed.' if more > 0 else '')
+    return _section(
+        'moves', 'Moves', f'<p class="hint">{hint}</p>' + _table(header, rows, attributes, 'wide tall')
+    )
+
+
+def _statistics(run: Run, name: str) -> str:
+    rows = []
+    for signal, values in signals_of(run).items():
+        unit, factor = _READ_IN.get(signal, (QUANTITIES[signal][0], 1.0))
+        if signal.startswith('motor_'):
+            unit, factor = QUANTITIES[signal][0], 1.0
+        finite = values[np.isfinite(values).all(axis=1)]
+        if not len(finite):
+            continue
+        low, high, rms = finite.min(axis=0), finite.max(axis=0), np.sqrt((finite**2).mean(axis=0))
+        rows.append(
+            [
+                f'<code>{signal}</code>',
+                escape(QUANTITIES[signal][1]),
+                *(' / '.join(f'{factor * value:.4g}' for value in one) for one in (low, high, rms)),
+                unit,
+            ]
+        )
+    header = ['signal', 'what it is', 'least', 'greatest', 'rms', 'unit']
+    length = run.part.time_s[-1] - run.part.time_s[0]
+    told = (
+        f'<p class="hint">{len(run.part.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
+    )
+    return _section('statistics', f'Statistics {name}'.strip(), told + _table(header, rows))
+
+
+def _parameters(run: Run, name: str) -> str:
+    changed = run.changed_parameters()
+    note = f'<p>{escape(run.robot_note)}.</p>' if run.robot_note else ''
+    if not changed:
+        body = note + '<p>All parameters are as packaged.</p>'
+    else:
+        body = note + _table(
+            ['parameter', 'value', 'packaged'],
+            [[f'<code>{key}</code>', _value(own), _value(usual)] for key, (own, usual) in changed.items()],
+        )
+    return _section('parameters', f'Parameters {name}'.strip(), body)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return escape(', '.join(f'{one:g}' for one in value))
+    return escape(f'{value:g}' if isinstance(value, float) else str(value))
+
+
+def _origin(runs: Sequence[Run], names: Sequence[str], origin: Provenance) -> str:
+    lines: Mapping[str, str] = origin.lines()
+    rows = [[escape(name), f'<code>{escape(text)}</code>'] for name, text in lines.items() if text]
+    for run, name in zip(runs, names, strict=True):
+        told = run.whole.meta.get('provenance')
+        if isinstance(told, dict):
+            rows += [
+                [escape(f'{name}: {key}'), f'<code>{escape(str(text))}</code>']
+                for key, text in told.items()
+                if text
+            ]
+    return _section('origin', 'How this came about', _table(['', ''], rows))

@@ -1,0 +1,290 @@
+"""Runs that are shown or compared: a recording, or a program that is simulated on the spot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import bag_events, run_signals
+from delta3_pacdrive.analysis.inputs import is_recording, noted
+from delta3_pacdrive.errors import ParameterError, TraceError
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.recording import trace_file
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.recording.trace import Trace
+
+CONTINUED_S = 0.5  # how long after a stop a run is shown at most: brakes have closed then
+STARTED, OUTPUT, EVENT, FAULT = 'start', 'output', 'event', 'fault'  # kinds of marks
+
+
+@dataclass(frozen=True)
+class DrivenMove:
+    """A move was driven from one time to another.
+
+    Attributes
+    ----------
+    number
+        In the program, from 1 on.
+    kind
+        As ``MoveKind`` has it.
+    start_s, end_s
+        From the start of the program.
+    length_m
+        Of its path; 0 where that says nothing.
+    limited_by
+        What kept it from being faster; empty if nobody knows.
+
+    """
+
+    number: int
+    kind: str
+    start_s: float
+    end_s: float
+    length_m: float
+    limited_by: str = ''
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something happened at a time [s] from the start of the program; ``kind`` is one of the constants above."""
+
+    time_s: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run is a recording or a simulation, with what is known of it.
+
+    Attributes
+    ----------
+    name
+        As it was typed.
+    title
+        Of its program.
+    kind
+        ``program``, ``trace`` or ``bag``.
+    robot
+        Its parameters.
+    source
+        Parameter file that was asked for; empty for the packaged one, and where the recording tells its own.
+    robot_note
+        Where they come from, if the run does not tell them; else empty.
+    whole, part
+        All of it, and the cycles that are shown: without gaps, times from the start of the program.
+    moves, marks
+        In the order of their times.
+    outputs
+        Changes of outputs and payload, as ``plan_times.output_changes`` has them.
+    notes
+        Sentences about it.
+    origin
+        Its name with the digest of the file.
+
+    """
+
+    name: str
+    title: str
+    kind: str
+    robot: Parameters
+    source: str
+    robot_note: str
+    whole: Trace
+    part: Trace
+    moves: tuple[DrivenMove, ...]
+    marks: tuple[Mark, ...]
+    outputs: tuple[Mapping[str, Any], ...]
+    notes: tuple[str, ...]
+    origin: str
+
+    @property
+    def period_s(self) -> float:
+        """Bus cycle."""
+        return run_signals.positive(self.part, 'cycle_time_s')
+
+    @property
+    def knows_start(self) -> bool:
+        """Whether its times count from the start of a program; else they are bus time."""
+        return self.part.meta.get('start_cycle') is not None
+
+    @property
+    def told_source(self) -> str | None:
+        """Parameter file for the provenance: where a recording tells its own parameters, the recording."""
+        told_itself = self.kind != 'program' and not self.robot_note
+        return self.name if told_itself else self.source or None
+
+    def changed_parameters(self) -> dict[str, tuple[Any, Any]]:
+        """Return the parameters that are not as packaged, by name: its own value and the packaged one."""
+        return differing(self.robot, core.load())
+
+
+def differing(one: Parameters, other: Parameters) -> dict[str, tuple[Any, Any]]:
+    """Return the values that two robots do not have in common, by dotted name."""
+    first, second = core.flatten(one), core.flatten(other)
+    return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
+
+
+def load(text: str, source: str | None = None, from_s: float | None = None, to_s: float | None = None) -> Run:
+    """Return the run that a name means.
+
+    Parameters
+    ----------
+    text
+        A trace file, the folder of a bag, a program file or the name of a packaged program.
+    source
+        Parameter file for a program, and for a recording that does not tell its own.
+    from_s, to_s
+        What is shown, in times from the start of the program; None: as much as there is of it.
+
+    Raises
+    ------
+    Delta3Error
+        There is no such run, it cannot be read or simulated, or holds nothing of that part.
+
+    """
+    if not is_recording(text):
+        trace, robot, note, kind = *_simulated(text, source), '', 'program'
+        story: Mapping[str, Any] = trace.meta
+    else:
+        trace = trace_file.load(text)
+        robot, note = _robot_of(trace, source)
+        kind = 'bag' if Path(text).is_dir() else 'trace'
+        story = bag_events.read(Path(text), trace) if kind == 'bag' else trace.meta
+    part = run_signals.program_part(_shown(trace, from_s, to_s))
+    try:
+        moves, marks = _moves(story, part), _marks(story, part)
+    except (KeyError, TypeError, ValueError):
+        raise TraceError(f'what {text} tells of its moves, outputs or faults cannot be read') from None
+    title = str(trace.meta.get('program') or Path(text).name)
+    outputs = tuple(story.get('outputs', ()))
+    (origin,) = noted([text])
+    used = source if kind == 'program' or note else None
+    about = text, title, kind, robot, used or '', note
+    return Run(*about, trace, part, moves, marks, outputs, _notes(trace), origin)
+
+
+def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters]:
+    from delta3_pacdrive import simulation
+
+    robot = core.load(source)
+    program = programs.load(text, robot.motion)
+    simulation.load_kernels(robot)
+    return simulation.run(program, robot), simulation.placed(robot, program)
+
+
+def _robot_of(trace: Trace, source: str | None) -> tuple[Parameters, str]:
+    """Return the robot of a recording, and where its parameters come from if not from the recording itself."""
+    told = trace.meta.get('parameters')
+    if isinstance(told, dict):
+        try:
+            return core.from_flat(told, 'parameters of the recording'), ''
+        except ParameterError as error:
+            why = f'the recording tells parameters of another version ({error})'
+    else:
+        why = 'the recording does not tell its parameters'
+    robot = core.load(source)
+    if trace.meta.get('checksum') == robot.checksum:
+        return robot, ''
+    return robot, f'{why}: these are those of {source or core.DEFAULT_FILE}'
+
+
+def _shown(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
+    """Return the trace with the part of it that is shown: the program, and what follows if that was stopped."""
+    stopped, start = trace.meta.get('stopped'), trace.meta.get('start_cycle')
+    if stopped and to_s is None and start is not None and len(trace.time_s):
+        period = run_signals.positive(trace, 'cycle_time_s')
+        last = run_signals.shown_cycles(trace)[1]
+        to_s = min((last - start) * period + CONTINUED_S, float(trace.time_s[-1]) - start * period)
+        if from_s is None:
+            from_s = -run_signals.BEFORE_S
+    if from_s is None and to_s is None:
+        return trace
+    return run_signals.windowed(trace, from_s, to_s)
+
+
+def _moves(story: Mapping[str, Any], part: Trace) -> tuple[DrivenMove, ...]:
+    """Return the moves that were begun within the part that is shown, the last one cut where the run ends."""
+    first, last = float(part.time_s[0]), float(part.time_s[-1])
+    found = [
+        DrivenMove(
+            n,
+            str(row['kind']),
+            float(row['start_s']),
+            min(float(row['end_s']), last),
+            float(row['length_m']),
+            str(row.get('limited_by', '')),
+        )
+        for n, row in enumerate(story.get('moves', ()), start=1)
+    ]
+    return tuple(move for move in found if move.end_s > first and move.start_s < last)
+
+
+def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
+    marks = []
+    if part.meta.get('start_cycle') is not None:
+        marks.append(Mark(0.0, STARTED, 'start of the program'))
+    marks += [Mark(float(row['time_s']), OUTPUT, _output_text(row)) for row in story.get('outputs', ())]
+    marks += [Mark(float(row['time_s']), EVENT, str(row['text'])) for row in story.get('events', ())]
+    for row in story.get('faults', ()):
+        after, lasting = float(row['after_s']), float(row.get('for_s', math.inf))
+        marks.append(Mark(after, FAULT, f'injected: {row["text"]}'))
+        if math.isfinite(lasting):
+            marks.append(Mark(after + lasting, EVENT, f'over: {row["text"]}'))
+    marks += [Mark(float(row['time_s']), FAULT, str(row['text'])) for row in story.get('trips', ())]
+    within = [mark for mark in marks if part.time_s[0] <= mark.time_s <= part.time_s[-1]]
+    return tuple(sorted(within, key=lambda mark: mark.time_s))
+
+
+def _output_text(row: Mapping[str, Any]) -> str:
+    payload = '' if row.get('payload_kg') is None else f', payload {float(row["payload_kg"]):g} kg'
+    value = float(row['value'])
+    if row['name'] == 'payload':
+        return payload.removeprefix(', ')
+    state = {0.0: 'off', 1.0: 'on'}.get(value, f'{value:g}')
+    return f'{row["name"]} {state}{payload}'
+
+
+def _notes(trace: Trace) -> tuple[str, ...]:
+    meta = trace.meta
+    notes = [str(notice) for notice in meta.get('notices', ())]
+    if meta.get('stopped'):
+        notes.append(f'The program was given up: {meta["stopped"]}')
+    if meta.get('cut'):
+        notes.append(f'The recording is not whole: {meta["cut"]}')
+    for topic, count in dict(meta.get('lost') or {}).items():
+        notes.append(f'{count} messages of {topic} are missing')
+    for topic, count in dict(meta.get('refused') or {}).items():
+        notes.append(f'{count} messages of {topic} were not well formed')
+    if (starts := meta.get('starts', ())) and len(starts) > 1:
+        notes.append(
+            f'The recording holds {len(starts)} programs; times count from the start of the first one'
+        )
+    return tuple(notes)
+
+
+def tcp_speed(part: Trace, period_s: float) -> Any:
+    """Speed of the actual TCP [m/s], shape (n, 1); nan at both ends and beside gaps."""
+    velocity = run_signals.central_difference(part['tcp_actual'], period_s)
+    return np.linalg.norm(velocity, axis=1, keepdims=True)
+
+
+def named(runs: Sequence[Run]) -> list[str]:
+    """Return a short name for each run: file or program and robot, with folders or a number where that is needed."""
+
+    def of_robot(name: str, run: Run) -> str:
+        return f'{name} ({run.source})' if run.source else name
+
+    short = [of_robot(Path(run.name).name or run.name, run) for run in runs]
+    whole = [of_robot(run.name, run) for run in runs]
+    numbered = [f'{n}: {name}' for n, name in enumerate(short, start=1)]
+    return next((names for names in (short, whole) if len(set(names)) == len(names)), numbered)

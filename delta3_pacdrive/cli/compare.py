@@ -1,0 +1,87 @@
+"""``delta3 compare``: how far two runs are apart, signal by signal and move by move."""
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from delta3_pacdrive.cli.command import Command
+from delta3_pacdrive.cli.run_options import BEST, RunOptions
+
+
+@dataclass
+class Options(RunOptions):
+    """Options of the command."""
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if len(self.inputs) != 2:
+            return f'two runs are compared, not {len(self.inputs)}'
+        return super().check()
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.run_comparison import compare, to_document
+    from delta3_pacdrive.analysis.runs import named
+
+    first, second = options.runs()
+    found = compare(first, second, options.align == BEST)
+    names = named([first, second])
+    result = {'ok': True, 'runs': names, **to_document(found, first, second)}
+    if options.json:
+        origin = Provenance.of(
+            options.command_line, first.robot, first.told_source, [first.origin, second.origin]
+        )
+        print(json.dumps(result | {'provenance': origin.lines()}))
+    else:
+        print('\n'.join(_lines(result, names)))
+    return 0
+
+
+def _lines(result: dict[str, Any], names: list[str]) -> list[str]:
+    """Return the result for people."""
+    aligned = result['alignment']
+    shift = f', shifted by {aligned["shift_s"]:+.3f} s' if aligned['shift_s'] else ''
+    correlation = aligned['correlation']
+    told = '' if correlation is None else f'; motor speeds correlate by {correlation:.6f}'
+    lines = [
+        f'{names[1]} minus {names[0]}',
+        f'aligned by {aligned["by"]}{shift}{told}',
+        f'from {result["from_s"]:.3f} to {result["to_s"]:.3f} s, {result["cycles"]} cycles',
+        '',
+    ]
+    if result['same']:
+        lines += ['no signal differs by a single bit', '']
+    lines.append(f'{"signal":<16} {"rms":>12} {"largest":>12}  {"unit":<6} {"at [s]":>8}')
+    for name, row in result['signals'].items():
+        numbers = ' '.join(_number(row[key], 12) for key in ('rms', 'largest'))
+        lines.append(f'{name:<16} {numbers}  {row["unit"]:<6} {_number(row["at_s"], 8, ".3f")}')
+    if result['moves']:
+        lines += [
+            '',
+            f'{"move":>4} {"kind":<8} {"duration [s]":>19} {"peak current [A]":>19} {"TCP error [mm]":>19}',
+        ]
+    for row in result['moves']:
+        pairs = [
+            ' '.join(_number(None if value is None else factor * value, 9, '.3f') for value in row[key])
+            for key, factor in (('duration_s', 1.0), ('current_peak_a', 1.0), ('tcp_error_max_m', 1e3))
+        ]
+        lines.append(f'{row["move"]:>4} {row["kind"]:<8} {" ".join(pairs)}')
+    lines += ['', 'parameters: all are the same' if not result['parameters'] else 'parameters that differ:']
+    lines += [f'  {name}: {a} and {b}' for name, (a, b) in result['parameters'].items()]
+    return lines
+
+
+def _number(value: float | None, width: int, form: str = '.4g') -> str:
+    known = value is not None and math.isfinite(value)
+    return f'{value if known else "-":>{width}{form if known else ""}}'
+
+
+main = Command(
+    'compare',
+    'Tell how far two runs are apart: alignment, differences of all signals, moves, parameters that differ.',
+    Options,
+    run,
+)

@@ -1,0 +1,77 @@
+"""``delta3 plan``: what the planner makes of a program, move by move and over time, without running it."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.configuration.packaged import program_names
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.planning.study import PlanStudy
+    from delta3_pacdrive.parameters import Parameters
+
+
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    program: str = argument(
+        f'program file, or a packaged program: {", ".join(program_names())}', default='experiment1'
+    )
+    parameters: str | None = option(
+        'plan for the robot of this parameter file, or rich: the built robot', 'FILE'
+    )
+    output: str | None = option(
+        'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'
+    )
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.planning import evaluation, report
+    from delta3_pacdrive.motion import program_file, program_planner
+
+    robot = core.load(options.parameters)
+    program = program_file.load(options.program, robot.motion)
+    start = robot.motion.home_m if program.start_m is None else program.start_m
+    found = evaluation.study(program_planner.plan(program, start, robot), robot)
+    inputs = noted([options.program])
+    result, lines = report.document(found, robot), report.text(found, robot)
+    if options.output is not None:
+        result['files'] = _written(options, robot, found, lines, inputs)
+    if options.json:
+        print_json(result, options, robot, inputs)
+    else:
+        print('\n'.join([*lines, *result.get('files', ())]))
+    return 0
+
+
+def _written(
+    options: Options, robot: 'Parameters', found: 'PlanStudy', lines: list[str], inputs: list[str]
+) -> list[str]:
+    """Write figures, tables and page; return the files."""
+    from pathlib import Path
+
+    from delta3_pacdrive.analysis.planning import figures, report
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import ReportFolder
+
+    origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
+    folder = ReportFolder(Path(options.output or '.'), origin)
+    folder.figures(figures.by_name(found, robot))
+    for table in report.tables(found):
+        folder.table(table)
+    folder.page(f'Plan of {found.planned.name}', lines)
+    return folder.files
+
+
+main = Command(
+    'plan',
+    'Plan a program without running it: path, speed, acceleration and jerk, motor speeds, torques and currents, '
+    'distances to the limits, and for each move what keeps it from being faster.',
+    Options,
+    run,
+)

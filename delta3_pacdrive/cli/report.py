@@ -1,0 +1,43 @@
+"""``delta3 report``: one HTML file that shows runs: the robot in 3-D, all signals, moves, figures, provenance."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from delta3_pacdrive.cli.command import Command, option
+from delta3_pacdrive.cli.run_options import BEST, RunOptions
+
+
+@dataclass
+class Options(RunOptions):
+    """Options of the command."""
+
+    output: str = option('the page; a file of this name is replaced', 'FILE.html', default='report.html')
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_page import page
+
+    path = Path(options.output)
+    page.require_writable(path)
+    runs = options.runs()
+    origin = Provenance.of(
+        options.command_line, runs[0].robot, runs[0].told_source, [one.origin for one in runs]
+    )
+    page.write(path, runs, origin, options.align == BEST)
+    if options.json:
+        result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size}
+        print(json.dumps(result | {'provenance': origin.lines()}))
+    else:
+        print(path)
+    return 0
+
+
+main = Command(
+    'report',
+    'Write one HTML file that shows a run, or several side by side: 3-D, plots, moves, figures. It needs no network.',
+    Options,
+    run,
+)

@@ -1,0 +1,66 @@
+"""What the commands share that show or compare runs: which runs, of which robots, and which part of them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from delta3_pacdrive.cli.command import JsonOptions, argument, option
+from delta3_pacdrive.cli.option_types import number_within
+from delta3_pacdrive.cli.progress import announce_compilation
+from delta3_pacdrive.configuration.packaged import program_names
+
+TIME = number_within(-1e9, 1e9, 's')
+RUN = f'trace (.npz, .csv), rosbag2 folder, or a program that is simulated: {", ".join(program_names())}'
+START, BEST = 'start', 'best'
+
+
+@dataclass
+class RunOptions(JsonOptions):
+    """Options of a command about runs."""
+
+    inputs: list[str] = argument(RUN, nargs='+', metavar='RUN')
+    parameters: str | None = option(
+        'parameter file for programs, and for recordings that do not tell theirs, or rich: the built robot; several, '
+        'with commas between them: one for each run, nothing for the packaged file',
+        'FILE[,FILE...]',
+    )
+    align: str = option(
+        'bring runs to one time by the start of their programs, where they tell it, or by the best correlation of '
+        'their motor speeds',
+        choices=(START, BEST),
+        default=START,
+    )
+    from_s: float | None = option(
+        'begin here: time [s] from the start of the program, or bus time if there is none',
+        'S',
+        names=('--from',),
+        type=TIME,
+    )
+    to_s: float | None = option('end here, as --from', 'S', names=('--to',), type=TIME)
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
+            return f'--from is {self.from_s:g}, but must be less than --to, {self.to_s:g}'
+        count = len((self.parameters or '').split(','))
+        if count > 1 and count != len(self.inputs):
+            return f'--parameters names {count} files, but there are {len(self.inputs)} runs'
+        return ''
+
+    def sources(self) -> list[str | None]:
+        """Return the parameter file of each run, None for the packaged one."""
+        named = (self.parameters or '').split(',')
+        return [one or None for one in (named if len(named) > 1 else named * len(self.inputs))]
+
+    def runs(self) -> list[Any]:
+        """Load the runs; raises Delta3Error."""
+        from delta3_pacdrive.analysis import runs
+        from delta3_pacdrive.analysis.inputs import is_recording
+
+        sources = self.sources()
+        for text, source in zip(self.inputs, sources, strict=True):
+            if not is_recording(text):
+                announce_compilation(source)
+        return [
+            runs.load(text, source, self.from_s, self.to_s)
+            for text, source in zip(self.inputs, sources, strict=True)
+        ]

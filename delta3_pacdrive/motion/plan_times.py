@@ -1,0 +1,50 @@
+"""When the moves of a plan are driven and its outputs change, in time from its start, as a recording keeps it."""
+
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.motion.plan import OUTPUTS, UNCHANGED, Move, Plan
+from delta3_pacdrive.motion.virtual_master import master_at_distances
+
+
+def driven_moves(plan: Plan) -> list[dict[str, Any]]:
+    """Return kind, start [s], end [s] and length [m] of each move that is driven.
+
+    The length of a cubic in time, whose parameter is no distance, and of a dwell is 0.
+    """
+    lengths = [0.0 if move.kind.name in ('DWELL', 'CUBIC') else move.length_m for move in plan.moves]
+    kinds = [move.kind.name.lower() for move in plan.moves]
+    edges = plan.tables.starts.tolist()
+    return [
+        {'kind': kinds[number], 'start_s': start, 'end_s': end, 'length_m': lengths[number]}
+        for number, start, end in zip(plan.tables.order.tolist(), edges, edges[1:], strict=False)
+    ]
+
+
+def output_changes(plan: Plan) -> list[dict[str, Any]]:
+    """Return time [s], name, value and payload [kg] of each change of an output; None: the payload stays."""
+    changes = [_changes(move) for move in plan.moves]
+    starts = plan.tables.starts.tolist()
+    return [
+        change | {'time_s': starts[n] + change['time_s']}
+        for n, number in enumerate(plan.tables.order.tolist())
+        for change in changes[number]
+    ]
+
+
+def _changes(move: Move) -> list[dict[str, Any]]:
+    if not len(move.events):
+        return []
+    # what lies behind the end happens at the end
+    places = np.minimum(move.events[:, 0], move.length_m)
+    times = master_at_distances(places, move.master)[:, 0].tolist()
+    return [
+        {
+            'time_s': time_s,
+            'name': OUTPUTS[int(bit)] if bit >= 0 else 'payload',
+            'value': value,
+            'payload_kg': None if payload == UNCHANGED else payload,
+        }
+        for time_s, (_, bit, value, payload) in zip(times, move.events.tolist(), strict=True)
+    ]

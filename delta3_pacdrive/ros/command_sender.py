@@ -1,0 +1,60 @@
+"""The master's end of ``sercos/mdt``: commands of a cycle for all drives, and the frame that goes with them."""
+
+from rclpy.node import Node
+
+from delta3_pacdrive.controller.cycle import Command
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.interfaces import MDT
+from delta3_pacdrive.sercos import master, telegrams
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
+from delta3_pacdrive.sercos.service_requests import ServiceRequests
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.words import CONTROL_OFF, Phase
+
+
+class CommandSender:
+    """The master commands its drives by it.
+
+    Parameters
+    ----------
+    node
+        Publishes.
+    requests
+        What is asked of the drives through their service channels.
+
+    Attributes
+    ----------
+    publish
+        Sends an MDT, given as bytes.
+
+    """
+
+    def __init__(self, node: Node, requests: ServiceRequests) -> None:
+        self._requests = requests
+        self._session = NO_SESSION
+        self._frames: dict[tuple[int, float], bytes] = {}  # without a word of the service channel
+        self._codec = cdr.codec(telegrams.MDT)
+        self.publish = cdr.raw_publish(MDT.publisher(node))
+
+    def begin(self, session: bytes) -> None:
+        """Send in a session from now on."""
+        self._session = session
+        self._frames.clear()
+
+    def greet(self, greeting: master.Greet) -> None:
+        """Greet the drives, outside of cyclic operation."""
+        words = self._requests.to_send()
+        frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
+        self.publish(self._codec.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
+
+    def send(self, stamp: tuple[int, int], command: Command) -> None:
+        """Send the MDT of a bus cycle."""
+        motors, control, payload = command
+        if self._requests.busy:
+            words = self._requests.to_send()
+            frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._session, words)
+        else:
+            known = self._frames.get((control, payload))
+            frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._session)
+            self._frames[control, payload] = frame
+        self.publish(self._codec.encode(stamp, frame, motors.tolist()))

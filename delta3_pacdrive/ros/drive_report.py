@@ -1,0 +1,76 @@
+"""What people are told of a drive: its faults, whom it waits for, and ``/diagnostics`` once a second."""
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from delta3_pacdrive.drive.bus_drive import BusDrive
+from delta3_pacdrive.drive.diagnostics import DriveFault, fault_text
+from delta3_pacdrive.drive.report import report
+from delta3_pacdrive.ros.diagnostics import Health
+from delta3_pacdrive.ros.drive_telegrams import DriveTelegrams
+from delta3_pacdrive.ros.robot_node import RobotNode
+
+HEALTH_EVERY = 4  # looks between two diagnostics
+PARTNERS = {'plant/motor_shafts': 'plant', 'sercos/mdt': 'transformation_task'}  # by what they publish
+
+
+class DriveReport:
+    """The report says what has changed since the last look.
+
+    Parameters
+    ----------
+    node, axis
+        Of the drive.
+    bus_drive, telegrams
+        What is told of.
+
+    """
+
+    def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive, telegrams: DriveTelegrams) -> None:
+        self._node, self._axis, self._bus_drive, self._telegrams = node, axis, bus_drive, telegrams
+        self._log = node.get_logger()
+        self._health = Health(node, axis)
+        self._fault = DriveFault.NONE
+        self._waiting = ''
+        self._looks = 0
+
+    def look(self) -> None:
+        """Tell what there is to tell."""
+        self._tell_fault(self._bus_drive.drive.fault)
+        self._looks += 1
+        if self._looks % HEALTH_EVERY == 0 and self._health.wanted:
+            self._send_health()
+        if not self._bus_drive.slave.cyclic:
+            self._tell_missing()
+
+    def _tell_fault(self, fault: DriveFault) -> None:
+        if fault == self._fault:
+            return
+        self._fault = fault
+        if fault:
+            self._log.error(f'{self._axis}: {fault_text(fault)}')
+        else:
+            self._log.info(f'{self._axis}: fault cleared')
+
+    def _tell_missing(self) -> None:
+        missing = [who for topic, who in PARTNERS.items() if not self._node.count_publishers(topic)]
+        waiting = f'waiting for {missing[0]}' if missing else ''
+        if waiting != self._waiting:
+            self._waiting = waiting
+            self._log.info(f'{self._axis}: {waiting or "all partners are there"}')
+
+    def facts(self) -> dict[str, Any]:
+        """What the drive says of itself, by SERCOS names."""
+        counted = {
+            'late_telegrams': self._bus_drive.clock.late,
+            'refused_telegrams': self._telegrams.refused,
+        }
+        return report(self._bus_drive.drive) | counted
+
+    def _send_health(self) -> None:
+        drive = self._bus_drive.drive
+        level = DiagnosticStatus.ERROR if drive.fault else DiagnosticStatus.OK
+        if not drive.fault and drive.warning:
+            level = DiagnosticStatus.WARN
+        self._health.send(level, fault_text(drive.fault), self.facts())

@@ -1,0 +1,146 @@
+"""The cyclic telegrams of one drive: commands and true shafts come in, answers and currents go out.
+
+In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN`` (encoder, status),
+``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request).
+"""
+
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.drive.bus_drive import BusDrive
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.interfaces import AT, MDT, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE_CURRENT
+from delta3_pacdrive.ros.publishers import Output
+from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.words import Status
+
+ACYCLIC = (ACYCLIC_SEC, 0)
+RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
+
+
+class DriveTelegrams:
+    """The telegrams are sent as the drive asks for it, and received once there is one: see ``receive_for``.
+
+    Parameters
+    ----------
+    node
+        Publishes and subscribes.
+    parameters, index
+        Of the robot; number of the axis, 0 to 2.
+
+    Attributes
+    ----------
+    publish_at
+        Sends an AT, given as bytes.
+    refused
+        How many telegrams were.
+
+    """
+
+    def __init__(self, node: RobotNode, parameters: Parameters, index: int) -> None:
+        bus = parameters.bus
+        self._node, self._index, self._axis = node, index, DRIVES[index]
+        self._cycles, self._exchanges = Clock(bus.cycle_time_s), Clock(bus.exchange_period_s)
+        self._samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
+        self._bus_drive: BusDrive
+        self.refused = 0
+        self._frame = b''  # of the last MDT: it rarely changes
+        self._words = (0, 0, 0.0)  # its control word, word of the service channel and payload
+        self._current_frames: dict[tuple[bool, float], bytes] = {}
+        self._mdt, self._at = cdr.codec(telegrams.MDT), cdr.codec(telegrams.AT[index])
+        self._current = cdr.codec(telegrams.motor_current(self._axis, self._samples))
+        self._shaft = cdr.codec(telegrams.SHAFTS)
+        self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))
+        self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(node, self._axis))
+        self._phases = Output(node, PHASE_CURRENT, self._axis)
+
+    def receive_for(self, bus_drive: BusDrive) -> None:
+        """Receive for a drive from now on."""
+        self._bus_drive = bus_drive
+        MDT.subscription(self._node, self._on_mdt, raw=True)
+        MOTOR_SHAFTS.subscription(self._node, self._on_shafts, raw=True)
+
+    def refuse(self, reason: str) -> None:
+        """Count and say that a telegram was refused."""
+        self.refused += 1
+        self._node.get_logger().warning(reason, throttle_duration_sec=1.0)
+
+    def forget(self) -> None:
+        """Forget frames of the session before."""
+        self._frame = b''
+        self._current_frames.clear()
+
+    # what comes in ----------------------------------------------------------------------------------------------------
+
+    def _on_mdt(self, data: bytes) -> None:
+        bus_drive = self._bus_drive
+        session = bus_drive.slave.session
+        if session == NO_SESSION:
+            return
+        try:
+            sec, nanosec, frame, values = self._mdt.decode(data)
+            cycle = self._cycles.count(sec, nanosec)
+            if frame != self._frame:
+                phase, control, service, payload = telegrams.parse_mdt_frame(frame, self._index, session)
+                bus_drive.phase = phase
+                self._words, self._frame = (control, service, payload), frame
+        except TelegramError as error:
+            self.refuse(f'{self._axis}: {error}')
+            return
+        if cycle >= 0:
+            bus_drive.take_command(cycle, (values[self._index], *self._words))
+            return
+        position = bus_drive.greeted(self._words[1])
+        if position is not None:
+            frame = telegrams.at_frame(RESTING, bus_drive.clock.service.to_send(), session)
+            self.publish_at(self._at.encode(ACYCLIC, frame, (position, 0.0, 0.0)))
+
+    def _on_shafts(self, data: bytes) -> None:
+        bus_drive = self._bus_drive
+        session = bus_drive.slave.session
+        if session == NO_SESSION:
+            return
+        try:
+            sec, nanosec, frame, values = self._shaft.decode(data)
+            if frame != session:
+                telegrams.require_session(frame, session)
+            exchange = self._exchanges.count(sec, nanosec)
+        except TelegramError as error:
+            self.refuse(f'{self._axis}: {error}')
+            return
+        i = self._index
+        if exchange >= 0:
+            bus_drive.clock.take_shaft(exchange, (values[i], values[3 + i], values[6 + i]))
+        elif not bus_drive.slave.cyclic:
+            bus_drive.stand(values[i])
+            frame = telegrams.current_frame(False, 0.0, session)
+            self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))
+
+    # what goes out ----------------------------------------------------------------------------------------------------
+
+    def send_answer(self, cycle: int, status: int) -> None:
+        """Send the AT of a bus cycle."""
+        bus_drive = self._bus_drive
+        frame = telegrams.at_frame(status, bus_drive.clock.service.to_send(), bus_drive.slave.session)
+        stamp = self._cycles.stamp(cycle)
+        self.publish_at(self._at.encode(stamp, frame, bus_drive.drive.answer.tolist()))
+        if self._phases.wanted:
+            message = JointState(name=['I1s', 'I2s', 'I3s'], effort=bus_drive.drive.phase_currents())
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            self._phases.publish(message)
+
+    def send_current(self, exchange: int, released: bool) -> None:
+        """Send the currents of an exchange period and the brake output."""
+        drive = self._bus_drive.drive
+        frame = self._current_frames.get((released, drive.payload))
+        if frame is None:
+            frame = telegrams.current_frame(released, drive.payload, self._bus_drive.slave.session)
+            self._current_frames[released, drive.payload] = frame
+        self._publish_current(
+            self._current.encode(self._exchanges.stamp(exchange), frame, drive.currents.tolist())
+        )

@@ -1,0 +1,86 @@
+"""What the planner wants done, carried out on the graph and in the planning thread.
+
+Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray, String
+
+from delta3_pacdrive.controller import planner_actions
+from delta3_pacdrive.controller.messages import COURSE, REVOKE, Origin
+from delta3_pacdrive.controller.plan_rows import PlanRows
+from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.ros.planner_services import PlannerServices
+from delta3_pacdrive.ros.planning_thread import PlanningThread
+
+
+class PlannerOutputs:
+    """The outputs carry out the actions of one planner.
+
+    Parameters
+    ----------
+    node
+        Publishes.
+    planner, thread, operators
+        Of the same node.
+    origin
+        Returns the label of a row of numbers, from its kind and the number of the order.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        planner: Planner,
+        thread: PlanningThread,
+        operators: PlannerServices,
+        origin: Callable[[str, int], Origin],
+    ) -> None:
+        self._planner, self._thread, self._operators = planner, thread, operators
+        self._origin = origin
+        self._rows = PlanRows()
+        self._state = interfaces.PLANNER_STATE.publisher(node)
+        self._plan = interfaces.MOTION_PLAN.publisher(node)
+        self._change = interfaces.MOTION_CHANGE.publisher(node)
+
+    def carry_out(self) -> None:
+        """Do what the planner has decided."""
+        actions, self._planner.actions = self._planner.actions, []
+        for action in actions:
+            match action:
+                case planner_actions.Working(job):
+                    self._thread.begin(job)
+                case planner_actions.Cancelled(number):
+                    self._thread.cancel(number)
+                case planner_actions.Ordered():
+                    self._rows.begin(action)
+                    self.send_rows()
+                case planner_actions.Revoked(number):
+                    self._rows.clear()
+                    self._plan.publish(self._numbered(REVOKE, number, []))
+                case planner_actions.Changed(number, profile):
+                    self._change.publish(self._numbered(COURSE, number, profile.to_array()))
+                case planner_actions.Replied(request, reason, sentence):
+                    self._operators.reply(request, reason, sentence)
+                case planner_actions.Mirrored(state):
+                    self._state.publish(String(data=str(state)))
+        if actions:
+            self._operators.tell_queue()
+
+    def _numbered(self, kind: str, number: int, values: Any) -> Float64MultiArray:
+        return numbers(values, self._origin(kind, number).label())
+
+    def send_rows(self) -> None:
+        """Send what is left of a plan, no more of it than the transformation task can take at once."""
+        status = self._planner.status
+        for row in self._rows.due(status.checked if status else 0):
+            self._plan.publish(self._numbered(*row))
+
+    def forget_rows(self) -> None:
+        """Send no more of a plan of the session before."""
+        self._rows.clear()

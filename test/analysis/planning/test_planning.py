@@ -1,0 +1,204 @@
+"""Facts about the evaluation of a plan: it is what the simulation drives, and what limits a move is at its limit."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.analysis.planning import evaluation, figures, report
+from delta3_pacdrive.analysis.planning.study import Quantity
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.motion import program_file, program_planner
+
+START = [-0.2, 0.0, -0.8]
+FREE = {'speed_m_s': 100.0, 'acceleration_m_s2': 1e6, 'jerk_m_s3': 1e9}
+SLOW_ARC = {'via_m': [0.0, 0.06, -0.8], 'to_m': [-0.2, 0.12, -0.8]}
+# what is planned, and what has to limit it
+CASES = {
+    'a short line': ([{'move_l': {'to_m': [-0.19, 0.0, -0.8]}}], Quantity.TCP_JERK),
+    'a long slow line': ([{'move_l': {'to_m': [0.3, 0.0, -0.8], 'speed_m_s': 0.3}}], Quantity.TCP_SPEED),
+    'a line with little acceleration': (
+        [{'move_l': {'to_m': [0.3, 0.0, -0.8], 'acceleration_m_s2': 2.0}}],
+        Quantity.TCP_ACCELERATION,
+    ),
+    'a quick circle': (
+        [{'move_c': SLOW_ARC | {'speed_m_s': 10.0, 'acceleration_m_s2': 20.0, 'jerk_m_s3': 1e5}}],
+        Quantity.CURVATURE,
+    ),
+    'a long line without limits of the TCP': (
+        [{'move_l': {'to_m': [0.3, 0.0, -0.8], **FREE}}, {'dwell': {'time_s': 100.0}}],
+        Quantity.MOTOR_CURRENT,
+    ),
+    'the same again and again': ([{'move_l': {'to_m': [0.3, 0.0, -0.8], **FREE}}], Quantity.RMS_CURRENT),
+    'a dwell': ([{'dwell': {'time_s': 0.2}}], Quantity.TIME),
+    'a cubic': ([{'cubic': {'to_m': [0.1, 0.0, -0.8], 'duration_s': 1.0}}], Quantity.TIME),
+}
+
+
+def planned(moves, robot, **more):
+    document = moves if isinstance(moves, dict) else {'start_m': START, 'moves': moves, **more}
+    program = program_file.parse(document, robot.motion)
+    return program_planner.plan(program, program.start_m, robot)
+
+
+def studied(moves, robot, **more):
+    return evaluation.study(planned(moves, robot, **more), robot)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_what_limits_a_move_is_at_its_limit(name, robot):
+    moves, quantity = CASES[name]
+    use = studied(moves, robot).rows[0].limited_by
+    assert use.quantity == quantity
+    assert evaluation.AT_LIMIT <= use.used <= 1.0 + 2e-3  # the planner keeps limits within a thousandth
+    assert use.used == pytest.approx(use.peak / use.limit)
+    assert 0.0 < use.time_share <= 1.0 + 1e-9
+
+
+def test_a_motor_at_its_speed_limits_a_move(robot):
+    slow = robot.replace(motor__max_speed_rpm=300.0)
+    row = studied([{'move_l': {'to_m': [0.3, 0.0, -0.8], 'speed_m_s': 3.0}}], slow).rows[0]
+    assert row.limited_by.quantity == Quantity.MOTOR_SPEED
+    assert row.limited_by.limit == 300.0
+    peak_rpm = max(row.motor_speed_max_rad_s) * 60.0 / (2.0 * np.pi)
+    assert row.limited_by.peak == pytest.approx(peak_rpm)
+    assert 0.95 * 300.0 < peak_rpm < 1.002 * 300.0
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_no_limit_is_exceeded_and_the_shares_of_the_time_are_parts_of_one(name, robot):
+    found = studied(CASES[name][0], robot)
+    for row in found.rows:
+        assert max(use.used for use in row.uses) < 1.002
+        assert sum(use.time_share for use in row.uses) == pytest.approx(1.0)
+    assert all(0.0 <= values.min() <= values.max() < 1.002 for values in found.samples.used.values())
+
+
+@pytest.mark.parametrize('name', ['experiment1', 'experiment2', 'packaging_stops'])
+def test_the_table_is_what_the_simulation_drives(name, robot):
+    program = program_file.load(name, robot.motion)
+    plan = program_planner.plan(program, program.start_m, robot)
+    found = evaluation.study(plan, robot)
+    trace = simulation.run(program, robot)
+    period, start, rounds = trace.meta['cycle_time_s'], trace.meta['start_cycle'], plan.repeat
+    assert rounds * sum(row.duration_s for row in found.rows) == pytest.approx(trace.meta['program_s'])
+    tcp = trace['tcp_command'][start:]
+    way = np.linalg.norm(np.diff(tcp, axis=0), axis=1)
+    assert rounds * sum(row.length_m for row in found.rows) == pytest.approx(way.sum(), rel=1e-4)
+    assert max(row.speed_max_m_s for row in found.rows) == pytest.approx(way.max() / period, rel=5e-3)
+    speed = np.abs(np.diff(trace['motor_command'], axis=0)).max(axis=0) / period
+    np.testing.assert_allclose(
+        np.max([row.motor_speed_max_rad_s for row in found.rows], axis=0), speed, rtol=0.01
+    )
+    torque = robot.motor.torque_constant_n_m_a * np.abs(trace['current']).max(axis=0)
+    # the loops overshoot where the jerk changes
+    np.testing.assert_allclose(
+        np.max([row.motor_torque_max_n_m for row in found.rows], axis=0), torque, rtol=0.2
+    )
+
+
+@pytest.mark.parametrize('name', ['experiment1', 'experiment2', 'packaging'])
+def test_samples_are_one_motion(name, robot):
+    program = program_file.load(name, robot.motion)
+    s = evaluation.study(program_planner.plan(program, program.start_m, robot), robot).samples
+    assert (np.diff(s.time_s) >= 0.0).all()
+    step = np.diff(s.time_s)
+    long = step > 1e-6
+    middle = 0.5 * (s.speed_m_s[1:] + s.speed_m_s[:-1])
+    curve = np.abs(s.acceleration_m_s2).max() * step.max()
+    assert np.abs(np.diff(s.distance_m) / np.maximum(step, 1e-9) - middle)[long].max() < curve
+    np.testing.assert_allclose(s.speed_m_s, s.tcp_speed_m_s, rtol=1e-3, atol=1e-9)
+    theta = kinematics.inverse(s.position_m, robot)
+    np.testing.assert_allclose(s.arm_angle_rad, theta, atol=1e-12)
+    # acceleration is that along the path and that of the bend
+    bend = s.curvature_1_m * s.tcp_speed_m_s**2
+    both = np.hypot(s.acceleration_m_s2, np.nan_to_num(bend))
+    np.testing.assert_allclose(both, s.tcp_acceleration_m_s2, rtol=1e-2, atol=0.05)
+
+
+def test_the_samples_of_a_cubic_are_derivatives_by_the_time(robot):
+    moves = [
+        {'cubic': {'to_m': [0.0, 0.1, -0.8], 'duration_s': 0.6, 'end_velocity_m_s': [0.3, 0.1, 0.0]}},
+        {'cubic': {'to_m': [0.2, 0.0, -0.85], 'duration_s': 0.8}},
+    ]
+    found = studied(moves, robot)
+    s = found.samples
+    inner = slice(5, -5)
+    position = np.gradient(s.position_m, s.time_s, axis=0)
+    np.testing.assert_allclose(np.linalg.norm(position, axis=1)[inner], s.speed_m_s[inner], atol=2e-3)
+    assert found.rows[0].length_m == pytest.approx(s.distance_m[-1])
+    assert s.distance_m[-1] == pytest.approx(
+        np.linalg.norm(np.diff(s.position_m, axis=0), axis=1).sum(), rel=1e-4
+    )
+    acceleration = np.gradient(s.speed_m_s, s.time_s)
+    smooth = np.abs(s.time_s - 0.6) > 0.01
+    near = smooth & (s.speed_m_s > 0.05)
+    assert np.abs(acceleration - s.acceleration_m_s2)[near].max() < 0.05
+
+
+def test_distances_of_a_move_are_the_least_over_its_path(robot):
+    row = studied([{'move_l': {'to_m': [0.3, 0.2, -0.9]}}], robot).rows[0]
+    points = np.linspace(START, [0.3, 0.2, -0.9], 5001)
+    theta = kinematics.inverse(points, robot)
+    serial, parallel = kinematics.singularity(theta, points, robot)
+    swing = np.degrees(kinematics.forearm_swing(points, robot.kinematics))
+    k = robot.kinematics
+    wanted = {
+        'radius': 0.6 - np.hypot(points[:, 0], points[:, 1]).max(),
+        'top': -0.7 - points[:, 2].max(),
+        'bottom': points[:, 2].min() + 0.95,
+        'arm_angle_max': k.arm_angle_max_deg - np.degrees(theta).max(),
+        'arm_angle_min': np.degrees(theta).min() - k.arm_angle_min_deg,
+        'forearm_swing': k.forearm_swing_max_deg - swing.max(),
+        'serial_singularity': serial.min() - k.serial_singularity_min,
+        'parallel_singularity': parallel.min() - k.parallel_singularity_min,
+    }
+    assert row.distances == pytest.approx(wanted, rel=1e-3, abs=1e-4)
+
+
+def test_a_payload_that_is_gripped_on_the_way_shows_in_the_torque_from_there_on(robot):
+    moves = [
+        {'move_l': {'to_m': [0.0, 0.0, -0.8], 'speed_m_s': 0.1}},
+        {'output': {'name': 'gripper', 'value': True, 'payload_kg': 8.0, 'before_m': 0.1}},
+    ]
+    s = studied(moves, robot, payload_kg=0.0).samples
+    cruise = np.isclose(s.speed_m_s, 0.1)
+    before, after = (s.motor_torque_n_m[cruise & side] for side in (s.distance_m < 0.1, s.distance_m > 0.1))
+    held = robot.dynamics.gravity_m_s2 * 8.0
+    weight = -np.diff([before[-1].sum(), after[0].sum()])[0]
+    angle, point = s.arm_angle_rad[cruise][0], s.position_m[cruise][0]
+    lift = kinematics.jacobian(angle, point, robot)[2].sum() / robot.dynamics.gear_ratio
+    assert weight == pytest.approx(-held * lift, rel=0.1)
+
+
+def test_rounds_are_told_once(robot):
+    once, thrice = (
+        studied([{'move_l': {'to_m': {'by_m': [0.1, 0, 0]}}}, {'move_l': {'to_m': START}}], robot, repeat=n)
+        for n in (1, 3)
+    )
+    assert len(once.rows) == len(thrice.rows) == 2
+    assert thrice.planned.plan.duration_s == pytest.approx(3.0 * once.planned.plan.duration_s)
+    assert report.document(thrice, robot)['repeat'] == 3
+
+
+def test_people_read_a_line_per_move_and_what_limits_it(robot):
+    found = studied(CASES['a short line'][0] + CASES['a dwell'][0], robot)
+    lines = report.text(found, robot)
+    assert lines[3].split()[:3] == ['1', 'moves[0].move_l', 'line']
+    assert lines[3].endswith('TCP jerk 100 %')
+    assert lines[4].endswith('time given')
+    assert lines[5].strip().startswith('whole')
+
+
+@pytest.mark.parametrize('name', ['a quick circle', 'the same again and again', 'a dwell', 'a cubic'])
+def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
+    found = studied(CASES[name][0], robot)
+    paths = ReportFolder(tmp_path, Provenance.of('test')).figures(figures.by_name(found, robot))
+    assert {path.name for path in paths} == {
+        'virtual_master.png',
+        'position_and_velocity.png',
+        'path_points.png',
+        'over_path.png',
+        'motors.png',
+        'limits.png',
+    }

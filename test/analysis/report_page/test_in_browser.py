@@ -1,0 +1,279 @@
+"""Facts about the report page in a real browser: what it draws, and that everything follows one time."""
+
+import io
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from browser import Visit
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_page import page
+from delta3_pacdrive.analysis.report_page.columns import resolution_of
+from delta3_pacdrive.analysis.report_page.plots import QUANTITIES
+
+INSTANTS_S = (0.0, 0.111, 0.35, 0.62, 0.75)  # within four moves of the packaging cycle
+ROUNDING = 1.0 + 1e-6  # of half a step
+PIXELS = 2.0  # between what is drawn and where it has to be
+DOT = (230, 0, 126)  # colour of the mark at the TCP
+NEAR = 60  # between colours, for edges that are blended
+WAIT_MS = 30_000
+READY = 'html[data-ready="yes"]'
+
+
+@pytest.fixture(scope='module')
+def one():
+    return runs.load('packaging', to_s=0.8)
+
+
+@pytest.fixture(scope='module')
+def written(one, tmp_path_factory):
+    """Write a page of one run and a page of two; return their addresses and the second run."""
+    folder, origin = tmp_path_factory.mktemp('pages'), Provenance.of('test')
+    built = runs.load('packaging', 'rich', to_s=0.8)
+    page.write(folder / 'one.html', [one], origin)
+    page.write(folder / 'two.html', [one, built], origin)
+    return (folder / 'one.html').as_uri(), (folder / 'two.html').as_uri(), built
+
+
+@pytest.fixture(scope='module')
+def opened(browser, written):
+    with Visit(browser, written[0]) as found:
+        found.page.wait_for_selector(READY, state='attached')
+        yield found
+
+
+@pytest.fixture
+def visit(opened):
+    """Return the visit of the page of one run, as it was when it was opened."""
+    opened.page.evaluate(
+        'delta3.clock.pause(); delta3.clock.showAll(); delta3.clock.seek(0); delta3.stage.look("iso");'
+        'magnify.value = 0; magnify.dispatchEvent(new Event("input"))'
+    )
+    opened.page.get_by_label('command').check()
+    return opened
+
+
+def until(visit, condition):
+    """Wait in the page until a condition holds."""
+    visit.page.evaluate(
+        'new Promise((done, failed) => {'
+        f' setTimeout(() => failed(new Error("waited too long for {condition}")), {WAIT_MS});'
+        f' const look = () => ({condition}) ? done() : requestAnimationFrame(look); look() }})'
+    )
+
+
+def seek(visit, time_s):
+    """Go to an instant, and wait until it is drawn."""
+    visit.page.evaluate(
+        'time => new Promise(done => {'
+        ' delta3.clock.seek(time); requestAnimationFrame(() => requestAnimationFrame(done)) })',
+        time_s,
+    )
+
+
+def pixels(visit):
+    """Return what is on the screen, shape (height, width, 3), 0 to 255."""
+    picture = matplotlib.image.imread(io.BytesIO(visit.page.screenshot()), format='png')
+    return np.rint(255.0 * picture[:, :, :3])
+
+
+def place_of(visit, point_m):
+    """Return the pixel (x, y) of a place [m], by the camera of the page."""
+    view = visit.page.evaluate('delta3.stage.projection()')
+    x, y, _, w = np.reshape(view['matrix'], (4, 4)).T @ [*point_m, 1.0]
+    return np.array(
+        [
+            view['left'] + (0.5 + 0.5 * x / w) * view['width'],
+            view['top'] + (0.5 - 0.5 * y / w) * view['height'],
+        ]
+    )
+
+
+def middle_of(mask):
+    """Return the middle (x, y) of the pixels that are chosen."""
+    rows, columns = np.nonzero(mask)
+    assert len(rows), 'nothing is drawn there'
+    return np.array([columns.mean() + 0.5, rows.mean() + 0.5])
+
+
+def tcp_at(run, time_s):
+    """Return the TCP [m] of the actual angles in the bus cycle at a time."""
+    row = round((time_s - run.part.time_s[0]) / run.period_s)
+    theta = run.part['motor_position'][row] / run.robot.dynamics.gear_ratio
+    return kinematics.forward(theta, run.robot)
+
+
+def test_the_page_asks_nobody_for_anything(visit, written):
+    visit.page.evaluate('delta3.clock.play()')
+    until(visit, 'delta3.clock.time > 0.1')
+    assert visit.requests == [written[0]]
+    assert visit.complaints == []
+
+
+def test_the_tcp_is_drawn_where_forward_kinematics_says(visit, one):
+    visit.page.get_by_label('command').uncheck()
+    for time_s in INSTANTS_S:
+        seek(visit, time_s)
+        stage = pixels(visit)[:, : int(visit.page.locator('canvas').first.bounding_box()['width'])]
+        drawn = middle_of(np.abs(stage - DOT).max(axis=2) < NEAR)
+        assert np.linalg.norm(drawn - place_of(visit, tcp_at(one, time_s))) < PIXELS, time_s
+
+
+ONLY_THE_PLATE = """
+    delta3.stage.robot.parts.forEach((part, name) => { part.visible = name === 'plate' });
+    delta3.stage.robot.showPart = () => {};
+    delta3.stage.ghosts.forEach(ghost => { ghost.shown = false });
+    delta3.stage.dots[0].material.visible = false;
+    delta3.stage.paths.forEach(path => { path.line.material.visible = false })
+"""
+
+
+def test_the_plate_is_drawn_where_forward_kinematics_says(browser, written, one):
+    with Visit(browser, written[0]) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        visit.page.get_by_role('button', name='top').click()
+        visit.page.evaluate(ONLY_THE_PLATE)
+        check_plate(visit, one)
+
+
+def check_plate(visit, one):
+    background = None
+    for time_s in INSTANTS_S:
+        seek(visit, time_s)
+        drawn = place_of(visit, tcp_at(one, time_s))
+        x, y = np.rint(drawn).astype(int)
+        around = pixels(visit)[y - 60 : y + 60, x - 60 : x + 60]
+        background = around[0, 0] if background is None else background
+        corner = np.array([x - 60, y - 60])
+        plate = corner + middle_of(np.abs(around - background).max(axis=2) > 20.0)
+        assert np.linalg.norm(plate - drawn) < PIXELS, time_s
+
+
+def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
+    series = 'delta3.report.runs[0].columns'
+    for name, values in one.part.signals.items():
+        held = np.array(visit.page.evaluate(f'{series}[{name!r}].map(column => Array.from(column))')).T
+        step = resolution_of(name, QUANTITIES[name][0], robot.bus.increments_per_rev)
+        assert np.abs(held - values).max() <= 0.5 * step * ROUNDING, name
+
+
+def test_slider_robot_plots_and_table_show_the_same_instant(visit, one):
+    share = 0.55
+    visit.page.evaluate(
+        'share => { slider.value = share * slider.max; slider.dispatchEvent(new Event("input")) }', share
+    )
+    first, last = one.part.time_s[[0, -1]]
+    time_s = first + share * (last - first)
+    assert visit.page.evaluate('delta3.clock.time') == pytest.approx(time_s, abs=1e-6)
+    assert visit.page.locator('#time').text_content() == f'{time_s:.3f} s'
+    seek(visit, round(time_s, 3))
+    lines = visit.page.evaluate(
+        '[...document.querySelectorAll(".u-over .now")].map(line => '
+        'line.getBoundingClientRect().left - line.parentElement.getBoundingClientRect().left - '
+        'line.parentElement.clientWidth * (delta3.clock.time - delta3.clock.first)'
+        ' / (delta3.clock.last - delta3.clock.first))'
+    )
+    assert len(lines) >= 6
+    assert np.abs(lines).max() < 1.0
+    row = round((round(time_s, 3) - first) / one.period_s)
+    current = visit.page.locator('figure', has_text='Current').locator('output').first.text_content()
+    assert float(current) == pytest.approx(one.part['current'][row, 0], abs=1e-3)
+    driven = visit.page.locator('tr.driven td').first.text_content()
+    move = next(each for each in one.moves if each.start_s <= time_s < each.end_s)
+    assert driven == str(move.number)
+
+
+def test_to_zoom_one_plot_zooms_all_of_them(visit):
+    over = visit.page.locator('.u-over').first
+    box = over.bounding_box()
+    visit.page.mouse.move(box['x'] + 0.25 * box['width'], box['y'] + 30)
+    visit.page.mouse.down()
+    visit.page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + 40, steps=4)
+    visit.page.mouse.up()
+    window = visit.page.evaluate('delta3.clock.window')
+    whole = visit.page.evaluate('[delta3.clock.first, delta3.clock.last]')
+    length = whole[1] - whole[0]
+    assert window[0] == pytest.approx(whole[0] + 0.25 * length, abs=0.01)
+    assert window[1] == pytest.approx(whole[0] + 0.5 * length, abs=0.01)
+    scales = visit.page.evaluate(
+        'delta3.plots.panels.filter(panel => panel.chart)'
+        '.map(panel => [panel.chart.scales.x.min, panel.chart.scales.x.max])'
+    )
+    assert len(scales) >= 6
+    np.testing.assert_allclose(scales, [window] * len(scales))
+    over.dblclick()
+    assert visit.page.evaluate('delta3.clock.window') == whole
+
+
+def test_a_click_on_a_plot_goes_to_that_instant(visit):
+    box = visit.page.locator('.u-over').first.bounding_box()
+    visit.page.mouse.click(box['x'] + 0.75 * box['width'], box['y'] + 30)
+    first, last = visit.page.evaluate('[delta3.clock.first, delta3.clock.last]')
+    assert visit.page.evaluate('delta3.clock.time') == pytest.approx(first + 0.75 * (last - first), abs=0.005)
+
+
+def test_play_goes_on_at_its_speed_and_stops_where_it_is_told(visit):
+    seek(visit, 0.0)
+    visit.page.select_option('#speed', '0.1')
+    visit.page.locator('#play').click()
+    until(visit, 'delta3.clock.time > 0.02')
+    visit.page.locator('#play').click()
+    stopped = visit.page.evaluate('delta3.clock.time')
+    seek(visit, stopped)
+    assert visit.page.evaluate('delta3.clock.playing') is False
+    assert visit.page.evaluate('delta3.clock.time') == stopped
+
+
+def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
+    visit.page.evaluate('magnify.value = 40; magnify.dispatchEvent(new Event("input"))')
+    assert visit.page.locator('#magnified').text_content() == '\u00d7100'
+    seek(visit, 0.111)
+    row = round((0.111 - one.part.time_s[0]) / one.period_s)
+    expected = one.part['tcp_actual'][row] + 100.0 * one.part['tcp_error'][row]
+    ghost = visit.page.evaluate('delta3.stage.ghosts[0].robot.tcp')
+    np.testing.assert_allclose(ghost, expected, atol=2e-6)
+
+
+def test_a_page_of_two_runs_shows_their_difference(browser, written, one):
+    built = written[2]
+    with Visit(browser, written[1]) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        seek(visit, 0.111)
+        panel = visit.page.locator('figure.difference', has_text='Current')
+        assert 'Current: packaging (rich) \u2212 packaging' in panel.text_content()
+        row = round((0.111 - one.part.time_s[0]) / one.period_s)
+        difference = built.part['current'][row] - one.part['current'][row]
+        shown = [float(text) for text in panel.locator('output').all_text_contents()]
+        np.testing.assert_allclose(shown, difference, atol=2e-3)
+        ghost = visit.page.evaluate('delta3.stage.ghosts.find(one => one.text.includes("rich")).robot.tcp')
+        np.testing.assert_allclose(ghost, built.part['tcp_actual'][row], atol=1e-7)
+        assert (visit.requests, visit.complaints) == ([written[1]], [])
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+@pytest.mark.parametrize(('width', 'height'), [(1280, 800), (390, 844)])
+def test_the_page_fits_the_screen_and_is_drawn_in_both_schemes(browser, written, width, height, scheme):
+    with Visit(browser, written[1], width, height, scheme) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        seek(visit, 0.35)
+        assert visit.page.evaluate('document.documentElement.scrollWidth') <= width
+        picture = pixels(visit)
+        assert (picture[-3, 3].mean() < 60.0) == (scheme == 'dark')
+        canvas = visit.page.locator('canvas').first.bounding_box()
+        stage = picture[int(canvas['y']) : int(canvas['y'] + canvas['height']) - 5, : int(canvas['width'])]
+        assert len(np.unique(stage.reshape(-1, 3), axis=0)) > 200  # a robot is there
+        assert visit.complaints == []
+
+
+def test_a_browser_without_3d_shows_everything_else(browser, written):
+    with Visit(browser, 'about:blank') as visit:
+        visit.page.add_init_script('HTMLCanvasElement.prototype.getContext = (get => function (kind, ...more) {'
+            ' return kind.startsWith("webgl") ? null : get.call(this, kind, ...more) })'
+            '(HTMLCanvasElement.prototype.getContext)')  # fmt: skip
+        visit.page.goto(written[0])
+        visit.page.wait_for_selector(READY, state='attached')
+        assert 'No 3-D here' in visit.page.locator('#told').text_content()
+        assert visit.page.locator('.u-over').count() >= 6

@@ -1,0 +1,178 @@
+"""Facts about the report page: its numbers are those of the runs, it is small, and it asks nobody for anything."""
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_page import page
+from delta3_pacdrive.analysis.report_page.columns import resolution_of
+from delta3_pacdrive.analysis.report_page.plots import QUANTITIES
+from delta3_pacdrive.analysis.run_comparison import compare, move_figures
+from delta3_pacdrive.errors import ReportError
+from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from page_data import document_of, signals_of
+
+ORIGIN = Provenance('delta3 report <a> & "b"', None, 'abc (delta3.yaml)', ('experiment1 123',), 'numpy 2')
+BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # what a page may take
+ROUNDING = 1.0 + 1e-6  # of half a step
+
+
+@pytest.fixture(scope='module')
+def one():
+    return runs.load('packaging')
+
+
+@pytest.fixture(scope='module')
+def text(one):
+    return page.page([one], ORIGIN)
+
+
+@pytest.fixture(scope='module')
+def other():
+    return runs.load('packaging', 'rich')
+
+
+@pytest.fixture(scope='module')
+def both(one, other):
+    return page.page([one, other], ORIGIN)
+
+
+class Tags(HTMLParser):
+    """Reads tags, their attributes and the texts of a page, and that what is opened is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.texts, self.open = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        if tag not in ('meta', 'link', 'input'):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1:] not in (['script'], ['style']):
+            self.texts.append(data.strip())
+
+
+def test_the_numbers_in_the_page_are_those_of_the_trace(one, text, robot):
+    time_s, found = signals_of(document_of(text)['runs'][0])
+    np.testing.assert_allclose(time_s, one.part.time_s, rtol=0.0, atol=1e-9)
+    assert set(found) == {*SIGNALS, *TRUE_SIGNALS, 'tcp_speed', 'tcp_error_norm'}
+    for name in (*SIGNALS, *TRUE_SIGNALS):
+        step = resolution_of(name, QUANTITIES[name][0], robot.bus.increments_per_rev)
+        assert np.abs(found[name] - one.part[name]).max() <= 0.5 * step * ROUNDING, name
+
+
+def test_a_page_keeps_within_a_megabyte_and_a_tenth_of_one_for_each_second(one, text, both):
+    length_s = one.part.time_s[-1] - one.part.time_s[0]
+    assert len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s
+    assert len(both.encode()) <= BASE_BYTES + BYTES_PER_S * 2.0 * length_s
+
+
+def test_a_page_is_whole_and_names_nothing_that_would_be_loaded(text, both):
+    for whole in (text, both):
+        tags = Tags(whole)
+        assert tags.open == []
+        links = [value for _, given in tags.tags for name, value in given.items() if name in ('src', 'href')]
+        assert links == ['data:,']
+        assert "default-src 'none'" in whole
+
+
+def test_a_name_cannot_break_the_page(one):
+    from dataclasses import replace
+
+    name = '</script><b>{{script}}'
+    found = page.page([replace(one, title=name)], ORIGIN)
+    assert document_of(found)['runs'][0]['title'] == name
+    tags = Tags(found)
+    assert [tag for tag, _ in tags.tags].count('script') == 2
+    assert tags.texts.count(name) >= 1
+
+
+def test_moves_and_marks_of_the_page_are_those_of_the_run(one, text):
+    (run,) = document_of(text)['runs']
+    assert run['moves'] == [[m.number, m.kind, m.start_s, m.end_s] for m in one.moves]
+    assert [[m.time_s, m.kind, m.text] for m in one.marks] == run['marks']
+    assert run['payloads'][0] == [pytest.approx(0.03), 0.5]
+
+
+def test_the_table_of_moves_tells_the_figures_of_each(one, text):
+    rows = re.findall(r'<tr data-from="([\d.]+)".*?>(.*?)</tr>', text)
+    assert len(rows) == len(one.moves)
+    cells = [re.findall(r'<td.*?>(.*?)</td>', row) for _, row in rows]
+    for (begin, _), own, move in zip(rows, cells, one.moves, strict=True):
+        figures = move_figures(one, move)
+        assert float(begin) == pytest.approx(move.start_s, abs=1e-6)
+        assert own[:2] == [str(move.number), move.kind]
+        assert float(own[4]) == pytest.approx(figures.duration_s, abs=1e-3)
+        assert float(own[6]) == pytest.approx(figures.current_peak_a, abs=1e-2)
+        assert float(own[8]) == pytest.approx(1e3 * figures.tcp_error_max_m, abs=1e-3)
+
+
+def test_the_page_tells_where_it_comes_from_and_which_parameters_are_not_the_usual_ones(text, both):
+    texts = Tags(text).texts
+    assert all(line in texts for line in ORIGIN.lines().values() if line != 'none')
+    assert {'motion.home_m', '-0.1525, 0, -0.85', '0, 0, -0.75'} <= set(texts)
+    assert 'rich.enabled' not in texts
+    assert {'rich.enabled', 'Parameters that differ'} <= set(Tags(both).texts)
+
+
+def test_a_page_of_two_runs_holds_their_difference(one, other, both):
+    document = document_of(both)
+    found = compare(one, other)
+    (difference,) = document['differences']
+    time_s, signals = signals_of(difference)
+    np.testing.assert_allclose(time_s, found.time_s, rtol=0.0, atol=1e-9)
+    for name, values in found.differences.items():
+        step = difference['signals'][name]['resolution']
+        assert np.abs(signals[name] - values).max() <= 0.5 * step * ROUNDING, name
+    assert [run['name'] for run in document['runs']] == ['packaging', 'packaging (rich)']
+
+
+def test_every_signal_has_a_plot(text):
+    document = document_of(text)
+    shown = {signal['name'] for plot in document['plots'] for signal in plot['signals']}
+    assert shown == set(document['runs'][0]['signals'])
+
+
+def test_noise_that_would_make_the_page_too_large_is_rounded_more(one):
+    from dataclasses import replace
+
+    part = replace(one.part, signals=dict(one.part.signals))
+    noise = np.random.default_rng(4)
+    for name in part.signals:
+        part.signals[name] = part.signals[name] + noise.normal(size=part.signals[name].shape)
+    found = page.page([replace(one, part=part)], ORIGIN)
+    length_s = part.time_s[-1] - part.time_s[0]
+    assert len(found.encode()) <= BASE_BYTES + BYTES_PER_S * length_s
+    _, signals = signals_of(document_of(found)['runs'][0])
+    assert np.abs(signals['current'] - part['current']).max() < 0.1
+
+
+def test_too_many_or_too_long_runs_are_refused_in_one_sentence(one):
+    from dataclasses import replace
+
+    with pytest.raises(ReportError, match=r'^a page takes at most 4 runs, not 5$'):
+        page.page([one] * 5, ORIGIN)
+    long = replace(one, part=replace(one.part, time_s=one.part.time_s * 100.0))
+    with pytest.raises(ReportError, match=r'^the runs last 419 s, a page takes at most 300 s: choose a part'):
+        page.page([long], ORIGIN)
+
+
+def test_a_page_that_cannot_be_written_leaves_nothing_and_an_old_one_stays(one, tmp_path):
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(ReportError, match=r'^cannot write .*folder: '):
+        page.write(tmp_path / 'folder', [one], ORIGIN)
+    with pytest.raises(ReportError, match=r'^cannot write .*: it is a folder$'):
+        page.require_writable(tmp_path / 'folder')
+    with pytest.raises(ReportError, match=r'^cannot write .*: there is no folder .*missing$'):
+        page.require_writable(tmp_path / 'missing' / 'a.html')
+    assert [path.name for path in tmp_path.iterdir()] == ['folder']

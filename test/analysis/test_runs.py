@@ -1,0 +1,195 @@
+"""Facts about runs by their names: what a recording or a program tells, and what it does not."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bags import CLOCK, META, STORE, TYPES, message, messages, numbers, record
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.controller.messages import ORDER, Origin
+from delta3_pacdrive.errors import ProgramError, TraceError
+from delta3_pacdrive.faults.fault import Fault
+from delta3_pacdrive.faults.schedule import Scheduled
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.recording import trace_file
+
+PROGRAM = """
+name: two moves
+start_m: [0.0, 0.0, -0.78]
+moves:
+  - move_l: {to_m: [0.05, 0.0, -0.78], speed_m_s: 1.0}
+  - output: {name: gripper, value: true, payload_kg: 0.5}
+  - dwell: {time_s: 0.02}
+"""
+STARTS, HELD, LAST = 100, 130, 400  # bus cycles
+MULTI_ARRAY, TEXT = 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String'
+
+
+@pytest.fixture
+def program(tmp_path):
+    path = tmp_path / 'two.yaml'
+    path.write_text(PROGRAM, encoding='utf-8')
+    return path
+
+
+def row(label, values):
+    """Return a row of numbers as the robot publishes it."""
+    types = STORE.types
+    dimension = types['std_msgs/msg/MultiArrayDimension'](label, len(values), len(values))
+    layout = types['std_msgs/msg/MultiArrayLayout']([dimension], 0)
+    return bytes(STORE.serialize_cdr(types[MULTI_ARRAY](layout, np.asarray(values, float)), MULTI_ARRAY))
+
+
+def text(document):
+    return bytes(STORE.serialize_cdr(STORE.types[TEXT](json.dumps(document)), TEXT))
+
+
+def outputs(cycle, gripper, payload):
+    types = STORE.types
+    stamp = types['builtin_interfaces/msg/Time'](*CLOCK.stamp(cycle))
+    header = types['std_msgs/msg/Header'](stamp, '')
+    values = np.array([gripper, *[0.0] * 7, payload])
+    whole = types['sensor_msgs/msg/JointState'](header, ['gripper'], values, np.empty(0), np.empty(0))
+    return bytes(STORE.serialize_cdr(whole, 'sensor_msgs/msg/JointState'))
+
+
+@pytest.fixture
+def bag(program, tmp_path, robot):
+    """Record a program that is held on its first move and goes on, with an output, a fault and a trip."""
+    loaded = programs.load(program, robot.motion)
+    plan = program_planner.plan(loaded, loaded.start_m, robot).plan
+    timeline = Timeline(plan, 1e-3)
+    timeline.start(STARTS)
+    arrivals = [
+        (
+            'motion/plan',
+            row(Origin(move.kind.name, 'a', '3fa9', 1).label(), move.to_array(n, len(plan.moves))),
+        )
+        for n, move in enumerate(plan.moves)
+    ]
+    order = [-1.0, 1.0, *range(len(plan.moves))]
+    arrivals += [
+        ('motion/plan', row(Origin(ORDER, 'a', '3fa9', 1).label(), order)),
+        ('outputs', outputs(0, 0.0, 0.0)),
+        ('motion/course', row('', timeline.profile.to_array())),
+        ('motion/course', row('', timeline.stop(HELD).to_array())),
+        ('outputs', outputs(135, 1.0, 0.5)),
+        ('faults/schedule', text(Scheduled(Fault('drop_at', 'axis1'), 140, 141).to_document())),
+        ('motion/progress', text({'fault': 'axis1: two AT are lost', 'fault_cycle': 142})),
+        ('motion/progress', text({'fault': 'axis1: two AT are lost', 'fault_cycle': 142})),
+        ('motion/progress', b'\x00\x01\x00\x00nonsense'),
+    ]
+    cycles = range(90, LAST + 1)
+    arrivals += [(t, message(t, CLOCK.stamp(k), numbers(t, k % 8))) for k in cycles for t in TYPES]
+    kinds = TYPES | dict.fromkeys(['motion/plan', 'motion/course'], MULTI_ARRAY)
+    kinds |= dict.fromkeys(['faults/schedule', 'motion/progress'], TEXT) | {
+        'outputs': 'sensor_msgs/msg/JointState'
+    }
+    meta = META | {'parameters': parameters.flat_document(robot), 'checksum': robot.checksum}
+    return record(tmp_path / 'bag', arrivals, meta, types=kinds)
+
+
+def test_a_program_tells_moves_outputs_and_its_start(program):
+    run = runs.load(str(program))
+    assert (run.kind, run.title, run.knows_start) == ('program', 'two moves', True)
+    assert [(move.number, move.kind) for move in run.moves] == [(1, 'line'), (2, 'dwell')]
+    line, dwell = run.moves
+    assert line.length_m == pytest.approx(0.05)
+    assert (line.start_s, line.end_s, dwell.end_s) == (0.0, dwell.start_s, run.whole.meta['program_s'])
+    assert [(mark.kind, mark.text) for mark in run.marks] == [
+        ('start', 'start of the program'),
+        ('output', 'gripper on, payload 0.5 kg'),
+    ]
+    assert run.marks[1].time_s == pytest.approx(line.end_s, abs=1e-9)
+    assert run.changed_parameters() == {'motion.home_m': ((0.0, 0.0, -0.78), (0.0, 0.0, -0.75))}
+
+
+def test_a_trace_tells_what_its_simulation_told(program, tmp_path, robot):
+    loaded = programs.load(program, robot.motion)
+    changed = robot.replace(drive__position_gain_rad_s_rad=150.0)
+    trace = simulation.run(loaded, changed)
+    for name in ('a.npz', 'a.csv'):
+        trace_file.save(trace, tmp_path / name)
+        run, other = runs.load(str(tmp_path / name)), runs.load(str(program))
+        assert (run.kind, run.moves, run.marks) == ('trace', other.moves, other.marks)
+        assert run.robot == simulation.placed(changed, loaded)
+        assert run.robot_note == ''
+
+
+def test_a_trace_of_before_tells_whose_parameters_are_shown(tmp_path, robot):
+    trace = simulation.run(programs.load('experiment1', robot.motion), robot)
+    for absent in ('parameters', 'moves', 'outputs', 'faults'):
+        del trace.meta[absent]
+    trace_file.save(trace, tmp_path / 'same.npz')
+    trace.meta['checksum'] = 'another'
+    trace_file.save(trace, tmp_path / 'other.npz')
+    assert runs.load(str(tmp_path / 'same.npz')).robot_note == ''
+    other = runs.load(str(tmp_path / 'other.npz'))
+    assert other.robot_note == 'the recording does not tell its parameters: these are those of delta3.yaml'
+    assert other.moves == ()
+
+
+def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
+    run = runs.load(str(bag))
+    assert (run.kind, run.robot_note) == ('bag', '')
+    (move,) = run.moves  # it is held on the first one
+    assert (move.number, move.kind) == (1, 'line')
+    assert move.start_s == pytest.approx(0.0)
+    assert HELD - STARTS < 1e3 * move.end_s < LAST - STARTS
+    told = [(round(1e3 * mark.time_s), mark.kind, mark.text) for mark in run.marks]
+    assert told == [
+        (0, 'start', 'start of the program'),
+        (30, 'event', 'stop on the path'),
+        (35, 'output', 'gripper on, payload 0.5 kg'),
+        (40, 'fault', 'injected: drop_at axis1'),
+        (41, 'event', 'over: drop_at axis1'),
+        (42, 'fault', 'axis1: two AT are lost'),
+    ]
+
+
+def test_a_bag_of_signals_alone_is_shown_without_moves(tmp_path):
+    run = runs.load(str(record(tmp_path / 'bare', messages())))
+    assert (run.moves, run.marks, run.knows_start) == ((), (), False)
+    assert run.robot_note.startswith('the recording does not tell its parameters')
+
+
+def test_a_run_that_a_fault_stops_is_shown_beyond_the_stop(program, robot):
+    path = program.with_name('stopped.yaml')
+    path.write_text(PROGRAM + 'faults: [{fault: emergency_stop, after_s: 0.02}]\n', encoding='utf-8')
+    run = runs.load(str(path))
+    assert [mark.text for mark in run.marks if mark.kind == 'fault'] == ['injected: emergency_stop']
+    assert any('The program was given up' in note for note in run.notes)
+    moving = np.flatnonzero(np.diff(run.whole['motor_command'], axis=0).any(axis=1))
+    stood = moving[-1] * 1e-3 - run.whole.meta['start_cycle'] * 1e-3
+    assert run.part.time_s[-1] == pytest.approx(stood + 0.6, abs=5e-3)
+
+
+def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
+    with pytest.raises(ProgramError, match='nothing'):
+        runs.load('nothing')
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(TraceError, match=r'empty: it is no bag, metadata.yaml is missing$'):
+        runs.load(str(tmp_path / 'empty'))
+    trace = simulation.run(programs.load(program, robot.motion), robot)
+    spoilt = replace(trace, meta=trace.meta | {'moves': [{'kind': 'line'}]})
+    trace_file.save(spoilt, tmp_path / 'spoilt.npz')
+    with pytest.raises(
+        TraceError, match=r'^what .*spoilt.npz tells of its moves, outputs or faults cannot be'
+    ):
+        runs.load(str(tmp_path / 'spoilt.npz'))
+
+
+def test_runs_get_names_that_tell_them_apart(program):
+    nominal, built = runs.load('experiment1'), runs.load('experiment1', 'rich')
+    one = runs.load(str(program))
+    assert runs.named([one]) == ['two.yaml']
+    assert runs.named([nominal, built]) == ['experiment1', 'experiment1 (rich)']
+    assert runs.named([built]) == ['experiment1 (rich)']
+    assert runs.named([nominal, nominal]) == ['1: experiment1', '2: experiment1']
+    elsewhere = replace(one, name='/elsewhere/two.yaml')
+    assert runs.named([one, elsewhere]) == [str(program), '/elsewhere/two.yaml']

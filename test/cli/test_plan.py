@@ -1,0 +1,68 @@
+"""Facts about ``delta3 plan``: its table, its JSON, and the refusals that ``delta3 check`` has, too."""
+
+import json
+
+import pytest
+
+from delta3_pacdrive.cli import check, plan
+
+LINE = 'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\n'
+
+
+def test_a_plan_agrees_with_the_check_of_the_same_program(capsys):
+    assert plan.main(['packaging_stops', '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert check.main(['packaging_stops', '--json']) == 0
+    (checked,) = json.loads(capsys.readouterr().out)['files']
+    for key in ('program', 'time_s', 'repeat', 'override_max', 'rms_current_a', 'notices'):
+        assert found[key] == checked[key], key
+    for move, other in zip(found['moves'], checked['moves'], strict=True):
+        assert (move['kind'], move['time_s']) == (other['kind'], other['time_s'])
+        assert move['length_m'] == pytest.approx(other['length_m'])
+        assert 0.95 <= move['limited_by']['used'] < 1.002
+    assert found['provenance']['inputs'].startswith('packaging_stops ')
+
+
+def test_people_read_a_table(tmp_path, capsys):
+    (tmp_path / 'line.yaml').write_text(LINE)
+    assert plan.main([str(tmp_path / 'line.yaml')]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'line: 2 moves'
+    assert lines[3].split()[:4] == ['1', 'moves[0].move_l', 'line', '100.000']
+    assert lines[4].endswith('time given')
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'moves: [{move_l: {to_m: [5, 0, -0.8]}}]',
+        'moves: [{move: 1}]',
+        'moves: [{move_l: {to_m: [0.1, x, 0]}}]',
+    ],
+)
+def test_a_program_that_cannot_be_planned_is_refused_as_check_refuses_it(text, tmp_path, capsys):
+    path = tmp_path / 'bad.yaml'
+    path.write_text(text)
+    assert check.main([str(path)]) == 1
+    refused = capsys.readouterr().err
+    assert plan.main([str(path)]) == 1
+    output, errors = capsys.readouterr()
+    assert output == ''
+    # a program in a file of another kind is told by check what kind it is taken for
+    assert (
+        errors.removeprefix('error: ').split('; ')[0].strip()
+        == refused.removeprefix('error: ').splitlines()[0]
+    )
+
+
+def test_figures_and_tables_are_written_with_a_page(tmp_path, capsys):
+    (tmp_path / 'line.yaml').write_text(LINE)
+    folder = tmp_path / 'plan'
+    assert plan.main([str(tmp_path / 'line.yaml'), '--output', str(folder), '--json']) == 0
+    files = json.loads(capsys.readouterr().out)['files']
+    names = {path.name for path in folder.iterdir()}
+    assert {file.rpartition('/')[2] for file in files} == names
+    assert {'index.html', 'moves.csv', 'plan.csv', 'virtual_master.png', 'limits.png'} <= names
+    rows = [line for line in (folder / 'moves.csv').read_text().splitlines() if not line.startswith('#')]
+    assert rows[0].startswith('move,statements,kind,start [s]')
+    assert len(rows) == 3

@@ -1,0 +1,119 @@
+"""Facts about ``delta3 report`` and ``delta3 compare``: what they leave and print, and what they refuse."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bags import record
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.recording.trace import Trace
+from page_data import document_of
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def trace(here):
+    assert main(['simulate', 'experiment1', '--trace', 'a.npz', '--json']) == 0
+    return here / 'a.npz'
+
+
+def test_report_writes_one_file_and_names_it(here, trace, capsys):
+    capsys.readouterr()
+    assert main(['report', 'a.npz', 'experiment1', '--parameters', ',rich', '--output', 'page.html']) == 0
+    assert capsys.readouterr().out == 'page.html\n'
+    assert {path.name for path in here.iterdir()} == {'a.npz', 'page.html'}
+    text = (here / 'page.html').read_text(encoding='utf-8')
+    assert [run['kind'] for run in document_of(text)['runs']] == ['trace', 'program']
+    assert 'delta3 report a.npz experiment1 --parameters ,rich --output page.html' in text
+
+
+def test_report_shows_the_part_that_is_asked_for(here, trace, capsys):
+    capsys.readouterr()
+    assert main(['report', 'a.npz', '--from', '0.2', '--to', '0.4', '--json']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['files'] == ['report.html']
+    assert result['bytes'] == (here / 'report.html').stat().st_size
+    (run,) = document_of((here / 'report.html').read_text(encoding='utf-8'))['runs']
+    assert (run['first_s'], run['cycles']) == (pytest.approx(0.2), 201)
+
+
+def test_compare_prints_the_figures_of_the_difference(trace, capsys):
+    capsys.readouterr()
+    assert main(['compare', 'a.npz', 'experiment1', '--parameters', 'rich', '--json']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['runs'] == ['a.npz', 'experiment1 (rich)']
+    assert result['alignment']['by'] == 'program start'
+    assert not result['same']
+    assert result['parameters']['rich.enabled'] == [False, True]
+    assert main(['compare', 'a.npz', 'experiment1', '--parameters', 'rich']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'experiment1 (rich) minus a.npz'
+    (current,) = [line.split() for line in lines if line.startswith('current ')]
+    assert float(current[1]) == pytest.approx(result['signals']['current']['rms'], rel=1e-3)
+    assert '  rich.enabled: False and True' in lines
+
+
+def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
+    capsys.readouterr()
+    assert main(['compare', 'a.npz', 'experiment1']) == 0
+    told = capsys.readouterr().out
+    assert 'no signal differs by a single bit' in told
+    assert 'parameters: all are the same' in told
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['report', 'missing.npz'], 'there is no recording missing.npz'),
+        (['report', 'missing'], 'missing'),
+        (['report', 'torn.npz'], 'torn.npz is not a trace file'),
+        (['report', 'notes.md'], 'notes.md:3:1: the program: unknown key'),
+        (['report', 'bag'], 'bag: it holds no cyclic topic of a robot'),
+        (['report', 'empty'], 'empty: it is no bag, metadata.yaml is missing'),
+        (['report', 'bare.npz'], 'the recording does not tell its cycle_time_s'),
+        (
+            ['report', 'experiment1', '--output', 'no/page.html'],
+            'cannot write no/page.html: there is no folder no',
+        ),
+        (['report', 'experiment1', '--output', 'empty'], 'cannot write empty: it is a folder'),
+        (['report', 'experiment1', '--parameters', 'none.yaml'], 'none.yaml'),
+        (['report', 'experiment1', '--from', '77'], 'the recording holds no cycle of that window'),
+        (['compare', 'experiment1', 'missing.npz'], 'there is no recording missing.npz'),
+    ],
+)
+def test_what_cannot_be_shown_gets_one_sentence_and_leaves_nothing(here, arguments, sentence, capsys):
+    (here / 'torn.npz').write_bytes(b'PK\x03\x04 torn')
+    (here / 'notes.md').write_text('# A page\n\nNo program: at all\n', encoding='utf-8')
+    (here / 'empty').mkdir()
+    record(here / 'bag', [], types={})
+    time_s = np.arange(5) * 1e-3
+    Trace(time_s, {'current': np.zeros((5, 3))}, {}).save(here / 'bare.npz')
+    before = sorted(here.rglob('*'))
+    assert main(arguments) == 1
+    out, error = capsys.readouterr()
+    assert out == ''
+    (line,) = error.splitlines()
+    assert line.startswith('error: ')
+    assert sentence in line
+    assert sorted(here.rglob('*')) == before
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['compare', 'a.npz'], 'two runs are compared, not 1'),
+        (['report', 'a', '--from', '2', '--to', '1'], '--from is 2, but must be less than --to, 1'),
+        (['report', 'a', 'b', '--parameters', ',,'], '--parameters names 3 files, but there are 2 runs'),
+    ],
+)
+def test_options_that_do_not_fit_are_a_usage_error(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err

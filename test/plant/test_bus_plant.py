@@ -1,0 +1,156 @@
+"""Facts about the plant on the bus: it joins, hears the drives, misses those that fall silent, rests, and leaves."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.faults.schedule import Schedule
+from delta3_pacdrive.plant.bus_plant import BusPlant, current_max_a
+from delta3_pacdrive.plant.plant_clock import REST_S
+from delta3_pacdrive.sercos.participants import Occasion
+from delta3_pacdrive.sercos.slave import State
+from delta3_pacdrive.sercos.watchdog import DRIVE_SILENT_S, PARTING_S
+from delta3_pacdrive.sercos.words import Phase
+
+ROBOT = parameters.load()
+PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
+REST_CYCLES = round(REST_S / ROBOT.bus.cycle_time_s)
+LOOK_S = 0.1
+OURS, THEIRS = b'3fa9', b'beef'
+Announced = tuple[bytes, Occasion, tuple[str, ...], int]
+
+
+class Rig:
+    """The plant, and a bus on which only the test speaks."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.announced: list[Announced] = []
+        self.sessions: list[bytes] = []
+        self.greets = True
+        self.shafts: list[int] = []  # exchanges
+        self.rests: list[str] = []
+        self.losses: list[str] = []
+        self.on_bus = BusPlant(ROBOT, Schedule(), self, LOOK_S, lambda: self.now_s)
+        self.none = (0.0,) * self.on_bus.clock.samples
+
+    # what the plant does ----------------------------------------------------------------------------------------------
+
+    def announce(
+        self, session: bytes, occasion: Occasion, links: tuple[str, ...] = (), bus_cycle: int = 0
+    ) -> None:
+        self.announced.append((session, occasion, links, bus_cycle))
+
+    def belong(self, session: bytes) -> None:
+        self.sessions.append(session)
+
+    def greet(self, begins: bool) -> None:
+        self.greets = begins
+
+    def send_shafts(self, exchange: int, _: Sequence[float]) -> None:
+        self.shafts.append(exchange)
+
+    def tell_rest(self, sentence: str) -> None:
+        self.rests.append(sentence)
+
+    def tell_loss(self, sentence: str) -> None:
+        self.losses.append(sentence)
+
+    # what happens -----------------------------------------------------------------------------------------------------
+
+    def phase(self, phase: Phase, session: bytes = OURS, exchange: int = 0, alone: bool = True) -> None:
+        self.on_bus.announced(phase, session, exchange, alone)
+
+    def run(self, exchanges: int, drives: Sequence[int] = (0, 1, 2)) -> None:
+        """Let exchange periods pass, in which some drives send that they have no current."""
+        for _ in range(exchanges):
+            exchange = self.on_bus.clock.exchange
+            for index in drives:
+                self.on_bus.clock.take(index, exchange, False, 0.0, self.none)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, in which the plant looks as its node does."""
+        end = self.now_s + seconds
+        while self.now_s < end:
+            self.now_s += LOOK_S
+            if self.on_bus.slave.cyclic:
+                self.on_bus.look()
+
+
+@pytest.fixture
+def rig() -> Rig:
+    made = Rig()
+    for phase in (Phase.CP0, Phase.CP1, Phase.CP4):
+        made.phase(phase)
+    return made
+
+
+def test_the_plant_answers_the_call_joins_in_its_session_and_greets_no_more(rig: Rig) -> None:
+    assert rig.announced == [(OURS, Occasion.CALLED, (), 0)] * 2
+    assert rig.sessions == [OURS]
+    assert not rig.greets
+    rig.run(5)
+    assert rig.shafts == [0, 1, 2, 3, 4, 5]
+
+
+def test_each_drive_that_answers_a_greeting_is_announced_once_in_its_session() -> None:
+    rig = Rig()
+    rig.on_bus.greeted(0)  # without a session nobody is heard
+    rig.phase(Phase.CP1)
+    for index in (1, 1, 0):
+        rig.on_bus.greeted(index)
+    assert [links for _, _, links, _ in rig.announced] == [(), ('axis2',), ('axis1', 'axis2')]
+    rig.phase(Phase.CP1, THEIRS)
+    assert rig.announced[-1] == (THEIRS, Occasion.CALLED, (), 0)
+    rig.phase(Phase.CP4, THEIRS)
+    rig.on_bus.greeted(2)
+    assert rig.announced[-1][2] == ()
+
+
+def test_a_drive_that_sends_no_current_loses_its_power_and_the_machine_goes_on(rig: Rig) -> None:
+    rig.run(10)
+    rig.run(1, (0, 2))
+    rig.wait(DRIVE_SILENT_S - LOOK_S)
+    assert rig.losses == []
+    rig.wait(3 * LOOK_S)
+    assert rig.losses
+    assert rig.losses[0].startswith('plant: no current of axis2 for ')
+    before = rig.on_bus.clock.exchange
+    rig.run(5, (0, 2))
+    assert rig.on_bus.clock.exchange == before + 5
+    assert rig.on_bus.slave.state is State.CYCLIC
+
+
+def test_without_any_drive_the_machine_comes_to_rest_and_leaves(rig: Rig) -> None:
+    rig.run(10 * PER_CYCLE)
+    rig.wait(DRIVE_SILENT_S + 2 * LOOK_S)
+    assert rig.on_bus.slave.state is State.OUT
+    end = 10 + REST_CYCLES
+    assert rig.rests == [f'plant: at rest in bus cycle {end}']
+    assert rig.announced[-1] == (OURS, Occasion.LEFT, (), end + 1)
+    assert rig.greets
+
+
+def test_when_the_phase_falls_the_stop_of_the_drives_is_waited_for_a_little(rig: Rig) -> None:
+    rig.run(10)
+    rig.phase(Phase.CP0, THEIRS)
+    assert rig.on_bus.slave.parting
+    rig.run(20)
+    assert rig.on_bus.clock.exchange == 30
+    rig.wait(PARTING_S + 2 * LOOK_S)
+    assert rig.on_bus.slave.state is State.OUT
+    assert rig.announced[-1][:2] == (OURS, Occasion.LEFT)
+
+
+def test_a_second_master_is_not_obeyed_in_cyclic_operation(rig: Rig) -> None:
+    rig.phase(Phase.CP0, THEIRS, alone=False)
+    assert rig.on_bus.slave.state is State.CYCLIC
+
+
+def test_the_largest_current_is_that_of_a_short_at_twice_the_largest_speed() -> None:
+    motor = ROBOT.motor
+    short = (
+        2.0 * motor.max_speed_rad_s * motor.torque_constant_n_m_a / 3.0 / (motor.winding_resistance_ohm / 2.0)
+    )
+    assert current_max_a(motor) == pytest.approx(motor.peak_current_a + short)

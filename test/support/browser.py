@@ -1,0 +1,60 @@
+"""A real browser for tests of pages: chromium, driven by Playwright, drawing 3-D without a graphics card."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+NAMES = ('chromium', 'chromium-browser', 'google-chrome')
+FLAGS = (
+    '--no-sandbox',  # root has none
+    '--use-gl=angle',
+    '--use-angle=swiftshader',
+    '--enable-unsafe-swiftshader',
+    '--disable-background-networking',
+    '--disable-quic',
+    '--no-first-run',
+)
+START_MS, WAIT_MS = 60_000, 60_000
+
+
+@contextmanager
+def chromium():
+    """Start a browser and end it; skips the test in one sentence where there is none."""
+    playwright = pytest.importorskip(
+        'playwright.sync_api', reason='not tested in a browser: Playwright is not installed (extra "test")'
+    )
+    path = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip('not tested in a browser: there is none here (on Debian: apt-get install chromium)')
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=list(FLAGS), timeout=START_MS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Visit:
+    """A visit to a page keeps what the page asked the network for and what it complained about."""
+
+    def __init__(self, browser, address, width=1280, height=800, scheme='light', **options):
+        self.context = browser.new_context(
+            viewport={'width': width, 'height': height}, color_scheme=scheme, **options
+        )
+        self.context.set_default_timeout(WAIT_MS)
+        self.page = self.context.new_page()
+        self.requests, self.complaints = [], []
+        self.page.on('request', lambda request: self.requests.append(request.url))
+        self.page.on('pageerror', lambda error: self.complaints.append(str(error)))
+        self.page.on(
+            'console',
+            lambda said: self.complaints.append(said.text) if said.type in ('error', 'warning') else None,
+        )
+        self.page.goto(address)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()

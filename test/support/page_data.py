@@ -1,0 +1,35 @@
+"""What a report page holds, read back as its scripts do, but in Python."""
+
+import base64
+import json
+import re
+import zlib
+
+import numpy as np
+
+NOTHING = -(2**31)
+
+
+def document_of(text):
+    """Return the document in the text of a page."""
+    found = re.search(r'<script type="application/json" id="report">(.*?)</script>', text, re.DOTALL)
+    return json.loads(found[1])
+
+
+def unpacked(packed, rows):
+    """Return the columns of a packed signal, shape (rows, columns)."""
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed['data'])), np.uint8)
+    planes = planes.reshape(packed['columns'], 4, rows).astype(np.uint32)
+    zigzag = sum(planes[:, n] << np.uint32(8 * n) for n in range(4))
+    whole = (zigzag >> np.uint32(1)).astype(np.int64) ^ -(zigzag & np.uint32(1)).astype(np.int64)
+    for _ in range(packed['order']):
+        whole = np.cumsum(whole, axis=1)
+    whole = whole.astype(np.uint64).astype(np.uint32).view(np.int32)
+    return np.where(whole == NOTHING, np.nan, whole * packed['resolution']).T
+
+
+def signals_of(series):
+    """Return times and signals of a run, or of a difference, in the document of a page."""
+    rows = series['cycles']
+    time_s = series['first_s'] + np.arange(rows) * series['period_s']
+    return time_s, {name: unpacked(packed, rows) for name, packed in series['signals'].items()}
