@@ -6,16 +6,15 @@ pyplot and its global state stay out.
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
+from delta3_pacdrive.analysis.provenance import Provenance
 
+if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from delta3_pacdrive.analysis.provenance import Provenance
 
 DPI = 150
 WIDTH_IN = 8.0
@@ -34,21 +33,28 @@ def empty_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
     return Figure(figsize=(width_in, height_in), dpi=DPI, layout='constrained', facecolor='white')
 
 
-def report_figure(title: str, height_in: float, provenance: Provenance) -> Figure:
-    """Return a figure without panels that has a title, and at its foot how it came about."""
-    figure = empty_figure(height_in)
-    figure.suptitle(title, fontsize=12)
+def titled_figure(title: str, height_in: float, width_in: float = WIDTH_IN, **style: Any) -> Figure:
+    """Return a figure without panels that has a title."""
+    figure = empty_figure(height_in, width_in)
+    figure.suptitle(title, fontsize=12, **style)
+    return figure
+
+
+def add_foot(figure: Figure, provenance: Provenance) -> None:
+    """Write at the foot of a figure how it came about."""
     lines = provenance.lines()
     foot = (
         f'{lines["command"]}   seed {lines["seed"]}   parameters {lines["parameters"]}   {lines["versions"]}'
     )
     figure.supxlabel(textwrap.fill(foot, 150, max_lines=3, placeholder=' ...'), fontsize=6, color=MUTED,
                      x=0.01, ha='left', parse_math=False)  # fmt: skip
-    return figure
 
 
-def dress(axes: Axes) -> None:
-    """Give a panel its grid and its frame."""
+def dress(axes: Axes, title: str = '', **properties: Any) -> None:
+    """Give a panel its grid, its frame, a title and what ``Axes.set`` takes: labels, limits, scales."""
+    if title:
+        panel_title(axes, title)
+    axes.set(**properties)
     axes.grid(color=GRID_COLOUR, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[['top', 'right']].set_visible(False)
@@ -56,16 +62,15 @@ def dress(axes: Axes) -> None:
 
 
 def finish_over_time(
-    panels: Sequence[Axes], labels: Sequence[str] | None = None, what: str = 'time from program start (s)'
+    panels: Sequence[Axes], labels: Sequence[str] = (), what: str = 'time from program start (s)'
 ) -> None:
     """Give panels that stand above one another their grid, labels and time axis, without room beside the curves."""
     for axes, label in zip(panels, labels or [''] * len(panels), strict=True):
-        dress(axes)
+        dress(axes, ylabel=label)
         axes.margins(x=0.0)
         axes.ticklabel_format(axis='both', useOffset=False)
-        if label:
-            axes.set_ylabel(label)
     panels[-1].set_xlabel(what)
+    panels[0].figure.align_ylabels()
 
 
 def keep_span(panels: Sequence[Axes], least: float) -> None:

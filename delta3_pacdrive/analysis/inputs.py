@@ -1,15 +1,10 @@
 """Inputs of a study: recordings, programs, numbers of experiments; each is noted with the digest of its bytes."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from delta3_pacdrive.analysis.provenance import digest
 from delta3_pacdrive.motion import program_file as programs
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 def is_recording(text: str) -> bool:

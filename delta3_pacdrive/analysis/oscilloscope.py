@@ -1,22 +1,16 @@
 """The oscilloscopes of a robot's drives: what they find and what they leave in every period of the current loop."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.increments import on_grid
+from delta3_pacdrive.simulation.robot import Robot
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from delta3_pacdrive.drive.mc4 import MC4
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.simulation.robot import Robot
-
-    Changes = Sequence[tuple[str, float]]
-    Add = Callable[[int, int, Any], Changes]
+Changes = Sequence[tuple[str, float]]
+Add = Callable[[int, int, Any], Changes]
 
 FOUND = ('position', 'speed', 'command', 'motor_current', 'voltage')
 
@@ -50,6 +44,12 @@ class Oscilloscope:
         self.per_exchange = len(robot.drives[0].currents)
         self._row = 0
 
+    def begin_cycle(self, commands: Iterable[float], control: int) -> list[int]:
+        """Begin a bus cycle of the drives; return their status words S-0-0135."""
+        shafts = np.reshape(self._robot.plant.shafts(), (3, 3)).T.tolist()
+        told = zip(self._robot.drives, commands, shafts, strict=True)
+        return [drive.begin_cycle(command, control, *shaft) for drive, command, shaft in told]
+
     def exchange(self, payload_kg: float | None = None, add: Add = lambda i, row, state: ()) -> None:
         """Run drives and plant from one exchange to the next.
 
@@ -62,16 +62,14 @@ class Oscilloscope:
             which it may change; returns the fields and what is to be taken away from them after the period.
 
         """
-        shafts = self._robot.plant.shafts()
-        released = [
-            self._run(i, drive, (shafts[i], shafts[3 + i], shafts[6 + i]), add)
-            for i, drive in enumerate(self._robot.drives)
-        ]
+        shafts = np.reshape(self._robot.plant.shafts(), (3, 3)).T.tolist()
+        released = [self._run(i, shaft, add) for i, shaft in enumerate(shafts)]
         self._robot.plant.advance(self._robot.currents, released, payload_kg)
         self._row += self.per_exchange
 
-    def _run(self, i: int, drive: MC4, shaft: tuple[float, float, float], add: Add) -> bool:
-        state, released = drive.state[0], False
+    def _run(self, i: int, shaft: Sequence[float], add: Add) -> bool:
+        drive, released = self._robot.drives[i], False
+        state = drive.state[0]
         for n in range(self.per_exchange):
             row = self._row + n
             for name, values in self.found.items():

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive.numerics.types import Floats
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
-
-    from delta3_pacdrive.numerics.types import Floats
 
 FLAT = 0.4  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
 VIEW_DEG = (24.0, -62.0)  # from where it is seen: elevation, azimuth

@@ -1,24 +1,19 @@
 """Outputs that can be repeated: where a report, a table or a figure comes from, written with it."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json
 import platform
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from delta3_pacdrive.errors import ReportError
+from delta3_pacdrive.errors import Delta3Error, ReportError
 from delta3_pacdrive.numerics.kernel import sources_digest
-from delta3_pacdrive.parameters import DEFAULT_FILE
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import DEFAULT_FILE, Parameters
 
 PACKAGES = ('numpy', 'scipy', 'numba')
 
@@ -55,7 +50,7 @@ class Provenance:
         source: str | Path | None = None,
         inputs: Sequence[str] = (),
         seed: int | None = None,
-    ) -> Provenance:
+    ) -> 'Provenance':
         """Note where an output comes from; ``source`` is the parameter file, if it is not the packaged one."""
         parameters = 'none' if robot is None else f'{robot.checksum} ({source or DEFAULT_FILE})'
         return Provenance(command, seed, parameters, tuple(inputs), versions())
@@ -81,28 +76,33 @@ def versions() -> str:
     return ', '.join([*found, *(f'{name} {metadata.version(name)}' for name in PACKAGES)])
 
 
+@contextmanager
+def excused(told: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
+    """Make an error of the file system, meanwhile, one of this package: ``told``, and why."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f'{told}: {error.strerror or error}') from error
+
+
 def digest(path: Path) -> str:
     """Return a short digest of a file, or of the files in a folder; raises ReportError."""
     total = hashlib.sha256()
-    try:
+    with excused(f'cannot read {path}'):
         files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
         for file in files:
             with file.open('rb') as stream:
                 total.update(hashlib.file_digest(stream, 'sha256').digest())
-    except OSError as error:
-        raise ReportError(f'cannot read {path}: {error.strerror or error}') from error
     return total.hexdigest()[:16]
 
 
 def write_json(document: Any, path: Path) -> Path:
     """Write a document so that a reader sees the old one or the new one, never half of it; raises ReportError."""
-    try:
+    with excused(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix('.partial')
         partial.write_text(json.dumps(document, indent=1, allow_nan=False) + '\n', encoding='utf-8')
         partial.replace(path)
-    except OSError as error:
-        raise ReportError(f'cannot write {path}: {error.strerror or error}') from error
     return path
 
 
@@ -117,7 +117,7 @@ def write_table(
         The file cannot be written.
 
     """
-    try:
+    with excused(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('w', encoding='utf-8', newline='') as file:
             for name, text in provenance.lines().items():
@@ -125,6 +125,4 @@ def write_table(
             writer = csv.writer(file, lineterminator='\n')
             writer.writerow(header)
             writer.writerows(rows)
-    except OSError as error:
-        raise ReportError(f'cannot write {path}: {error.strerror or error}') from error
     return path

@@ -7,6 +7,7 @@ also where the folder has been moved to.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -15,18 +16,17 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from delta3_pacdrive.analysis.figure_style import save
-from delta3_pacdrive.analysis.provenance import Provenance, write_json, write_table
-from delta3_pacdrive.errors import FigureError, ReportError
+from delta3_pacdrive.analysis.figure_style import add_foot, save
+from delta3_pacdrive.analysis.provenance import Provenance, excused, write_json, write_table
+from delta3_pacdrive.errors import FigureError
+from delta3_pacdrive.numerics.types import Floats
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike
 
-    Drawings = Mapping[str, Callable[[], Figure]]
+Drawings = Mapping[str, Callable[[], 'Figure']]
 
 SUMMARY, INDEX = 'report.json', 'index.html'
 ROWS_SHOWN = 12  # of a table, on the page
@@ -55,6 +55,16 @@ class Table:
     def of_columns(name: str, columns: Mapping[str, ArrayLike]) -> Table:
         """Return the table of these columns of numbers, each of shape (n,)."""
         return Table(name, list(columns), np.column_stack(list(columns.values())).tolist())
+
+    @staticmethod
+    def of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+        """Return the table of rows whose cells are known by the names of the columns; one row at least."""
+        return Table(name, list(rows[0]), [list(row.values()) for row in rows])
+
+
+def columns_of(title: str, values: Floats, labels: Iterable[str] = '123') -> dict[str, Floats]:
+    """Return the columns of an array by title, each with its label in the place of ``{}``."""
+    return {title.format(label): column for label, column in zip(labels, values.T, strict=True)}
 
 
 class ReportFolder:
@@ -100,21 +110,19 @@ class ReportFolder:
         )
         return path
 
-    def figures(self, drawings: Drawings) -> list[Path]:
+    def figures(self, drawings: Drawings, with_foot: bool = False) -> list[Path]:
         """Draw figures, by file name, and write them as PNG; raises FigureError.
 
-        The summary line of the function that draws a figure is its caption.
+        The summary line of the function that draws a figure is its caption; ``with_foot`` it also tells its origin.
         """
         paths = []
         for name, draw in drawings.items():
             path, figure = self.path / name, draw()
-            try:
+            if with_foot:
+                add_foot(figure, self.provenance)
+            with excused(f'cannot write figures to {self.path}', FigureError):
                 self.path.mkdir(parents=True, exist_ok=True)
                 save(figure, path, self.provenance.lines())
-            except OSError as error:
-                raise FigureError(
-                    f'cannot write figures to {self.path}: {error.strerror or error}'
-                ) from error
             paths.append(path)
             self._sections.append(
                 f'<figure><a href="{quote(name)}"><img src="{quote(name)}" alt="{escape(name)}"></a>\n'
@@ -122,6 +130,20 @@ class ReportFolder:
             )
         self._files += paths
         return paths
+
+    def results(
+        self,
+        title: str,
+        document: dict[str, Any],
+        text: Iterable[str],
+        tables: Iterable[Table],
+        drawings: Drawings,
+    ) -> dict[str, Any]:
+        """Write tables and figures of a study, and at last its summary, as ``summary`` does; raises Delta3Error."""
+        for table in tables:
+            self.table(table)
+        self.figures(drawings, with_foot=True)
+        return self.summary(title, document, text)
 
     def summary(self, title: str, document: dict[str, Any], text: Iterable[str]) -> dict[str, Any]:
         """Write the summary and the page, at last; return the summary, which then names all files; raises ReportError.
@@ -131,13 +153,14 @@ class ReportFolder:
         title
             Of the page.
         document
-            The results, ready for JSON.
+            The results, ready for JSON, without their provenance.
         text
             The same in lines for people.
 
         """
         path = self.path / SUMMARY
-        document = document | {'files': [str(path), *self.files]}
+        origin = {'ok': True, 'provenance': self.provenance.lines()}
+        document = origin | document | {'files': [str(path), *self.files]}
         self.page(title, text, _link(path))
         write_json(document, path)
         return document
@@ -159,27 +182,21 @@ class ReportFolder:
                 f'<h2>How this came about</h2>\n<table>\n{origin}</table>\n<p>{more}</p>',
             ]
         )
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
+        self.make()
+        with excused(f'cannot write to {self.path}'):
             (self.path / INDEX).write_text(PAGE.format(title=escape(title), body=body), encoding='utf-8')
-        except OSError as error:
-            raise ReportError(f'cannot write to {self.path}: {error.strerror or error}') from error
 
     def make(self) -> None:
         """Make the folder before anything is computed for it; raises ReportError."""
-        try:
+        with excused(f'cannot write to {self.path}'):
             self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ReportError(f'cannot write to {self.path}: {error.strerror or error}') from error
 
     def clear(self, patterns: Iterable[str]) -> None:
         """Remove what an earlier command left, so that nothing looks complete; raises ReportError."""
-        try:
+        with excused(f'cannot write to {self.path}'):
             for pattern in (SUMMARY, INDEX, *patterns):
                 for path in self.path.glob(pattern):
                     path.unlink()
-        except OSError as error:
-            raise ReportError(f'cannot write to {self.path}: {error.strerror or error}') from error
 
 
 PAGE = """\

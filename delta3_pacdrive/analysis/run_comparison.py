@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.signal import correlate, correlation_lags
 
-from delta3_pacdrive.analysis.run_signals import central_difference
+from delta3_pacdrive.analysis.run_signals import derivatives
 from delta3_pacdrive.analysis.runs import differing
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
@@ -198,7 +198,7 @@ def _speeds(run: Run, period_s: float) -> tuple[Floats, Floats] | None:
         speed = part['motor_speed']
     elif 'motor_position' in part.signals or 'motor_command' in part.signals:
         name = 'motor_position' if 'motor_position' in part.signals else 'motor_command'
-        speed = central_difference(part[name], run.period_s)
+        speed = derivatives(part[name], run.period_s)[0]
     else:
         return None
     time_s = part.time_s
@@ -246,7 +246,7 @@ def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
     def largest(name: str, difference: bool = False) -> float:
         if name not in part.signals:
             return math.nan
-        values = central_difference(part[name], run.period_s) if difference else part[name]
+        values = derivatives(part[name], run.period_s)[0] if difference else part[name]
         return _finite_max(np.linalg.norm(values[within], axis=1))
 
     current = part.signals.get('current', np.full((len(part.time_s), 3), np.nan))[within]

@@ -7,7 +7,9 @@ Arm values are motor values over the gear ratio (4.17).
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,35 +18,21 @@ from delta3_pacdrive.analysis.figure_style import (
     AXIS_COLOURS,
     DASHED,
     NORM_COLOUR,
-    empty_figure,
     finish_over_time,
     keep_span,
     panel_title,
+    titled_figure,
 )
 from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
-from delta3_pacdrive.analysis.run_signals import (
-    ZOOM_S,
-    busiest,
-    central_difference,
-    positive,
-    program_part,
-    second_difference,
-    slope,
-)
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.run_signals import ZOOM_S, busiest, derivatives, positive, program_part, slope
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from delta3_pacdrive.analysis.report_folder import ReportFolder
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.recording.trace import Trace
-
-    Curves = Callable[[Trace], tuple[Floats, Floats | None]]  # actual and command, if there is one
 
 TITLE_LENGTH = 80
 ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
@@ -77,16 +65,15 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
         A file cannot be written.
 
     """
-    drawings = {name: partial(make, trace) for name, make in FIGURES.items() if shows(name, signals)}
+    drawings = {
+        f'{make.__name__}.png': partial(make, trace)
+        for make, subject in FIGURES.items()
+        if signals is None or subject in signals
+    }
     for signal in signals or ():
-        if signal not in SUBJECTS.values():
+        if signal not in FIGURES.values():
             drawings[f'{signal}.png'] = partial(signal_panels, trace, signal)
     return folder.figures(drawings)
-
-
-def shows(figure: str, signals: Sequence[str] | None) -> bool:
-    """Whether a figure is drawn where these signals are asked for."""
-    return signals is None or SUBJECTS[figure] in signals
 
 
 def tcp_path_3d(trace: Trace) -> Figure:
@@ -94,7 +81,7 @@ def tcp_path_3d(trace: Trace) -> Figure:
     run = program_part(trace)
     command, actual = 1e3 * run['tcp_command'], 1e3 * run['tcp_actual']
     known = actual[np.isfinite(actual).all(axis=1)]
-    figure = _figure(trace, 'TCP path', 5.6)
+    figure = _figure(run, 'TCP path', 5.6)
     axes = path_axes(figure, 0.09, 0.86)
     axes.plot(*actual.T, color=AXIS_COLOURS[0], label='actual', **ACTUAL | WHOLE | {'linewidth': 3.0})
     axes.plot(*command.T, label='command', **COMMAND, **WHOLE)
@@ -109,25 +96,21 @@ def tcp_path_3d(trace: Trace) -> Figure:
 
 def arm_angles(trace: Trace) -> Figure:
     """Arm angles [deg], commanded and actual (Fig. 11.2)."""
-
-    def curves(run: Trace) -> tuple[Floats, Floats]:
-        return _arm_deg(run, 'motor_position'), _arm_deg(run, 'motor_command')
-
-    return _three_panels(trace, 'Arm angles', _axis_labels(r'$\theta_{}$ (deg)'), curves, 1.0)
+    run = program_part(trace)
+    actual, command = _arm_deg(run, 'motor_position'), _arm_deg(run, 'motor_command')
+    return _three_panels(run, 'Arm angles', _axis_labels(r'$\theta_{}$ (deg)'), actual, command, least=1.0)
 
 
 def arm_velocities(trace: Trace) -> Figure:
     """Arm speeds [deg/s], commanded and actual, with the 0.15 s around the fastest change (Fig. 11.3, 11.4)."""
     run = program_part(trace)
     actual = _arm_deg(run, 'motor_speed')
-    command = central_difference(_arm_deg(run, 'motor_command'), positive(run, 'cycle_time_s'))
-    figure = _figure(trace, 'Arm speeds', 6.0)
+    command = derivatives(_arm_deg(run, 'motor_command'), positive(run, 'cycle_time_s'))[0]
+    figure = _figure(run, 'Arm speeds', 6.0)
     grid = figure.subplots(3, 2, sharex='col', width_ratios=(2, 1), squeeze=False)
-    labels = _axis_labels(r'$\dot\theta_{}$ (deg/s)')
-    overview, zoom = list(grid[:, 0]), list(grid[:, 1])
-    _dress(trace, overview, labels)
-    _dress(trace, zoom, ['', '', ''])
-    figure.align_ylabels()
+    overview, zoom = grid.T
+    _dress(run, overview, _axis_labels(r'$\dot\theta_{}$ (deg/s)'))
+    _dress(run, zoom)
     begin = busiest(run.time_s, command)
     shown = (run.time_s >= begin) & (run.time_s <= begin + ZOOM_S)
     _plot(overview, run.time_s, actual, command)
@@ -144,29 +127,26 @@ def arm_velocities(trace: Trace) -> Figure:
 
 def arm_accelerations(trace: Trace) -> Figure:
     """Arm accelerations [deg/s^2]: slope of the actual speed, second difference of the command (Fig. 11.5)."""
-
-    def curves(run: Trace) -> tuple[Floats, Floats]:
-        period = positive(run, 'cycle_time_s')
-        command = second_difference(_arm_deg(run, 'motor_command'), period)
-        return slope(_arm_deg(run, 'motor_speed'), period), command
-
+    run = program_part(trace)
+    period = positive(run, 'cycle_time_s')
+    actual = slope(_arm_deg(run, 'motor_speed'), period)
+    command = derivatives(_arm_deg(run, 'motor_command'), period)[1]
     labels = _axis_labels(r'$\ddot\theta_{}$ (deg/s$^2$)')
-    return _three_panels(trace, 'Arm accelerations', labels, curves, 10.0, True)
+    return _three_panels(run, 'Arm accelerations', labels, actual, command, 10.0, same_scale=True)
 
 
 def currents(trace: Trace) -> Figure:
     """Motor currents I_eff [A rms] (Fig. 11.6)."""
+    run = program_part(trace)
     labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ (A)')
-    return _three_panels(trace, 'Motor currents', labels, lambda run: (run['current'], None), 0.1, True)
+    return _three_panels(run, 'Motor currents', labels, run['current'], least=0.1, same_scale=True)
 
 
 def tcp_components(trace: Trace) -> Figure:
     """TCP coordinates x, y, z [mm], commanded and actual (Fig. 11.7)."""
-
-    def curves(run: Trace) -> tuple[Floats, Floats]:
-        return 1e3 * run['tcp_actual'], 1e3 * run['tcp_command']
-
-    return _three_panels(trace, 'TCP position', [f'{name} (mm)' for name in 'xyz'], curves, 1.0)
+    run = program_part(trace)
+    actual, command = 1e3 * run['tcp_actual'], 1e3 * run['tcp_command']
+    return _three_panels(run, 'TCP position', [f'{name} (mm)' for name in 'xyz'], actual, command, least=1.0)
 
 
 def tcp_error_norm(trace: Trace) -> Figure:
@@ -174,10 +154,9 @@ def tcp_error_norm(trace: Trace) -> Figure:
     run = program_part(trace)
     aligned = 1e3 * np.linalg.norm(run['tcp_error'], axis=1)
     raw = 1e3 * np.linalg.norm(run['tcp_command'] - run['tcp_actual'], axis=1)
-    figure = _figure(trace, 'Norm of the TCP error', 5.0)
-    panels = list(figure.subplots(2, 1, sharex=True))
-    _dress(trace, panels, ['error (mm)'] * 2)
-    figure.align_ylabels()
+    figure = _figure(run, 'Norm of the TCP error', 5.0)
+    panels = figure.subplots(2, 1, sharex=True)
+    _dress(run, panels, ['error (mm)'] * 2)
     titles = ('set-point delay removed', 'raw difference of command and actual position')
     for axes, values, title in zip(panels, (aligned, raw), titles, strict=True):
         axes.plot(run.time_s, values, color=NORM_COLOUR, **(ACTUAL | {'linewidth': 1.3}))
@@ -188,42 +167,29 @@ def tcp_error_norm(trace: Trace) -> Figure:
 
 def following_error(trace: Trace) -> Figure:
     """Following error of the arms [deg], dead time removed (7.3)."""
-
-    def curves(run: Trace) -> tuple[Floats, None]:
-        return np.degrees(run['following_error']), None
-
-    return _three_panels(
-        trace, 'Following error of the arms', _axis_labels('$e_{}$ (deg)'), curves, 1e-3, True
-    )
+    run = program_part(trace)
+    labels, errors = _axis_labels('$e_{}$ (deg)'), np.degrees(run['following_error'])
+    return _three_panels(run, 'Following error of the arms', labels, errors, least=1e-3, same_scale=True)
 
 
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
     unit, meaning = (SIGNALS | TRUE_SIGNALS)[signal]
     labels = [f'{name} ({unit})' for name in ('xyz' if signal.startswith('tcp_') else '123')]
-    return _three_panels(trace, meaning, labels, lambda run: (run[signal], None))
+    run = program_part(trace)
+    return _three_panels(run, meaning, labels, run[signal])
 
 
-FIGURES = {
-    'tcp_path_3d.png': tcp_path_3d,
-    'arm_angles.png': arm_angles,
-    'arm_velocities.png': arm_velocities,
-    'arm_accelerations.png': arm_accelerations,
-    'currents.png': currents,
-    'tcp_components.png': tcp_components,
-    'tcp_error_norm.png': tcp_error_norm,
-    'following_error.png': following_error,
-}
-# the signal that asks for a figure
-SUBJECTS = {
-    'tcp_path_3d.png': 'tcp_actual',
-    'arm_angles.png': 'motor_position',
-    'arm_velocities.png': 'motor_speed',
-    'arm_accelerations.png': 'motor_speed',
-    'currents.png': 'current',
-    'tcp_components.png': 'tcp_actual',
-    'tcp_error_norm.png': 'tcp_error',
-    'following_error.png': 'following_error',
+# the thesis' figures, and the signal that asks for each
+FIGURES: dict[Callable[[Trace], Figure], str] = {
+    tcp_path_3d: 'tcp_actual',
+    arm_angles: 'motor_position',
+    arm_velocities: 'motor_speed',
+    arm_accelerations: 'motor_speed',
+    currents: 'current',
+    tcp_components: 'tcp_actual',
+    tcp_error_norm: 'tcp_error',
+    following_error: 'following_error',
 }
 
 
@@ -236,28 +202,24 @@ def _axis_labels(label: str) -> list[str]:
 
 
 def _figure(trace: Trace, what: str, height_in: float) -> Figure:
-    figure = empty_figure(height_in)
     program = trace.meta.get('program')
-    title = f'{what}: {program}' if program else what
-    figure.suptitle(textwrap.shorten(title, TITLE_LENGTH, placeholder=' ...'), fontsize=12, parse_math=False)
-    return figure
+    title = textwrap.shorten(f'{what}: {program}' if program else what, TITLE_LENGTH, placeholder=' ...')
+    return titled_figure(title, height_in, parse_math=False)
 
 
 def _three_panels(
-    trace: Trace,
+    run: Trace,
     what: str,
     labels: Sequence[str],
-    curves: Curves,
+    actual: Floats,
+    command: Floats | None = None,
     least: float = 0.0,
     same_scale: bool = False,
 ) -> Figure:
     """Draw three columns above one another; no axis magnifies less than ``least``."""
-    run = program_part(trace)
-    figure = _figure(trace, what, 6.0)
-    panels = list(figure.subplots(3, 1, sharex=True, sharey=same_scale))
-    _dress(trace, panels, labels)
-    figure.align_ylabels()
-    actual, command = curves(run)
+    figure = _figure(run, what, 6.0)
+    panels = figure.subplots(3, 1, sharex=True, sharey=same_scale)
+    _dress(run, panels, labels)
     _plot(panels, run.time_s, actual, command)
     keep_span(panels, least)
     if command is not None:
@@ -265,7 +227,7 @@ def _three_panels(
     return figure
 
 
-def _dress(trace: Trace, panels: Sequence[Axes], labels: Sequence[str]) -> None:
+def _dress(trace: Trace, panels: Sequence[Axes], labels: Sequence[str] = ()) -> None:
     """Give panels that stand above one another their labels, grid and common time axis."""
     known = trace.meta.get('start_cycle') is not None
     finish_over_time(panels, labels, 'time from program start (s)' if known else 'bus time (s)')

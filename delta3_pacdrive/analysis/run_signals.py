@@ -3,20 +3,14 @@
 Times count from the start of the program, the first one of a recording with several; without one they are bus time.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
 
 BEFORE_S = 0.05  # shown of the idle cycles before the program
 AFTER_S = 0.10  # and of the rest after its end
@@ -118,30 +112,27 @@ def positive(trace: Trace, key: str) -> float:
     return float(value)
 
 
-def central_difference(values: Floats, period_s: float) -> Floats:
-    """Change over two cycles; nan at both ends."""
-    out = np.full_like(values, np.nan)
-    out[1:-1] = (values[2:] - values[:-2]) / (2.0 * period_s)
-    return out
+def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats, Floats]:
+    """First and second derivative of the least-squares parabola through the ``half`` samples on each side.
 
-
-def second_difference(values: Floats, period_s: float) -> Floats:
-    """Second difference of three cycles; nan at both ends."""
-    out = np.full_like(values, np.nan)
-    out[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / period_s**2
-    return out
+    With one sample on each side these are the central and the second difference; the first one is also the slope of the
+    least-squares line. Shapes (n, 3); nan where the window is not full.
+    """
+    offsets = np.arange(-half, half + 1, dtype=np.float64)
+    squares = offsets**2 - np.mean(offsets**2)
+    weights = np.stack(
+        [offsets / (offsets @ offsets) / period_s, 2.0 * squares / (squares @ squares) / period_s**2]
+    )
+    out = np.full((2, *values.shape), np.nan)
+    if len(values) >= len(offsets):
+        windows = np.lib.stride_tricks.sliding_window_view(values, len(offsets), axis=0)
+        out[:, half:-half] = np.einsum('nkw,dw->dnk', windows, weights)
+    return out[0], out[1]
 
 
 def slope(values: Floats, period_s: float) -> Floats:
     """Slope of the least-squares line through the cycles within ``SLOPE_S``; nan where the window is not full."""
-    half = max(1, round(SLOPE_S / period_s))
-    offsets = np.arange(-half, half + 1)
-    weights = offsets / (offsets @ offsets) / period_s
-    out = np.full_like(values, np.nan)
-    if len(values) >= len(weights):
-        for i in range(values.shape[1]):
-            out[half:-half, i] = np.correlate(values[:, i], weights, 'valid')
-    return out
+    return derivatives(values, period_s, max(1, round(SLOPE_S / period_s)))[0]
 
 
 def busiest(time_s: Floats, speeds: Floats) -> float:

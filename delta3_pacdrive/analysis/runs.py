@@ -274,7 +274,7 @@ def _notes(trace: Trace) -> tuple[str, ...]:
 
 def tcp_speed(part: Trace, period_s: float) -> Any:
     """Speed of the actual TCP [m/s], shape (n, 1); nan at both ends and beside gaps."""
-    velocity = run_signals.central_difference(part['tcp_actual'], period_s)
+    velocity = run_signals.derivatives(part['tcp_actual'], period_s)[0]
     return np.linalg.norm(velocity, axis=1, keepdims=True)
 
 

@@ -144,7 +144,9 @@ def profile(qos: Any) -> str:
 def layers() -> list[list[str]]:
     """Return the rooms from bottom to top, those of one layer together, as the contract of imports has them."""
     contracts = tomllib.loads((SOURCE / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']
-    (order,) = (row['layers'] for row in contracts['contracts'] if row['type'] == 'layers')
+    (order,) = (
+        row['layers'] for row in contracts['contracts'] if row.get('containers') == ['delta3_pacdrive']
+    )
     return [line.split(' | ') for line in reversed(order)]
 
 

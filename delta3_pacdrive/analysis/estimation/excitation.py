@@ -6,11 +6,9 @@ jacobian of the signals over the parameters, both scaled (as Swevers et al. do f
 Nelder and Mead from the best curve.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -19,20 +17,17 @@ from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, analyse
 from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, slope
-from delta3_pacdrive.analysis.estimation.problem import Problem
-from delta3_pacdrive.analysis.estimation.quantities import GROUPS
+from delta3_pacdrive.analysis.estimation.problem import Model, Problem
+from delta3_pacdrive.analysis.estimation.quantities import GROUPS, start_values
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.errors import EstimationError, ProgramError, UnreachableError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.estimation.quantities import Quantity
-    from delta3_pacdrive.motion.program import Program
-    from delta3_pacdrive.parameters import Parameters
 
 HARMONICS = 3
 POINTS = 32
@@ -136,15 +131,9 @@ def planned_trace(program: Program, parameters: Parameters) -> Trace:
 
 def quality(program: Program, group: str, parameters: Parameters) -> Identifiability:
     """Return what a program tells of a group, mechanical part, by its plan alone; raises ProgramError."""
-    trace = planned_trace(program, parameters)
-    quantities: tuple[Quantity, ...]
-    if group == 'geometry':
-        quantities = GROUPS['geometry'].chosen()
-        problem = Problem(quantities, [GeometryModel(trace, parameters)], parameters)
-    else:
-        quantities = GROUPS['masses'].chosen()
-        problem = Problem(quantities, [TorqueModel(trace, parameters)], parameters)
-    return analyse(problem, np.array([q.read(parameters) for q in quantities]))
+    trace, quantities = planned_trace(program, parameters), GROUPS[group].chosen()
+    model: Model = (GeometryModel if group == 'geometry' else TorqueModel)(trace, parameters)
+    return analyse(Problem(quantities, [model], parameters), start_values(quantities, parameters, 0.0))
 
 
 def design(
@@ -160,20 +149,19 @@ def design(
     The same seed gives the same program. ``on_progress`` is told the curves tried and the best condition.
     """
     generator = np.random.default_rng(seed)
-    state = {'best': math.inf, 'count': 0}
+    found: list[float] = []
+
+    def document(coefficients: Floats) -> dict[str, Any]:
+        return document_of(curve(coefficients, parameters), f'excitation of {group}')
 
     def condition(coefficients: Floats) -> float:
-        name = f'excitation of {group}'
-        document = document_of(curve(coefficients, parameters), name)
         try:
-            found = quality(programs.parse(document, parameters.motion), group, parameters).condition
+            program = programs.parse(document(coefficients), parameters.motion)
+            found.append(quality(program, group, parameters).condition)
         except (ProgramError, UnreachableError, EstimationError):
-            found = math.inf
-        state['best'] = min(state['best'], found)
-        state['count'] += 1
-        count = int(state['count'])
-        on_progress(f'curve {count}, condition {state["best"]:.4g}', count, tries + refinements)
-        return found
+            found.append(math.inf)
+        on_progress(f'curve {len(found)}, condition {min(found):.4g}', len(found), tries + refinements)
+        return found[-1]
 
     order = np.repeat(np.arange(1, HARMONICS + 1), 6)
     candidates = generator.standard_normal((tries, 6 * HARMONICS)) / order
@@ -187,5 +175,4 @@ def design(
         method='Nelder-Mead',
         options={'maxfev': refinements, 'xatol': 1e-6, 'fatol': 1e-6, 'adaptive': True},
     )
-    document = document_of(curve(result.x, parameters), f'excitation of {group}')
-    return Design(document, float(result.fun), float(min(conditions)), int(state['count']))
+    return Design(document(result.x), float(result.fun), float(min(conditions)), len(found))

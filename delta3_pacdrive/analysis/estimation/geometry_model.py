@@ -1,10 +1,9 @@
 """Closure of the arms on TCP positions that were measured from outside (4.4): the geometry P1."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive.analysis.estimation.measurement import NOISE, moving_rows, sample_time_s
 from delta3_pacdrive.analysis.estimation.problem import Block
@@ -12,11 +11,7 @@ from delta3_pacdrive.analysis.estimation.quantities import FRAME, GROUPS, OFFSET
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import Trace
 
 POSES_MAX = 1000
 
@@ -50,7 +45,10 @@ class GeometryModel:
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured TCP less that of the arm angles [m], shape (n, 3)."""
-        points = (self._points - _vector(values, FRAME[:3])) @ _turn(_vector(values, FRAME[3:]))
+        turned = Rotation.from_euler(
+            'xyz', _vector(values, FRAME[3:])
+        )  # about the measuring frame's axes at rest
+        points = (self._points - _vector(values, FRAME[:3])) @ turned.as_matrix()
         theta = self._angles + _vector(values, OFFSETS)
         alpha = _vector(values, ('alpha_1', 'alpha_2', 'alpha_3'))
         reach = values['R_A'] - values['R_B'] + values['l_A'] * np.cos(theta)
@@ -68,12 +66,3 @@ class GeometryModel:
 
 def _vector(values: Mapping[str, float], symbols: tuple[str, ...]) -> Floats:
     return np.array([values[symbol] for symbol in symbols])
-
-
-def _turn(angles: Floats) -> Floats:
-    """Rotation by three angles about x, y and z."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-    about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
-    about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(about_z @ about_y @ about_x)

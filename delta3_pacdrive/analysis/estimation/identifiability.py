@@ -1,19 +1,14 @@
 """What signals can tell: scaled sensitivities, singular values, collinear groups, and a verdict on every quantity."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import qr
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from delta3_pacdrive.analysis.estimation.problem import Problem
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.analysis.estimation.problem import Problem
+from delta3_pacdrive.numerics.types import Floats
 
 Z_95 = 1.959964
 WEAK = 0.25  # half width of the 95 % interval, of the value, from which on a number says nothing
@@ -130,9 +125,8 @@ def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -
 
     """
     sigmas = [block.sigma for block in problem.blocks] if noise is None else noise
-    parts = [
-        array.reshape(-1, len(x)) / sigma for array, sigma in zip(problem.jacobian(x), sigmas, strict=True)
-    ]
+    slopes = zip(problem.jacobian(x), sigmas, strict=True)
+    parts = [array.reshape(-1, len(x)) / sigma for array, sigma in slopes]
     return analyse_jacobian(parts, [q.symbol for q in problem.quantities], problem.accuracy)
 
 
@@ -154,50 +148,40 @@ def analyse_jacobian(parts: Sequence[Floats], symbols: Sequence[str], accuracy: 
         if told[own]:
             errors[j] = np.sqrt(spread[own]) / total[j]
 
+    names = [symbols[v] for v in visible]
     findings = []
     for j, symbol in enumerate(symbols):
-        partners = _partners(hidden, visible.index(j), [symbols[v] for v in visible]) if j in visible else ()
-        verdict = _verdict(j in visible, bool(np.isfinite(errors[j])), float(errors[j]))
+        change, error = float(total[j]), float(errors[j])
+        partners = _partners(hidden, visible.index(j), names) if j in visible else ()
+        verdict = _verdict(j in visible, error)
+        reason = _reason(verdict, change, error, partners)
         findings.append(
-            Finding(
-                symbol,
-                verdict,
-                _reason(verdict, float(total[j]), float(errors[j]), partners),
-                float(total[j]),
-                tuple(float(length) for length in lengths[:, j]),
-                float(errors[j]),
-                partners,
-            )
+            Finding(symbol, verdict, reason, change, tuple(lengths[:, j].tolist()), error, partners)
         )
     chosen: tuple[int, ...] = ()
+    scaled, basis = np.zeros(0), np.zeros((rank, len(symbols)))
+    if visible:
+        _, scaled, rows = np.linalg.svd(reduced, full_matrices=False)
+        basis[:, visible] = rows[:rank]
     if rank:
         _, _, order = qr(unit, mode='economic', pivoting=True)
         chosen = tuple(sorted(visible[k] for k in order[:rank]))
-    scaled = np.linalg.svd(reduced, compute_uv=False) if visible else np.zeros(0)
     return Identifiability(
         tuple(findings),
-        tuple(float(value) for value in scaled),
+        tuple(scaled.tolist()),
         float(scaled[0] / scaled[rank - 1]) if rank else np.inf,
         float(values[0] / values[rank - 1]) if rank else np.inf,
         rank,
-        _collinear(seen, values[:rank], [symbols[v] for v in visible]),
+        _collinear(seen, values[:rank], names),
         chosen,
-        _row_space(reduced, rank, visible, len(symbols)),
+        basis,
     )
 
 
 def _triangle(parts: Sequence[Floats]) -> Floats:
     """R of the QR decomposition of all parts: the same column space in as many rows as columns."""
-    return np.asarray(
-        np.linalg.qr(np.concatenate([np.linalg.qr(part, mode='r') for part in parts]), mode='r')
-    )
-
-
-def _row_space(reduced: Floats, rank: int, visible: Sequence[int], count: int) -> Floats:
-    basis = np.zeros((rank, count))
-    if rank:
-        basis[:, visible] = np.linalg.svd(reduced, full_matrices=False)[2][:rank]
-    return basis
+    triangles = [np.linalg.qr(part, mode='r') for part in parts]
+    return np.asarray(np.linalg.qr(np.concatenate(triangles), mode='r'))
 
 
 def _partners(hidden: Floats, own: int, symbols: Sequence[str]) -> tuple[str, ...]:
@@ -207,10 +191,10 @@ def _partners(hidden: Floats, own: int, symbols: Sequence[str]) -> tuple[str, ..
                  and weight[own] > SEEN)  # fmt: skip
 
 
-def _verdict(visible: bool, told: bool, error: float) -> Verdict:
+def _verdict(visible: bool, error: float) -> Verdict:
     if not visible:
         return Verdict.INVISIBLE
-    if not told:
+    if not np.isfinite(error):
         return Verdict.CONFOUNDED
     return Verdict.WEAK if Z_95 * error > WEAK else Verdict.IDENTIFIABLE
 

@@ -1,9 +1,6 @@
 """Measurements to estimate from: files, or a simulated robot with an oscilloscope in its drives; sensor noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +10,10 @@ from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import EstimationError, RunError
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.program import Output
+from delta3_pacdrive.motion.program import Output, Program
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.robot import Robot
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.motion.program import Program
-    from delta3_pacdrive.parameters import Parameters
 
 MOVING_RAD_S = 1.0  # a shaft that turns faster moves
 MARGIN_S = 0.02  # kept before and after the motion
@@ -90,10 +84,7 @@ def moving_rows(trace: Trace) -> slice:
 
 
 def simulate(
-    program: Program,
-    parameters: Parameters,
-    sampling: str = 'drive',
-    on_progress: OnProgress = silent,
+    program: Program, parameters: Parameters, sampling: str = 'drive', on_progress: OnProgress = silent
 ) -> Trace:
     """Run a program and return exact signals, with ``tcp_measured`` besides those of a run.
 
@@ -145,10 +136,8 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
     scope = Oscilloscope(robot, cycles * steps)
     answers = np.empty((3, 3))
     for cycle in range(cycles):
-        command, control, shafts = task.command(cycle), task.control(cycle), robot.plant.shafts()
-        status = []
+        status = scope.begin_cycle(task.command(cycle), task.control(cycle))
         for i, drive in enumerate(robot.drives):
-            status.append(drive.begin_cycle(command[i], control, shafts[i], shafts[3 + i], shafts[6 + i]))
             answers[:, i] = drive.answer
         for _ in range(steps // scope.per_exchange):
             scope.exchange(robot.payload)
@@ -173,11 +162,11 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
     return Trace(np.arange(cycles * steps, dtype=np.float64) * period, signals, meta)
 
 
-def with_noise(trace: Trace, parameters: Parameters, scale: float, seed: int, noise: Noise = NOISE) -> Trace:
-    """Return a copy with sensor noise, ``scale`` times as strong as ``noise``; encoders stay on their grid."""
+def with_noise(trace: Trace, parameters: Parameters, scale: float, seed: int) -> Trace:
+    """Return a copy with sensor noise, ``scale`` times as strong as ``NOISE``; encoders stay on their grid."""
     generator = np.random.default_rng(seed)
     signals = dict(trace.signals)
-    for name, sigma in noise.sigmas().items():
+    for name, sigma in NOISE.sigmas().items():
         if name in signals and scale > 0.0:
             signals[name] = signals[name] + scale * sigma * generator.standard_normal(signals[name].shape)
     if 'motor_position' in signals and scale > 0.0:

@@ -1,9 +1,7 @@
 """Models of the motors: the winding by its voltage (7.2, 8.2), the balance of torques on the shafts (4.26, 4.31)."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
@@ -15,11 +13,7 @@ from delta3_pacdrive.analysis.estimation.quantities import GROUPS, base_constant
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import Trace
 
 BAND_HZ = 60.0  # of the balance of torques: motions lie below, noise mostly above
 EDGE_PERIODS = 3.0  # of the band that the filter's ends spoil

@@ -1,18 +1,16 @@
 """A problem of estimation: what is free, and the residuals of signals against models, with their slopes."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from delta3_pacdrive.analysis.estimation.quantities import Quantity, values_of
+from delta3_pacdrive.analysis.estimation.quantities import Combination, Quantity, values_of
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+QUIET = 0.7  # of the sensors' noise: residuals below it show something else
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,19 @@ class Block:
     period_s: float
     start_s: float = 0.0
     memory_s: float = 0.0
+
+    @property
+    def columns(self) -> str:
+        """Names of its three columns: axes of the TCP, or numbers of the motors."""
+        return 'xyz' if self.name == 'TCP' else '123'
+
+    def is_quieter(self, rms: float) -> bool:
+        """Whether residuals are too small to be noise of the sensors."""
+        return rms < QUIET * self.sigma
+
+    def times(self, count: int) -> Floats:
+        """Times [s] of its first samples."""
+        return self.start_s + self.period_s * np.arange(count, dtype=np.float64)
 
 
 class Model(Protocol):
@@ -93,6 +104,10 @@ class Problem:
     def values(self, x: Floats) -> dict[str, float]:
         """Return every quantity by symbol, the free ones as in ``x``."""
         return self._known | {q.symbol: float(v) for q, v in zip(self.quantities, x, strict=True)}
+
+    def combined(self, combination: Combination, x: Floats) -> float:
+        """Value of a combination of quantities."""
+        return combination.value(self.values(x), self.parameters)
 
     def residuals(self, x: Floats) -> list[Floats]:
         """Measured less modelled, one array (n, 3) per block."""

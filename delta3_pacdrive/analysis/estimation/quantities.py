@@ -1,19 +1,15 @@
 """What can be estimated: the parameters of Table 9-1 by their symbols, in groups, and the sums that signals show."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.errors import EstimationError, ParameterError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, flatten
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 ANGLE_SCALE_RAD = math.pi / 3.0  # "all of it" for the azimuth of an arm: half of what lies between two arms
 SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # the same for offsets that should be zero
@@ -70,16 +66,6 @@ class Quantity:
         return self.lowest * start, self.highest * (start or self.typical)
 
 
-def _azimuth(i: int) -> Quantity:
-    return Quantity(
-        f'alpha_{i + 1}',
-        'rad',
-        f'azimuth of arm {i + 1}',
-        f'kinematics.arm_azimuth_deg[{i}]',
-        ANGLE_SCALE_RAD,
-    )
-
-
 _TABLE = (
     Quantity('R', 'Ohm', 'winding resistance, phase to phase', 'motor.winding_resistance_ohm'),
     Quantity('L', 'H', 'winding inductance, phase to phase', 'motor.winding_inductance_h'),
@@ -99,7 +85,8 @@ _TABLE = (
     Quantity('l_B', 'm', 'forearm', 'kinematics.forearm_length_m'),
     Quantity('R_A', 'm', 'circle of the motor axes', 'kinematics.base_radius_m'),
     Quantity('R_B', 'm', 'circle of the joints on the plate', 'kinematics.plate_radius_m'),
-    _azimuth(0), _azimuth(1), _azimuth(2),
+    *(Quantity(f'alpha_{i}', 'rad', f'azimuth of arm {i}', f'kinematics.arm_azimuth_deg[{i - 1}]', ANGLE_SCALE_RAD)
+      for i in (1, 2, 3)),
     *(Quantity(f'theta0_{i}', 'rad', f'zero of the encoder of arm {i}', scale=SMALL_ANGLE_RAD) for i in (1, 2, 3)),
     *(Quantity(f'{axis}_0', 'm', f'{axis} of the measuring frame', scale=SMALL_LENGTH_M) for axis in 'xyz'),
     *(Quantity(f'r_{axis}', 'rad', f'turn of the measuring frame about {axis}', scale=SMALL_ANGLE_RAD)
@@ -112,11 +99,16 @@ FRAME = ('x_0', 'y_0', 'z_0', 'r_x', 'r_y', 'r_z')
 
 @dataclass(frozen=True)
 class Group:
-    """A group holds the quantities that one kind of data shows: free by default, or to be freed."""
+    """A group holds the quantities that one kind of data shows: free by default, or held unless they are freed."""
 
     name: str
     free: tuple[str, ...]
-    possible: tuple[str, ...]
+    held: tuple[str, ...]
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """Symbols of all its quantities."""
+        return self.free + self.held
 
     def chosen(self, free: Iterable[str] = (), known: Iterable[str] = ()) -> tuple[Quantity, ...]:
         """Free quantities after freeing some and holding others at the values of the parameter file.
@@ -147,15 +139,9 @@ _LENGTHS = ('l_A', 'l_B', 'R_A', 'R_B')
 _ELECTRICAL = ('R', 'L', 'K_m')
 _FRICTION = ('F_v', 'F_s')
 GROUPS = {
-    'motor': Group(
-        'motor',
-        (*_ELECTRICAL, *_FRICTION, 'I_m'),
-        (*_ELECTRICAL, *_FRICTION, 'I_m', 'I_brake', 'w_s', *_MASSES),
-    ),
-    'masses': Group(
-        'masses', (*_MASSES, *_FRICTION), (*_MASSES, *_FRICTION, 'w_s', 'I_m', 'I_brake', *_ELECTRICAL)
-    ),
-    'geometry': Group('geometry', (*_LENGTHS, *_AZIMUTHS), (*_LENGTHS, *_AZIMUTHS, *OFFSETS, *FRAME)),
+    'motor': Group('motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES)),
+    'masses': Group('masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL)),
+    'geometry': Group('geometry', (*_LENGTHS, *_AZIMUTHS), (*OFFSETS, *FRAME)),
 }
 
 
@@ -193,7 +179,7 @@ def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: fl
     start = []
     for quantity in quantities:
         value = quantity.read(parameters)
-        if quantity.symbol.startswith('alpha_'):
+        if quantity.symbol in _AZIMUTHS:
             start.append(value + off * quantity.scale * (-1.0) ** int(quantity.symbol[-1]))
         else:
             start.append(value * (1.0 + off))

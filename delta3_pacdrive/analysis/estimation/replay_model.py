@@ -1,9 +1,7 @@
 """The closed loop replayed: the commands of a recording through simulated drives and plant, currents compared."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,14 +11,10 @@ from delta3_pacdrive.analysis.estimation.problem import Block
 from delta3_pacdrive.analysis.estimation.quantities import GROUPS, base_constants, values_of, with_values
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.recording.trace import Trace
 
 STANDING_CYCLES = 150  # that the model stands in torque before the first command: enable, brake, integrators
 OF_MOTOR = ('R', 'L', 'K_m', 'F_v', 'F_s', 'w_s')  # that parameters have to allow one by one
@@ -105,15 +99,8 @@ class ReplayModel:
         rows = self._replay.rows
         self._current = trace['current'][rows]
         self.shapes = (self._current.shape,)
-        self.blocks = (
-            Block(
-                'current by replay',
-                'A',
-                NOISE.current_a,
-                parameters.bus.cycle_time_s,
-                float(trace.time_s[rows.start]),
-            ),
-        )
+        period, start = parameters.bus.cycle_time_s, float(trace.time_s[rows.start])
+        self.blocks = (Block('current by replay', 'A', NOISE.current_a, period, start),)
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured less replayed current [A], shape (n, 3)."""

@@ -1,26 +1,16 @@
 """An estimation in words and numbers: the summary, the text for people, the tables."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
-from delta3_pacdrive.analysis.estimation.identifiability import Verdict
+from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, Verdict
+from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, TABLE, values_of
-from delta3_pacdrive.analysis.estimation.solver import COLOURED, quieter_than_sensors
-from delta3_pacdrive.analysis.estimation.thesis_setup import FACTORS, SYMBOLS, explanation
-from delta3_pacdrive.analysis.report_folder import Table
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.estimation.identifiability import Identifiability
-    from delta3_pacdrive.analysis.estimation.problem import Problem
-    from delta3_pacdrive.analysis.estimation.solver import Fit
-    from delta3_pacdrive.analysis.estimation.thesis_setup import ThesisStudy
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.analysis.estimation.solver import COLOURED, Fit
+from delta3_pacdrive.analysis.estimation.thesis_setup import FACTORS, SYMBOLS, ThesisStudy, explanation
+from delta3_pacdrive.analysis.report_folder import Table, columns_of
+from delta3_pacdrive.parameters import Parameters
 
 ROWS_MAX = 20_000  # of a table of residuals; longer ones are thinned out
 
@@ -82,14 +72,10 @@ def sensitivity_table(report: Identifiability, problem: Problem) -> list[dict[st
     return rows
 
 
-def fit_summary(
-    fit: Fit, problem: Problem, parameters: Parameters, truth_known: bool, provenance: Provenance
-) -> dict[str, Any]:
+def fit_summary(fit: Fit, problem: Problem, parameters: Parameters, truth_known: bool) -> dict[str, Any]:
     """Return the report of an estimation, ready for JSON."""
     report = fit.identifiability
     return {
-        'ok': True,
-        'provenance': provenance.lines(),
         'estimates': estimates_table(fit, problem, parameters, truth_known),
         'identifiability': {
             'condition': _finite(report.condition),
@@ -106,9 +92,7 @@ def fit_summary(
                 'samples': list(array.shape),
                 'rms': white.rms,
                 'sensor_noise': block.sigma,
-                'intervals_from': 'sensor noise'
-                if quieter_than_sensors(white.rms, block.sigma)
-                else 'residuals',
+                'intervals_from': 'sensor noise' if block.is_quieter(white.rms) else 'residuals',
                 'white': white.lag <= 1,
                 'first_lag_below': COLOURED,
                 'lag': white.lag,
@@ -170,21 +154,17 @@ def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Tab
     """Return estimates, sensitivities, and the residuals of each signal."""
     own = dict.fromkeys(('start', 'estimate', 'low_95', 'high_95', 'true', 'scale'), '[unit]')
     units = own | dict.fromkeys(('half_width_relative', 'error_relative', 'relative_error'), '[1]')
+    quantities = document['identifiability']['quantities']
+    units |= dict.fromkeys((key for key in quantities[0] if key.startswith('sensitivity')), '[noise]')
     made = []
-    for name, rows in (
-        ('estimates', document['estimates']),
-        ('sensitivities', document['identifiability']['quantities']),
-    ):
-        header = [
-            f'{key} [noise]' if key.startswith('sensitivity') else f'{key} {units.get(key, "")}'.strip()
-            for key in rows[0]
-        ]
+    for name, rows in (('estimates', document['estimates']), ('sensitivities', quantities)):
+        header = [f'{key} {units.get(key, "")}'.strip() for key in rows[0]]
         made.append(Table(f'{name}.csv', header, [list(row.values()) for row in rows]))
     for number, (block, array) in enumerate(zip(problem.blocks, fit.residuals, strict=True), start=1):
         every = -(-len(array) // ROWS_MAX)
-        columns = {'time [s]': (block.start_s + block.period_s * np.arange(len(array)))[::every]}
-        for suffix, column in zip('xyz' if block.name == 'TCP' else '123', array.T, strict=True):
-            columns[f'residual of {block.name} {suffix} [{block.unit}]'] = column[::every]
+        title = f'residual of {block.name} {{}} [{block.unit}]'
+        columns = {'time [s]': block.times(len(array))[::every]}
+        columns |= columns_of(title, array[::every], block.columns)
         made.append(Table.of_columns(f'residuals_{number}.csv', columns))
     return made
 
@@ -199,19 +179,14 @@ def thesis_tables(study: ThesisStudy) -> list[Table]:
     profiles = ['factor [1]', *(f'cost over {s} less its minimum [noise^2]' for s in SYMBOLS)]
     attempts = ['step [1]', 'start off [1]', *(f'{s} moved [1]' for s in SYMBOLS),
                 'cost at start [SI]', 'cost [SI]', 'simulations', 'message']  # fmt: skip
+    costs = zip(FACTORS, *(study.profiles[s] for s in SYMBOLS), strict=True)
+    tries = (
+        [a.step, a.off, *a.moved, a.cost_start, a.cost, a.evaluations, a.message] for a in study.attempts
+    )
     return [
         Table('quotients.csv', quotients, [list(asdict(q).values()) for q in study.quotients]),
-        Table(
-            'profiles.csv', profiles, list(zip(FACTORS, *(study.profiles[s] for s in SYMBOLS), strict=True))
-        ),
-        Table(
-            'attempts.csv',
-            attempts,
-            [
-                [a.step, a.off, *a.moved, a.cost_start, a.cost, a.evaluations, a.message]
-                for a in study.attempts
-            ],
-        ),
+        Table('profiles.csv', profiles, costs),
+        Table('attempts.csv', attempts, tries),
     ]
 
 

@@ -1,11 +1,9 @@
 """One estimation from its settings to its folder: what is measured, which models fit it, where it can go on."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,24 +12,20 @@ from delta3_pacdrive.analysis.estimation import figures, report, thesis_setup
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.analysis.estimation.measurement import sample_time_s, simulate, with_noise
 from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
-from delta3_pacdrive.analysis.estimation.problem import Problem
-from delta3_pacdrive.analysis.estimation.quantities import GROUPS, start_values
+from delta3_pacdrive.analysis.estimation.problem import Model, Problem
+from delta3_pacdrive.analysis.estimation.quantities import GROUPS, Quantity, start_values
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import Iterate, fit
 from delta3_pacdrive.analysis.estimation.study import Settings
 from delta3_pacdrive.analysis.inputs import is_recording, noted
-from delta3_pacdrive.analysis.provenance import Provenance, write_json
+from delta3_pacdrive.analysis.provenance import Provenance, excused, write_json
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.recording.trace_file import load, save
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.estimation.problem import Model
-    from delta3_pacdrive.analysis.estimation.quantities import Quantity
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.recording.trace import Trace
 
 THESIS = 'thesis'
 SETTINGS, ITERATE = 'session.json', 'iterate.json'
@@ -53,6 +47,8 @@ class Study:
         """Read the parameters and refuse settings that contradict one another."""
         self.robot = core.load(self.settings.parameters)
         traces = [is_recording(text) for text in self.settings.inputs]
+        self._simulates, off = not any(traces), self.settings.start_off
+        self._off = (0.3 if self._simulates else 0.0) if off is None else off
         if any(traces) and not all(traces):
             raise EstimationError('the inputs must all be traces, or one program')
         if not any(traces) and len(traces) > 1:
@@ -66,7 +62,7 @@ class Study:
             self.quantities = GROUPS[self.settings.group].chosen(self.settings.free, self.settings.known)
 
     @staticmethod
-    def resumed(folder: Path, command: str, on_progress: OnProgress) -> Study:
+    def resumed(folder: Path, command: str, on_progress: OnProgress) -> 'Study':
         """Return the session that began in a folder, to go on from its last accepted iterate.
 
         Raises
@@ -110,46 +106,29 @@ class Study:
             ReportFolder(self.folder, self._provenance()).clear([ITERATE])
         write_json(origin, self.folder / SETTINGS)
         if self.settings.group == THESIS:
-            study = self._repeat_thesis()
+            chosen, program = self.settings, programs.load(self.settings.inputs[0], self.robot.motion)
+            wanted = self.robot, self._off, chosen.noise, chosen.seed
+            study = thesis_setup.study(program, *wanted, self.on_progress, self._keep, self.iterate)
             found, problem = study.cure, study.problem
         else:
-            study, problem = None, self._problem(measurement)
-            start = start_values(self.quantities, self.robot, self.settings.off)
+            models = [model for trace in self._traces(measurement) for model in self.models(trace)]
+            study, problem = None, Problem(self.quantities, models, self.robot)
+            start = start_values(self.quantities, self.robot, self._off)
             if self.iterate is not None and len(self.iterate.x) != len(start):
-                raise EstimationError(
-                    f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
-                )
+                told = f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
+                raise EstimationError(told)
             found = fit(problem, start, self._keep, self.iterate)
         folder = ReportFolder(self.folder, self._provenance())
-        document = report.fit_summary(found, problem, self.robot, self.settings.simulates, folder.provenance)
+        document = report.fit_summary(found, problem, self.robot, self._simulates)
         self.on_progress('tables and figures', 0, 0)
         tables = report.fit_tables(document, found, problem)
-        drawings = figures.of_fit(found, problem, document['estimates'], folder.provenance)
+        drawings = figures.of_fit(found, problem, document['estimates'])
         if study is not None:
             document |= report.thesis_summary(study)
             tables += report.thesis_tables(study)
-            drawings = figures.of_thesis(study, folder.provenance) | drawings
-        for table in tables:
-            folder.table(table)
-        folder.figures(drawings)
-        return folder.summary(f'Estimation: {self.settings.group}', document, report.text(document))
-
-    def _problem(self, measurement: Path | None) -> Problem:
-        models = [model for trace in self._traces(measurement) for model in self.models(trace)]
-        return Problem(self.quantities, models, self.robot)
-
-    def _repeat_thesis(self) -> thesis_setup.ThesisStudy:
-        chosen = self.settings
-        return thesis_setup.study(
-            programs.load(chosen.inputs[0], self.robot.motion),
-            self.robot,
-            chosen.off,
-            chosen.noise,
-            chosen.seed,
-            self.on_progress,
-            self._keep,
-            self.iterate,
-        )
+            drawings = figures.of_thesis(study) | drawings
+        title = f'Estimation: {self.settings.group}'
+        return folder.results(title, document, report.text(document), tables, drawings)
 
     def models(self, trace: Trace) -> list[Model]:
         """Return the models that a trace of the group has the signals for.
@@ -187,19 +166,17 @@ class Study:
                     'the trace needs motor_command for a replay, or faster samples '
                     '(or --method balance, if the samples are means)'
                 )
-        return [
-            *models,
-            ReplayModel(trace, self.robot) if method == 'replay' else TorqueModel(trace, self.robot),
-        ]
+        models.append((ReplayModel if method == 'replay' else TorqueModel)(trace, self.robot))
+        return models
 
     def _provenance(self) -> Provenance:
         chosen = self.settings
-        seed = chosen.seed if chosen.simulates else None
+        seed = chosen.seed if self._simulates else None
         return Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs), seed)
 
     def _traces(self, measurement: Path | None) -> list[Trace]:
         settings = self.settings
-        if not settings.simulates:
+        if not self._simulates:
             self.on_progress('reading', 0, 0)
             return [load(text) for text in settings.inputs]
         program = programs.load(settings.inputs[0], self.robot.motion)
@@ -224,8 +201,7 @@ class Study:
 
 def _read_json(path: Path, what: str) -> Any:
     try:
-        return json.loads(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise EstimationError(f'{what} {path.parent}: {error.strerror or error}') from error
-    except ValueError as error:
+        with excused(f'{what} {path.parent}', EstimationError):
+            return json.loads(path.read_text(encoding='utf-8'))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise EstimationError(f'{path} is damaged: {error}') from error

@@ -1,36 +1,27 @@
 """Least squares with bounds and scales, covariance that holds for coloured residuals, confidence intervals."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, Verdict, analyse
+from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, Combination
 from delta3_pacdrive.errors import EstimationError
+from delta3_pacdrive.numerics.types import Floats
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+OnIterate = Callable[['Iterate'], None]
 
-    from delta3_pacdrive.analysis.estimation.problem import Problem
-    from delta3_pacdrive.numerics.types import Floats
-
-    OnIterate = Callable[['Iterate'], None]
-
-TOLERANCE = 1e-10
-EVALUATIONS_MAX = 100
+LIMITS: dict[str, Any] = {'ftol': 1e-10, 'xtol': 1e-10, 'gtol': 1e-10, 'max_nfev': 100}
 ROUNDS_MAX = 3  # of weighting and choosing again
 COLOURED = 0.1  # autocorrelation below which residuals count as independent
-BLOCK_PER_LAG = (
-    6  # length of a block of residuals that is independent of its neighbours, in correlation lengths
-)
+BLOCK_PER_LAG = 6  # correlation lengths in a block of residuals that is independent of its neighbours
 BLOCKS_MIN = 12
 FAR = 0.5  # relative way from the start of a quantity that starts a second time
-QUIET = 0.7  # of the sensors' noise: residuals below it show something else
 
 
 @dataclass(frozen=True)
@@ -87,8 +78,6 @@ class Fit:
         One per free quantity, then the combinations that signals show although they hide one of their parts.
     identifiability
         At the solution.
-    covariance
-        Of the quantities in ``identifiability.estimated`` [scales of x squared].
     residuals
         Per block, shape (n, 3).
     whiteness
@@ -105,7 +94,6 @@ class Fit:
     x: Floats
     estimates: tuple[Estimate, ...]
     identifiability: Identifiability
-    covariance: Floats
     residuals: list[Floats]
     whiteness: tuple[Whiteness, ...]
     cost: float
@@ -115,10 +103,7 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
-    start: Floats,
-    on_iterate: OnIterate | None = None,
-    resume: Iterate | None = None,
+    problem: Problem, start: Floats, on_iterate: OnIterate | None = None, resume: Iterate | None = None
 ) -> Fit:
     """Estimate the free quantities of a problem from ``start`` [SI], or going on from an iterate of a former run.
 
@@ -151,12 +136,7 @@ def _misfit(found: Fit) -> float:
                      for array, w in zip(found.residuals, found.whiteness, strict=True)))  # fmt: skip
 
 
-def fit_once(
-    problem: Problem,
-    start: Floats,
-    on_iterate: OnIterate | None,
-    resume: Iterate | None,
-) -> Fit:
+def fit_once(problem: Problem, start: Floats, on_iterate: OnIterate | None, resume: Iterate | None) -> Fit:
     """Estimate from one start, or from an iterate."""
     x = np.array(start if resume is None else resume.x, dtype=np.float64)
     sigmas = [block.sigma for block in problem.blocks]
@@ -165,7 +145,7 @@ def fit_once(
     for number in range(ROUNDS_MAX):
         if not report.estimated:
             raise EstimationError('the signals show none of the quantities')
-        x, solution, count = _solve(problem, np.asarray(start), x, report, sigmas, on_iterate, count)
+        x, solution, count = _solve(problem, start, x, report, sigmas, on_iterate, count)
         residuals = problem.residuals(x)
         own = [max(float(np.sqrt(np.mean(array**2))), 1e-3 * s.sigma)
                for array, s in zip(residuals, problem.blocks, strict=True)]  # fmt: skip
@@ -178,21 +158,9 @@ def fit_once(
     report_at_noise = analyse(problem, x, noise)
     whiteness = tuple(whiteness_of(array) for array in residuals)
     covariance, freedom = _covariance(problem, x, report.estimated, residuals, sigmas, whiteness)
-    estimates = _estimates(
-        problem, np.asarray(start), x, report_at_noise, report.estimated, covariance, freedom
-    )
-    return Fit(
-        x,
-        estimates,
-        report_at_noise,
-        covariance,
-        residuals,
-        whiteness,
-        float(solution.cost),
-        count,
-        bool(solution.status > 0),
-        str(solution.message).rstrip('.'),
-    )
+    estimates = _estimates(problem, start, x, report_at_noise, report.estimated, covariance, freedom)
+    ended = float(solution.cost), count, bool(solution.status > 0), str(solution.message).rstrip('.')
+    return Fit(x, estimates, report_at_noise, residuals, whiteness, *ended)
 
 
 def _solve(
@@ -244,18 +212,7 @@ def _solve(
     begin = np.clip(x[columns] / scales, low + margin, high - margin)
     if not np.isfinite(np.concatenate([a.ravel() for a in problem.residuals(whole(begin))])).all():
         raise EstimationError('the residuals at the start are not finite')
-    solution = least_squares(
-        residuals,
-        begin,
-        jacobian,
-        bounds=(low, high),
-        method='trf',
-        x_scale='jac',
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
-        gtol=TOLERANCE,
-        max_nfev=EVALUATIONS_MAX,
-    )
+    solution = least_squares(residuals, begin, jacobian, bounds=(low, high), x_scale='jac', **LIMITS)
     return whole(solution.x), solution, count + len(seen)
 
 
@@ -271,11 +228,6 @@ def whiteness_of(residuals: Floats) -> Whiteness:
     return Whiteness(
         float(np.sqrt(np.mean(residuals**2))), correlation, int(small[0]) if len(small) else count // 2
     )
-
-
-def quieter_than_sensors(rms: float, sensor_noise: float) -> bool:
-    """Whether residuals are too small to be noise of the sensors."""
-    return rms < QUIET * sensor_noise
 
 
 def _covariance(
@@ -302,7 +254,7 @@ def _covariance(
     ):
         product = np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
         normal += product
-        if quieter_than_sensors(white.rms, block.sigma):
+        if block.is_quieter(white.rms):
             middle += product * (block.sigma / sigma) ** 2
             blocks += len(errors)
             continue
@@ -337,43 +289,28 @@ def _estimates(
         verdict = finding.verdict
         if verdict is Verdict.IDENTIFIABLE and not half <= scales[j]:
             verdict = Verdict.WEAK
-        estimates.append(
-            Estimate(quantity.symbol, quantity.unit, float(start[j]), float(x[j]), half, verdict)
-        )
+        values = float(start[j]), float(x[j])
+        estimates.append(Estimate(quantity.symbol, quantity.unit, *values, half, verdict))
     hidden = {f.symbol for f in report.findings if f.verdict is Verdict.CONFOUNDED}
     free = {q.symbol for q in problem.quantities}
-    for combination in COMBINATIONS:
-        if combination.only_beside and combination.only_beside not in hidden:
+    for c in COMBINATIONS:
+        if c.only_beside and c.only_beside not in hidden:
             continue
-        if len(free.intersection(combination.depends)) > 1 and hidden.intersection(combination.depends):
-            gradient = _gradient(combination, problem, x)
+        if len(free.intersection(c.depends)) > 1 and hidden.intersection(c.depends):
+            gradient = _gradient(c, problem, x)
             if report.shows(gradient):
                 own = gradient[list(columns)]
                 half = quantile * float(np.sqrt(own @ covariance @ own))
-                value, before = (combination.value(problem.values(v), problem.parameters) for v in (x, start))
+                before, value = problem.combined(c, start), problem.combined(c, x)
                 estimates.append(
-                    Estimate(
-                        combination.symbol,
-                        combination.unit,
-                        before,
-                        value,
-                        half,
-                        Verdict.IDENTIFIABLE,
-                        combination.formula,
-                    )
+                    Estimate(c.symbol, c.unit, before, value, half, Verdict.IDENTIFIABLE, c.formula)
                 )
     return tuple(estimates)
 
 
 def _gradient(combination: Combination, problem: Problem, x: Floats) -> Floats:
     """Derivatives of a combination per scale."""
-    scales, step = problem.scales, 1e-5
-    gradient = np.zeros(len(x))
-    for j in range(len(x)):
-        change = np.zeros(len(x))
-        change[j] = step * scales[j]
-        higher, lower = (
-            combination.value(problem.values(v), problem.parameters) for v in (x + change, x - change)
-        )
-        gradient[j] = (higher - lower) / (2.0 * step)
-    return gradient
+    step = 1e-5
+    changes = np.diag(step * problem.scales)
+    quotients = [problem.combined(combination, x + d) - problem.combined(combination, x - d) for d in changes]
+    return np.array(quotients) / (2.0 * step)

@@ -1,10 +1,6 @@
 """What an estimation depends on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-
-from delta3_pacdrive.analysis.inputs import is_recording
 
 
 @dataclass(frozen=True)
@@ -43,15 +39,3 @@ class Settings:
     start_off: float | None = None
     free: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
-
-    @property
-    def off(self) -> float:
-        """Share by which the estimation starts beside the parameter file."""
-        if self.start_off is not None:
-            return self.start_off
-        return 0.3 if self.simulates else 0.0
-
-    @property
-    def simulates(self) -> bool:
-        """Whether the measurement is simulated."""
-        return not any(is_recording(text) for text in self.inputs)

@@ -14,11 +14,10 @@ root of the machine's precision. Four facts explain the outcome:
    little of L, reaches signals that are sampled once per bus cycle.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,27 +26,22 @@ from delta3_pacdrive.analysis.estimation.measurement import NOISE, simulate, wit
 from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import TABLE, start_values, values_of
 from delta3_pacdrive.analysis.estimation.replay_model import Replay, ReplayModel
-from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate, fit
+from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate, OnIterate, fit
 from delta3_pacdrive.analysis.study import OnProgress, silent
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from delta3_pacdrive.analysis.estimation.solver import OnIterate
-    from delta3_pacdrive.motion.program import Program
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
 
 SYMBOLS = ('R', 'L', 'F_v', 'F_s', 'I_m')
 FREED = tuple(TABLE[symbol] for symbol in (*SYMBOLS, 'K_m'))  # that the same signals are then estimated from
 DEFAULT_STEP = math.sqrt(np.finfo(np.float64).eps)
 STEPS = (DEFAULT_STEP, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 TRUE_STEP = 1e-3  # of quotients through an ideal encoder, in the middle of the range where they agree
-TOLERANCE = 1e-6  # on the function, the step and the gradient, the solver's usual ones
+# tolerances on the function, the step and the gradient are the solver's usual ones
+LIMITS: dict[str, Any] = {'ftol': 1e-6, 'xtol': 1e-6, 'gtol': 1e-6, 'max_nfev': 30}
 ATTEMPT_STEPS = (DEFAULT_STEP, 1e-5, 1e-4, 1e-2)
 BOUNDS = (1e-3, 1e2)  # of an attempt, as multiples of the start
-EVALUATIONS_MAX = 30
 STUCK = 5e-3  # relative change below which an attempt has returned its initial values
 FACTORS = tuple(np.linspace(0.5, 1.5, 11).tolist())
 SIGNALS = ('motor_position', 'motor_speed', 'current')
@@ -273,25 +267,12 @@ def attempt_once(trace: Trace, parameters: Parameters, step: float, off: float) 
 
     def residuals(x: Floats) -> Floats:
         model = replay.run(dict(zip(SYMBOLS, x.tolist(), strict=True)))
-        return np.concatenate(
-            [
-                ((model[name] - signal) * share).ravel()
-                for name, signal, share in zip(SIGNALS, measured, shares, strict=True)
-            ]
-        )
+        compared = zip(SIGNALS, measured, shares, strict=True)
+        return np.concatenate([((model[name] - own) * share).ravel() for name, own, share in compared])
 
     start = start_values([TABLE[symbol] for symbol in SYMBOLS], parameters, off)
-    solution = least_squares(
-        residuals,
-        start,
-        '2-point',
-        bounds=(BOUNDS[0] * start, BOUNDS[1] * start),
-        diff_step=step,
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
-        gtol=TOLERANCE,
-        max_nfev=EVALUATIONS_MAX,
-    )
+    bounds = (BOUNDS[0] * start, BOUNDS[1] * start)
+    solution = least_squares(residuals, start, '2-point', bounds=bounds, diff_step=step, **LIMITS)
     first = residuals(start)
     return Attempt(
         step,

@@ -13,26 +13,19 @@ as the exchange period. Where effects superpose, the Shapley value of a mean squ
 deviation d goes along with the effect's own d_i. It can be negative: an effect that compensates others.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
+from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.parameters import flatten
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from delta3_pacdrive.analysis.study import OnProgress
-    from delta3_pacdrive.motion.program import Program
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters, flatten
 
 
 @dataclass(frozen=True)

@@ -9,26 +9,20 @@ cycles (at 1 ms) within ``run_signals.SLOPE_S`` on either side. The reference ac
 reference speed, so that smoothing is no difference between the two; the thesis could compare only with the reference.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.run_signals import central_difference, program_part, slope
+from delta3_pacdrive.analysis.run_signals import derivatives, program_part, slope
 from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import TRUE_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.recording.trace import Trace
-
-    Values = dict[str, Floats]  # (cycles, columns) by the names of ``QUANTITIES``
+Values = dict[str, Floats]  # (cycles, columns) by the names of ``QUANTITIES``
 
 
 @dataclass(frozen=True)
@@ -100,7 +94,7 @@ class Run:
     missing: tuple[str, ...]
 
     @staticmethod
-    def of(trace: Trace, parameters: Parameters) -> Run:
+    def of(trace: Trace, parameters: Parameters) -> 'Run':
         """Take the signals from a trace of a robot with these parameters.
 
         Raises
@@ -113,7 +107,7 @@ class Run:
         period, gear_ratio = parameters.bus.cycle_time_s, parameters.dynamics.gear_ratio
         delay = parameters.set_point_delay_cycles
         command = part['motor_command'] / gear_ratio
-        reference_speed = central_difference(command, period)
+        reference_speed = derivatives(command, period)[0]
         due = part['tcp_error'] + part['tcp_actual']
         speed = part['motor_speed'] / gear_ratio
         actual = {
@@ -139,7 +133,7 @@ class Run:
         cycle = np.rint(part.time_s / period).astype(np.int64)
         return Run(cycle, period, actual, reference, missing)
 
-    def rows(self, rows: NDArray[np.int64]) -> Run:
+    def rows(self, rows: NDArray[np.int64]) -> 'Run':
         """Return some of the cycles."""
         actual = {name: values[rows] for name, values in self.actual.items()}
         reference = {name: values[rows] for name, values in self.reference.items()}
@@ -181,7 +175,7 @@ class Comparison:
     robot: Run
 
     @staticmethod
-    def of(model: Run, robot: Run) -> Comparison:
+    def of(model: Run, robot: Run) -> 'Comparison':
         """Match two runs by the bus cycle counted from the start of the program.
 
         Raises
@@ -218,8 +212,7 @@ class Comparison:
     def measured(self, values: Floats) -> Floats:
         """Rows from the start of the program on that are known."""
         rows = values[self.model.cycle >= 0]
-        known: Floats = rows[np.isfinite(rows).all(axis=1)]
-        return known
+        return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
     def deviation(self, name: str) -> Floats:
         """Robot - model, shape (cycles, columns)."""
@@ -239,12 +232,9 @@ class Comparison:
 
     def _of_signal(self, name: str) -> list[Statistics]:
         quantity = QUANTITIES[name]
-        arrays = {
-            'model': self.model.actual[name],
-            'robot': self.robot.actual[name],
-            'deviation': self.deviation(name),
-        }
+        arrays = {'deviation': self.deviation(name)}
         for who, run in (('model', self.model), ('robot', self.robot)):
+            arrays[who] = run.actual[name]
             if name in run.reference:
                 arrays[f'{who}_from_reference'] = run.actual[name] - run.reference[name]
         cycle = self.model.cycle
@@ -292,13 +282,11 @@ def _norm(values: Floats) -> Floats:
 
 
 def _length(values: Floats) -> Floats:
-    length: Floats = np.linalg.norm(values, axis=1)
-    return length
+    return np.asarray(np.linalg.norm(values, axis=1))
 
 
 def _largest(values: Floats) -> Floats:
-    found: Floats = np.abs(values).max(axis=1)
-    return found
+    return np.asarray(np.abs(values).max(axis=1))
 
 
 def _rms(values: Floats, of_vector: bool) -> float:

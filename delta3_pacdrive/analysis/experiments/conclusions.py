@@ -1,17 +1,10 @@
 """What a comparison shows, in sentences with numbers: whether it is what the thesis found, and what explains it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.experiments.attribution import Attribution, Outcome
-    from delta3_pacdrive.analysis.experiments.comparison import Statistics
+from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, Outcome
+from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Statistics
 
 SMALL_PERCENT = 1.0  # of the peak: two curves that nobody tells apart in a figure of a page
 CLEAR_PERCENT = 10.0  # rms of the deviation, of the model's rms: nobody overlooks it

@@ -8,47 +8,38 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES
+from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
+from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER
+from delta3_pacdrive.analysis.experiments.study import Results
 from delta3_pacdrive.analysis.figure_style import (
     COLOURS,
     MUTED,
     dress,
+    finish_over_time,
     legend_above,
     panel_title,
-    report_figure,
+    titled_figure,
 )
 from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
+from delta3_pacdrive.analysis.report_folder import Drawings
 from delta3_pacdrive.analysis.run_figures import COMMAND
 from delta3_pacdrive.analysis.run_signals import SLOPE_S, ZOOM_S, busiest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.analysis.experiments.attribution import Attribution
-    from delta3_pacdrive.analysis.experiments.comparison import Comparison
-    from delta3_pacdrive.analysis.experiments.study import Results
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import Drawings
-    from delta3_pacdrive.numerics.types import Floats
-
 PER_EXPERIMENT = 8
 ATTRIBUTION = 'attribution.png'
-SHARED_OUT = (
-    'tcp_error_norm',
-    'current',
-    'arm_angle',
-    'tcp_error_norm_true',
-)  # panels of the figure of effects
+# panels of the figure of effects
+SHARED_OUT = ('tcp_error_norm', 'current', 'arm_angle', 'tcp_error_norm_true')
 MAGNIFIED = 0.06  # of the longest side of the path: how far magnified deviations reach
 
 # the robot's curve is the restless one: it lies below
@@ -58,7 +49,7 @@ REFERENCE: dict[str, Any] = COMMAND | {'zorder': 3.5}
 TRUE: dict[str, Any] = {'color': COLOURS[4], 'linewidth': 1.0}
 
 
-def by_name(found: Results, provenance: Provenance) -> Drawings:
+def by_name(found: Results) -> Drawings:
     """Return what draws each figure of an experiment, by file name."""
     number, comparison, attribution = found.number, found.comparison, found.attribution
     zoom = _zoom(comparison)
@@ -76,24 +67,24 @@ def by_name(found: Results, provenance: Provenance) -> Drawings:
     made = {}
     for figure, (name, draw) in enumerate(drawn.items(), start=first):
         heading = f'Fig. 11.{figure}, experiment {number}'
-        made[f'figure_11_{figure:02d}_{name}.png'] = partial(draw, comparison, heading, provenance)
+        made[f'figure_11_{figure:02d}_{name}.png'] = partial(draw, comparison, heading)
     if attribution is not None:
-        made[ATTRIBUTION] = partial(effects, attribution, f'Experiment {number}', provenance)
+        made[ATTRIBUTION] = partial(effects, attribution, f'Experiment {number}')
     return made
 
 
 def file_names(number: int) -> list[str]:
     """Names that figures of an experiment may have."""
     first = 1 + PER_EXPERIMENT * (number - 1)
-    return [f'figure_11_{figure:02d}_*.png' for figure in range(first, first + PER_EXPERIMENT)] + [
-        ATTRIBUTION
+    return [
+        ATTRIBUTION,
+        *(f'figure_11_{figure:02d}_*.png' for figure in range(first, first + PER_EXPERIMENT)),
     ]
 
 
 def panels(
     comparison: Comparison,
     title: str,
-    provenance: Provenance,
     name: str,
     symbol: str,
     shown: tuple[float, float] | None = None,
@@ -107,46 +98,45 @@ def panels(
     heading = f'{title}: {_typeset(quantity.text)}' + (' (zoom)' if shown else '')
     if name == 'arm_acceleration':
         heading += f' (slope of the velocity within ±{1e3 * SLOPE_S:g} ms)'
-    figure = report_figure(heading, 6.6, provenance)
+    figure = titled_figure(heading, 6.6)
     grid = figure.subplots(3, 2, sharex=True, width_ratios=(1.35, 1))
-    keep = slice(None) if shown is None else _within(comparison.time_s, *shown)
-    time_s = comparison.time_s[keep]
-    model, robot = (quantity.factor * run.actual[name][keep] for run in (comparison.model, comparison.robot))
+    begin, end = shown or (-math.inf, math.inf)
+    keep = (comparison.time_s >= begin) & (comparison.time_s <= end)
+    time_s, runs = comparison.time_s[keep], (comparison.model, comparison.robot)
+    model, robot = (quantity.factor * run.actual[name][keep] for run in runs)
     referred = name in comparison.model.reference
     for i, (left, right) in enumerate(grid):
         left.plot(time_s, model[:, i], label='model', **MODEL)
         left.plot(time_s, robot[:, i], label='robot', **ROBOT)
         if referred:
-            own = [
-                quantity.factor * run.reference[name][keep, i] for run in (comparison.model, comparison.robot)
-            ]
+            own = [quantity.factor * run.reference[name][keep, i] for run in runs]
             left.plot(time_s, own[0], label='reference', **REFERENCE)
             right.plot(time_s, robot[:, i] - own[1], **ROBOT)
             right.plot(time_s, model[:, i] - own[0], **MODEL)
         else:
             right.plot(time_s, robot[:, i] - model[:, i], color=MUTED, linewidth=1.0)
-        left.set_ylabel(f'{symbol.format(quantity.columns[i])} ({quantity.shown_unit})'.replace('^2', '²'))
-        for axes in (left, right):
-            _finish(axes, marked)
-    _alike([row[1] for row in grid])
+    unit = quantity.shown_unit.replace('^2', '²')
+    finish_over_time(grid[:, 0], [f'{symbol.format(column)} ({unit})' for column in quantity.columns])
+    finish_over_time(grid[:, 1])
+    if marked is not None:
+        for axes in grid.flat:
+            axes.axvspan(*marked, color='#EEEEEE', zorder=0)
+    _alike(grid[:, 1])
     if name in ('arm_acceleration', 'current'):
-        _alike([row[0] for row in grid])
+        _alike(grid[:, 0])
     text = 'deviation from the reference' if referred else 'robot - model'
-    panel_title(grid[0, 1], f'{text} ({quantity.shown_unit})'.replace('^2', '²'))
-    for axes in grid[-1]:
-        axes.set_xlabel('time from program start (s)')
-    figure.align_ylabels()
+    panel_title(grid[0, 1], f'{text} ({unit})')
     legend_above(grid[0, 0])
     return figure
 
 
-def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
+def tcp_path(comparison: Comparison, title: str) -> Figure:
     """TCP path in space [mm], with the deviations of the robot magnified."""
-    figure = report_figure(f'{title}: TCP path', 6.0, provenance)
+    figure = titled_figure(f'{title}: TCP path', 6.0)
     axes = path_axes(figure, 0.14, 0.79)
-    runs = comparison.model, comparison.robot
-    reference = 1e3 * comparison.measured(comparison.model.reference['tcp'])
-    model, robot = (1e3 * comparison.measured(run.actual['tcp']) for run in runs)
+    of_model, of_robot = comparison.model, comparison.robot
+    reference = 1e3 * comparison.measured(of_model.reference['tcp'])
+    model, robot = (1e3 * comparison.measured(run.actual['tcp']) for run in (of_model, of_robot))
     axes.plot(*model.T, label='model', **MODEL | WHOLE | {'linewidth': 3.0})
     axes.plot(*robot.T, label='robot', **ROBOT | WHOLE | {'linewidth': 1.6, 'zorder': 3.2})
     axes.plot(*reference.T, label='reference', **REFERENCE, **WHOLE)
@@ -156,14 +146,12 @@ def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figu
         ('tcp', ROBOT, 'robot, deviation'),
         ('tcp_true', TRUE, 'its true TCP, deviation'),
     ):
-        if name not in comparison.robot.actual:
+        if name not in of_robot.actual:
             continue
-        run = comparison.robot
-        base, deviation = 1e3 * run.reference[name], 1e3 * (run.actual[name] - run.reference[name])
-        both = comparison.measured(np.hstack([base, deviation]))
-        factor = _round_factor(
-            MAGNIFIED * longest / max(float(np.linalg.norm(both[:, 3:], axis=1).max()), 1e-9)
-        )
+        base, off = of_robot.reference[name], of_robot.actual[name] - of_robot.reference[name]
+        both = comparison.measured(1e3 * np.hstack([base, off]))
+        farthest = max(float(np.linalg.norm(both[:, 3:], axis=1).max()), 1e-9)
+        factor = _round_factor(MAGNIFIED * longest / farthest)
         drawn.append(both[:, :3] + factor * both[:, 3:])
         axes.plot(*drawn[-1].T, label=rf'{label} $\times$ {factor:g}', **look | WHOLE | {'linewidth': 0.7})
     frame_path(axes, np.concatenate(drawn))
@@ -171,7 +159,7 @@ def tcp_path(comparison: Comparison, title: str, provenance: Provenance) -> Figu
     return figure
 
 
-def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -> Figure:
+def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
     """Norm of the TCP error [mm]: as the controller sees it, in truth if that is known, and undelayed."""
     texts = {
         'tcp_error_norm': 'by forward kinematics of the encoders, set-point delay removed',
@@ -179,7 +167,7 @@ def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -
         'tcp_error_norm_raw': 'by the encoders, command and actual position of the same cycle',
     }
     names = [name for name in texts if name in comparison.names]
-    figure = report_figure(f'{title}: norm of the TCP error', 1.8 + 1.7 * len(names), provenance)
+    figure = titled_figure(f'{title}: norm of the TCP error', 1.8 + 1.7 * len(names))
     column = figure.subplots(len(names), 1, sharex=True)
     for axes, name in zip(column, names, strict=True):
         top = 0.0
@@ -190,21 +178,18 @@ def tcp_error_norm(comparison: Comparison, title: str, provenance: Provenance) -
             axes.plot(comparison.time_s, values, label=label, **look)
             top = max(top, float(np.nanmax(values)))
         axes.set_ylim(0.0, max(1.08 * top, 1e-3))
-        axes.set_ylabel('error (mm)')
         axes.set_title(texts[name], fontsize=9, loc='left' if axes is not column[0] else 'right')
-        _finish(axes, None)
-    column[-1].set_xlabel('time from program start (s)')
-    figure.align_ylabels()
+    finish_over_time(column, ['error (mm)'] * len(names))
     legend_above(column[0])
     return figure
 
 
-def effects(attribution: Attribution, title: str, provenance: Provenance) -> Figure:
+def effects(attribution: Attribution, title: str) -> Figure:
     """What each effect explains of the mean-square deviations: Shapley values, alone, left out."""
     names = [name for name in SHARED_OUT if (name, 'deviation') in attribution.outcomes]
     labels = [*(_typeset(EFFECTS[name].text) for name in attribution.effects), OTHER]
     heading = f'{title}: what makes the mean-square deviation of robot from model'
-    figure = report_figure(heading, 2.6 + 0.34 * len(labels), provenance)
+    figure = titled_figure(heading, 2.6 + 0.34 * len(labels))
     row = figure.subplots(1, len(names), sharey=True, sharex=True)
     places = np.arange(len(labels))
     for axes, name in zip(row, names, strict=True):
@@ -221,23 +206,14 @@ def effects(attribution: Attribution, title: str, provenance: Provenance) -> Fig
         quantity = QUANTITIES[name]
         rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
         text = textwrap.fill(quantity.text, 16)
-        panel_title(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms')
         axes.axvline(0.0, color=MUTED, linewidth=0.8)
-        axes.set_xlabel('share (%)')
         axes.set_xlim(right=max(105.0, axes.get_xlim()[1]))
-        dress(axes)
+        dress(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', xlabel='share (%)')
         axes.grid(visible=False, axis='y')
     row[0].set_yticks(places, labels)
     row[0].invert_yaxis()
-    handles, texts = row[0].get_legend_handles_labels()
     row[0].legend(
-        handles,
-        texts,
-        loc='lower right',
-        bbox_to_anchor=(-0.04, 1.0),
-        frameon=False,
-        fontsize=8,
-        borderaxespad=0.0,
+        loc='lower right', bbox_to_anchor=(-0.04, 1.0), frameon=False, fontsize=8, borderaxespad=0.0
     )
     return figure
 
@@ -248,22 +224,10 @@ def _zoom(comparison: Comparison) -> tuple[float, float]:
     return begin, begin + ZOOM_S
 
 
-def _within(time_s: Floats, begin: float, end: float) -> Any:
-    return (time_s >= begin) & (time_s <= end)
-
-
 def _round_factor(factor: float) -> float:
     """Return the next smaller of 1, 2, 5, 10, 20 ..."""
     decade = 10.0 ** math.floor(math.log10(factor))
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= factor)
-
-
-def _finish(axes: Axes, marked: tuple[float, float] | None) -> None:
-    dress(axes)
-    axes.margins(x=0.0)
-    axes.ticklabel_format(axis='both', useOffset=False)
-    if marked is not None:
-        axes.axvspan(*marked, color='#EEEEEE', zorder=0)
 
 
 def _alike(column: Sequence[Axes]) -> None:

@@ -1,20 +1,13 @@
 """An experiment in words and numbers: the summary, the text for people, the tables."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from delta3_pacdrive.analysis.experiments.attribution import EFFECTS
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Statistics
+from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
+from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Statistics
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
-from delta3_pacdrive.analysis.report_folder import Table
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.experiments.attribution import Attribution
-    from delta3_pacdrive.analysis.experiments.comparison import Comparison
-    from delta3_pacdrive.analysis.experiments.study import Results
-    from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.experiments.study import Results
+from delta3_pacdrive.analysis.report_folder import Table, columns_of
 
 TABLES = ('signals.csv', 'table.csv', 'attribution.csv')
 ACCELERATION = (
@@ -32,26 +25,21 @@ def tables(found: Results) -> list[Table]:
 def _signals(comparison: Comparison) -> Table:
     """Return all that is drawn, cycle by cycle, in SI."""
     columns = {'time [s]': comparison.time_s}
+    model, robot = comparison.model, comparison.robot
     for name in comparison.names:
         quantity = QUANTITIES[name]
-        runs = {'model': comparison.model.actual, 'robot': comparison.robot.actual}
-        if name in comparison.model.reference:
-            runs |= {
-                'model reference': comparison.model.reference,
-                'robot reference': comparison.robot.reference,
-            }
-        for who, values in runs.items():
-            for label, column in zip(quantity.columns, values[name].T, strict=True):
-                columns[f'{name}{f"_{label}" if label else ""} {who} [{quantity.unit}]'] = column
+        labels = [f'_{label}' if label else '' for label in quantity.columns]
+        for who, values in (('model', model.actual), ('robot', robot.actual),
+                            ('model reference', model.reference), ('robot reference', robot.reference)):  # fmt: skip
+            if name in values:
+                columns |= columns_of(f'{name}{{}} {who} [{quantity.unit}]', values[name], labels)
     return Table.of_columns(TABLES[0], columns)
 
 
 def _statistics(rows: list[Statistics]) -> Table:
-    units = {'deviation_max_at_s': '[s]', 'signal': '', 'column': '', 'unit': ''}
-    header = []
-    for field in fields(Statistics):
-        unit = '[%]' if field.name.endswith('_percent') else units.get(field.name, '[unit]')
-        header.append(f'{field.name} {unit}'.strip())
+    units = {'deviation_max_at_s': ' [s]', 'signal': '', 'column': '', 'unit': ''}
+    names = [field.name for field in fields(Statistics)]
+    header = [name + (' [%]' if name.endswith('_percent') else units.get(name, ' [unit]')) for name in names]
     return Table(TABLES[1], header, [list(asdict(row).values()) for row in rows])
 
 
@@ -71,7 +59,7 @@ def _attribution(attribution: Attribution) -> Table:
     return Table(TABLES[2], header, rows)
 
 
-def summary(found: Results, provenance: Provenance) -> dict[str, Any]:
+def summary(found: Results) -> dict[str, Any]:
     """Return the report, ready for JSON."""
     comparison = found.comparison
     rows, missing = comparison.statistics(), comparison.missing
@@ -82,10 +70,8 @@ def summary(found: Results, provenance: Provenance) -> dict[str, Any]:
             f'topics do not carry what is really there, so these signals are missing: {", ".join(missing)}'
         )
     return {
-        'ok': True,
         'experiment': found.number,
         'program': found.program,
-        'provenance': provenance.lines(),
         'cycles': int((comparison.model.cycle >= 0).sum()),
         'acceleration': ACCELERATION,
         'references_apart_mm': 1e3 * comparison.reference_apart_m(),

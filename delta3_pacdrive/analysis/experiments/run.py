@@ -1,7 +1,5 @@
 """An experiment from its settings to its folder: a model and a robot run one program, and are compared."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,10 +10,9 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
 from delta3_pacdrive.analysis.experiments.study import Results, Settings
-from delta3_pacdrive.analysis.provenance import Provenance, digest
+from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.study import OnProgress
-from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
 
@@ -76,11 +73,9 @@ class Study:
         self.on_progress('tables and figures', 0, 0)
         for path in files.values():
             folder.add(path)
-        for table in report.tables(found):
-            folder.table(table)
-        folder.figures(figures.by_name(found, folder.provenance))
-        document = report.summary(found, folder.provenance)
-        return folder.summary(f'Experiment {number}: model and robot', document, report.text(document))
+        document, drawings = report.summary(found), figures.by_name(found)
+        text, tables = report.text(document), report.tables(found)
+        return folder.results(f'Experiment {number}: model and robot', document, text, tables, drawings)
 
     def _provenance(self) -> Provenance:
         chosen, robot = self.settings, self.robots['robot']
@@ -91,8 +86,6 @@ class Study:
         return replace(origin, parameters=both)
 
     def _write_parameters(self) -> dict[str, Path]:
-        try:
+        with excused(f'cannot write to {self.folder}'):
             self.folder.mkdir(parents=True, exist_ok=True)
             return {who: core.write(robot, self.folder / FILES[who]) for who, robot in self.robots.items()}
-        except OSError as error:
-            raise ReportError(f'cannot write to {self.folder}: {error.strerror or error}') from error

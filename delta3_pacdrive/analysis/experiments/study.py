@@ -1,13 +1,9 @@
 """What an experiment depends on, and what it finds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.experiments.attribution import Attribution
-    from delta3_pacdrive.analysis.experiments.comparison import Comparison
+from delta3_pacdrive.analysis.experiments.attribution import Attribution
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 
 
 @dataclass(frozen=True)

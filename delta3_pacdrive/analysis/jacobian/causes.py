@@ -1,9 +1,6 @@
 """What else than a wrong length makes computed and recorded joint motion differ, with exact lengths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +10,8 @@ from delta3_pacdrive.analysis.jacobian.mapping import (
     with_printed_jacobian_dot,
     without_jacobian_dot,
 )
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.analysis.jacobian.motion import Motion
+from delta3_pacdrive.parameters import Kinematics
 
 CONSECUTIVE = 1.5  # sample times
 LATE = 'one bus cycle between TCP and joints'
@@ -39,16 +34,14 @@ def causes(motion: Motion, kinematics: Kinematics) -> list[Cause]:
     exact = joint_motion(motion, kinematics)
     pairs = np.flatnonzero(np.diff(motion.time_s) < CONSECUTIVE * motion.period_s)
     now, before = pairs + 1, pairs
+    without, printed = (
+        make(motion, kinematics) for make in (without_jacobian_dot, with_printed_jacobian_dot)
+    )
     compared = [
         (LATE, 'velocity', exact.velocity[now], motion.thetadot[before]),
         (LATE, 'acceleration', exact.acceleration[now], motion.thetaddot[before]),
-        (WITHOUT_JACOBIAN_DOT, 'acceleration', without_jacobian_dot(motion, kinematics), motion.thetaddot),
-        (
-            PRINTED_JACOBIAN_DOT,
-            'acceleration',
-            with_printed_jacobian_dot(motion, kinematics),
-            motion.thetaddot,
-        ),
+        (WITHOUT_JACOBIAN_DOT, 'acceleration', without, motion.thetaddot),
+        (PRINTED_JACOBIAN_DOT, 'acceleration', printed, motion.thetaddot),
     ]
     rows = []
     for name, quantity, calculated, recorded in compared:

@@ -6,23 +6,18 @@ norm is the deviation in the worst direction of motion, in shares of the speed. 
 (s_i.b_i = 0), or a parallel one, where det S and with it det J changes its sign.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose, inexact, posed
+from delta3_pacdrive.analysis.jacobian.motion import Motion
 from delta3_pacdrive.kinematics import inverse, inverse_all, jacobian, singularity
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 
 HEIGHTS = 6  # of the rays, between top and bottom of the workspace
 AZIMUTHS = 25  # over 120 degrees, in which the arms repeat

@@ -5,15 +5,12 @@ crosses zero, a share of the joint's largest value on the trajectory does not; b
 counts where the value exceeds ``THRESHOLD`` of the joint's largest one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 THRESHOLD = 0.05
 THRESHOLDS = (0.01, 0.02, 0.05, 0.10, 0.20)
@@ -37,7 +34,7 @@ class Deviation:
     momentary: Floats
 
     @staticmethod
-    def of(calculated: Floats, recorded: Floats, threshold: float = THRESHOLD) -> Deviation:
+    def of(calculated: Floats, recorded: Floats, threshold: float = THRESHOLD) -> 'Deviation':
         """Compare values of shape (n, 3)."""
         difference = 100.0 * (calculated - recorded)
         return Deviation(difference / peaks(recorded), share_of(difference, recorded, threshold))

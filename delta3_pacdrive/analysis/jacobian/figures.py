@@ -1,4 +1,7 @@
-"""Figures 11.25 to 11.45: a trajectory, its joint motion through the Jacobian, and the deviations."""
+"""Figures 11.25 to 11.45: a trajectory, its joint motion through the Jacobian, the deviations; and what explains them.
+
+Deviations are explained by each length, per millimetre, and by how they grow with the condition of J.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,22 @@ from delta3_pacdrive.analysis.figure_style import (
     DASHED,
     MUTED,
     dress,
+    finish_over_time,
+    keep_span,
     panel_title,
-    report_figure,
+    titled_figure,
 )
+from delta3_pacdrive.analysis.jacobian import condition
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation
+from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose
+from delta3_pacdrive.analysis.jacobian.study import Results, Trial
+from delta3_pacdrive.analysis.report_folder import Drawings
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from delta3_pacdrive.analysis.jacobian.study import Trial
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import Drawings
-    from delta3_pacdrive.numerics.types import Floats
 
 EXACT: dict[str, Any] = {'color': COLOURS[0], 'linewidth': 2.6, 'solid_capstyle': 'round'}
 INEXACT: dict[str, Any] = {'color': COLOURS[1], 'linewidth': 1.3}
@@ -37,23 +43,36 @@ ROOM = 1.12  # of a panel beyond what is drawn
 FAR = 30.0  # percent; what goes farther is drawn on a logarithmic axis
 TICKS = (-10000, -1000, -100, -30, -10, 0, 10, 30, 100, 1000, 10000)  # of that
 SPAN_MIN = 1e-3  # percent
+BINS = 4  # per decade of the condition
+APPROACH = (0.0, 1.0, 0.0)  # along y, square to arm 1: the ray that is shown by itself
+MEANINGS = {
+    Pose.RECORDED: 'angles and position recorded',
+    Pose.FORWARD: 'angles recorded, position from them',
+    Pose.INVERSE: 'position recorded, angles from it',
+}
 
 
-def by_name(trial: Trial, errors: str, provenance: Provenance) -> Drawings:
-    """Return the functions that make the seven figures of a trajectory, by file name.
-
-    ``errors`` names the inexact lengths. The files of the thesis' experiments bear its numbers.
-    """
-    found: dict[str, Any] = {
-        'arm_angles': partial(arm_angles, trial, provenance),
-        'tcp_position': partial(tcp_position, trial, provenance),
-        'joint_velocities': partial(joint_velocities, trial, errors, provenance),
-        'velocity_deviation': partial(velocity_deviation, trial, errors, provenance),
-        **{
-            f'acceleration_of_joint_{joint}': partial(joint_acceleration, trial, joint, errors, provenance)
-            for joint in JOINTS
-        },
+def by_name(found: Results, errors: str, kinematics: Kinematics) -> Drawings:
+    """Return what draws each figure, by file name; ``errors`` names the inexact lengths."""
+    drawings: dict[str, Any] = {}
+    for trial in found.trials:
+        drawings |= of_trial(trial, errors)
+    return drawings | {
+        'sensitivities.png': partial(sensitivities, found.trials),
+        'deviation_over_condition.png': partial(deviation_over_condition, found.sweep, kinematics),
     }
+
+
+def of_trial(trial: Trial, errors: str) -> Drawings:
+    """Return what draws the seven figures of a trajectory; files of the thesis' experiments bear its numbers."""
+    found: dict[str, Any] = {
+        'arm_angles': partial(arm_angles, trial),
+        'tcp_position': partial(tcp_position, trial),
+        'joint_velocities': partial(joint_velocities, trial, errors),
+        'velocity_deviation': partial(velocity_deviation, trial, errors),
+    }
+    for joint in JOINTS:
+        found[f'acceleration_of_joint_{joint}'] = partial(joint_acceleration, trial, joint, errors)
     thesis = trial.motion.thesis
     if thesis is None:
         return {f'{trial.motion.name}_{name}.png': make for name, make in found.items()}
@@ -63,7 +82,7 @@ def by_name(trial: Trial, errors: str, provenance: Provenance) -> Drawings:
     }
 
 
-def legend_under_title(figure: Figure, handles: list[Any], labels: list[str], columns: int) -> None:
+def _legend_under_title(figure: Figure, columns: int, handles: list[Any], labels: list[str]) -> None:
     """Put a legend between the title and the panels, with room that the title reserves."""
     rows = -(-len(labels) // columns)
     height = figure.get_size_inches()[1]
@@ -73,34 +92,34 @@ def legend_under_title(figure: Figure, handles: list[Any], labels: list[str], co
                   labelspacing=0.3)  # fmt: skip
 
 
-def arm_angles(trial: Trial, provenance: Provenance) -> Figure:
+def arm_angles(trial: Trial) -> Figure:
     """Arm angles [deg] of the trajectory (Fig. 11.25, 11.32, 11.39)."""
     labels = [rf'$\theta_{joint}$ (deg)' for joint in JOINTS]
-    return _three_panels(trial, 'arm angles', labels, np.degrees(trial.motion.theta), provenance)
+    return _three_panels(trial, 'arm angles', labels, np.degrees(trial.motion.theta))
 
 
-def tcp_position(trial: Trial, provenance: Provenance) -> Figure:
+def tcp_position(trial: Trial) -> Figure:
     """TCP coordinates [mm] of the trajectory (Fig. 11.26, 11.33, 11.40)."""
     labels = [f'{axis} (mm)' for axis in 'xyz']
-    return _three_panels(trial, 'TCP position', labels, 1e3 * trial.motion.tcp, provenance)
+    return _three_panels(trial, 'TCP position', labels, 1e3 * trial.motion.tcp)
 
 
-def joint_velocities(trial: Trial, errors: str, provenance: Provenance) -> Figure:
+def joint_velocities(trial: Trial, errors: str) -> Figure:
     """Joint velocities [deg/s], recorded and through the Jacobian (Fig. 11.27, 11.34, 11.41)."""
-    figure = report_figure(_title(trial, 'joint velocities'), 7.0, provenance)
+    figure = titled_figure(_title(trial, 'joint velocities'), 7.0)
     panels = figure.subplots(3, 1, sharex=True)
     motion = trial.motion
     series = (trial.exact.velocity, trial.inexact.velocity, motion.thetadot)
     for i, axes in enumerate(panels):
         _curves(axes, motion.time_s, *(np.degrees(values[:, i]) for values in series))
-        axes.set_ylabel(rf'$\dot\theta_{i + 1}$ (deg/s)')
-    _finish(figure, panels, motion.time_s, errors)
+    finish_over_time(panels, [rf'$\dot\theta_{joint}$ (deg/s)' for joint in JOINTS], 'time (s)')
+    _legend_of_curves(figure, errors)
     return figure
 
 
-def velocity_deviation(trial: Trial, errors: str, provenance: Provenance) -> Figure:
+def velocity_deviation(trial: Trial, errors: str) -> Figure:
     """Deviation of the joint velocities [%]: of the peak, and of the momentary value (Fig. 11.28, 11.35, 11.42)."""
-    figure = report_figure(_title(trial, 'deviation of the joint velocities'), 7.0, provenance)
+    figure = titled_figure(_title(trial, 'deviation of the joint velocities'), 7.0)
     grid = figure.subplots(3, 2, sharex=True, sharey='col')
     motion = trial.motion
     exact = Deviation.of(trial.exact.velocity, motion.thetadot)
@@ -122,29 +141,94 @@ def velocity_deviation(trial: Trial, errors: str, provenance: Provenance) -> Fig
     panel_title(grid[0, 0], 'share of the peak')
     panel_title(grid[0, 1], f'share of the momentary value, above {100 * THRESHOLD:g} % of peak')
     for axes in grid.flat:
-        dress(axes)
-        axes.set_xlim(motion.time_s[0], motion.time_s[-1])
+        dress(axes, xlim=motion.time_s[[0, -1]])
     for axes in grid[-1]:
         axes.set_xlabel('time (s)')
     figure.align_ylabels()
     handles, labels = grid[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    legend_under_title(figure, list(unique.values()), list(unique), 3)
+    _legend_under_title(figure, 3, list(unique.values()), list(unique))
     return figure
 
 
-def joint_acceleration(trial: Trial, joint: int, errors: str, provenance: Provenance) -> Figure:
+def joint_acceleration(trial: Trial, joint: int, errors: str) -> Figure:
     """Acceleration of a joint [deg/s^2], recorded and through the Jacobian, and its deviation (Fig. 11.29 to 11.31)."""
-    figure = report_figure(_title(trial, f'acceleration of joint {joint}'), 5.6, provenance)
+    figure = titled_figure(_title(trial, f'acceleration of joint {joint}'), 5.6)
     panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1))
     motion, i = trial.motion, joint - 1
     series = (trial.exact.acceleration, trial.inexact.acceleration, motion.thetaddot)
     _curves(panels[0], motion.time_s, *(np.degrees(values[:, i]) for values in series))
-    panels[0].set_ylabel(rf'$\ddot\theta_{joint}$ (deg/s$^2$)')
     for values, style in zip(series[:2], (EXACT, INEXACT), strict=True):
         panels[1].plot(motion.time_s, Deviation.of(values, motion.thetaddot).of_peak[:, i], **style)
-    panels[1].set_ylabel('deviation\n(% of the peak)')
-    _finish(figure, panels, motion.time_s, errors)
+    labels = (rf'$\ddot\theta_{joint}$ (deg/s$^2$)', 'deviation\n(% of the peak)')
+    finish_over_time(panels, labels, 'time (s)')
+    _legend_of_curves(figure, errors)
+    return figure
+
+
+def sensitivities(trials: list[Trial]) -> Figure:
+    """Largest deviation of joint velocities and accelerations per millimetre of each length, as bars."""
+    figure = titled_figure('Deviation by 1 mm of error of one length', 6.0)
+    grid = figure.subplots(2, len(Pose), sharex=True, sharey='row')
+    width = 0.8 / len(trials)
+    places = np.arange(len(LENGTHS))
+    for column, pose in enumerate(Pose):
+        for n, trial in enumerate(trials):
+            own = [row for row in trial.sensitivities if row.pose is pose]
+            middle = places - 0.4 + (n + 0.5) * width
+            for axes, quantity in zip(grid[:, column], ('velocity', 'acceleration'), strict=True):
+                axes.bar(middle, [getattr(row, quantity).of_peak for row in own], 0.9 * width,
+                         color=COLOURS[n % len(COLOURS)], label=trial.motion.name)  # fmt: skip
+        panel_title(grid[0, column], MEANINGS[pose])
+        if pose is Pose.RECORDED:
+            for axes in grid[:, column]:
+                axes.text(list(LENGTHS).index('l_B'), 0.02, 'does not enter', rotation=90, fontsize=8,
+                          ha='center', va='bottom', color='#555555', transform=axes.get_xaxis_transform())  # fmt: skip
+        grid[1, column].set_xticks(places, [f'${symbol}$' for symbol in LENGTHS])
+    grid[0, 0].set_ylabel('velocity (% of the peak)')
+    grid[1, 0].set_ylabel('acceleration (% of the peak)')
+    for axes in grid.flat:
+        dress(axes)
+    _legend_under_title(figure, min(len(trials), 4), *grid[0, 0].get_legend_handles_labels())
+    return figure
+
+
+def deviation_over_condition(found: condition.Sweep, kinematics: Kinematics) -> Figure:
+    """Deviation in the worst direction over the condition of J, and along one ray to the limit of the workspace."""
+    figure = titled_figure('Deviation of the joint velocities, each length 1 mm off', 5.4)
+    left, right = figure.subplots(1, 2, sharey=True)
+    powers = condition.exponents(found)
+    bins = condition.decades(found, BINS)
+    middle = [np.sqrt(row['from'] * row['to']) for row in bins]
+    ray = condition.along(
+        np.array([[0.0, 0.0, 0.5 * (kinematics.workspace_top_m + kinematics.workspace_bottom_m)]]),
+        np.array([APPROACH]),
+        kinematics,
+    )
+    for pose, colour in zip(Pose, COLOURS, strict=False):
+        low, median, high = ([row[pose.value][key] for row in bins] for key in ('p5', 'median', 'p95'))
+        left.scatter(
+            found.condition, found.total(pose), s=1.0, color=colour, alpha=0.08, linewidths=0, rasterized=True
+        )
+        left.fill_between(middle, low, high, color=colour, alpha=0.15, linewidth=0)
+        left.plot(middle, median, color=colour, linewidth=1.8,
+                  label=f'{MEANINGS[pose]}: {_powers(powers[pose.value])}')  # fmt: skip
+        right.plot(1e3 * ray.gap_m, ray.total(pose), color=colour, linewidth=1.8)
+    inside = condition.workspace(kinematics)['condition']
+    left.axvspan(inside['min'], inside['max'], color='#E4E4E4', zorder=0)
+    left.text(1.15 * inside['max'], 0.97, 'grey: inside\nthe workspace', fontsize=8, color='#555555', va='top',
+              transform=left.get_xaxis_transform())  # fmt: skip
+    dress(left, 'poses on rays to singularities: median, 5 to 95 %', xlabel='condition number of J',
+          ylabel='deviation in the worst direction (%)', xscale='log', yscale='log')  # fmt: skip
+    other = right.twinx()
+    other.plot(1e3 * ray.gap_m, ray.condition, color=MUTED, linewidth=1.2, linestyle=DASHED)
+    other.set_yscale('log')
+    other.set_ylabel('condition number of J (dashed)', color='#555555')
+    other.spines['top'].set_visible(False)
+    right.invert_xaxis()
+    dress(right, f'along y at z = {ray.tcp[0, 2]:.3g} m', xlabel='distance to the singularity (mm)',
+          xscale='log', yscale='log')  # fmt: skip
+    _legend_under_title(figure, 1, *left.get_legend_handles_labels())
     return figure
 
 
@@ -158,19 +242,13 @@ def _scale(axes: Axes, span: float) -> None:
     axes.set_ylim(-ROOM * span, ROOM * span)
 
 
-def _three_panels(
-    trial: Trial, what: str, labels: list[str], values: Floats, provenance: Provenance
-) -> Figure:
-    figure = report_figure(_title(trial, what), 6.0, provenance)
+def _three_panels(trial: Trial, what: str, labels: list[str], values: Floats) -> Figure:
+    figure = titled_figure(_title(trial, what), 6.0)
     panels = figure.subplots(3, 1, sharex=True)
-    for axes, label, column, colour in zip(panels, labels, values.T, AXIS_COLOURS, strict=True):
+    for axes, column, colour in zip(panels, values.T, AXIS_COLOURS, strict=True):
         axes.plot(trial.motion.time_s, column, color=colour, linewidth=1.6)
-        axes.set_ylabel(label)
-        low, high = axes.get_ylim()
-        if high - low < 1.0:  # rounding errors of a value that does not move
-            axes.set_ylim((low + high) / 2.0 - 0.5, (low + high) / 2.0 + 0.5)
-        axes.ticklabel_format(useOffset=False)
-    _finish(figure, panels, trial.motion.time_s)
+    keep_span(panels, 1.0)
+    finish_over_time(panels, labels, 'time (s)')
     return figure
 
 
@@ -180,21 +258,22 @@ def _curves(axes: Axes, time_s: Floats, exact: Floats, inexact: Floats, recorded
     axes.plot(time_s, recorded, **RECORDED)
 
 
-def _finish(figure: Figure, panels: Any, time_s: Floats, errors: str = '') -> None:
-    """Give panels above one another their time axis and, if lengths are in error, the legend of the curves."""
+def _legend_of_curves(figure: Figure, errors: str) -> None:
     from matplotlib.lines import Line2D
 
-    for axes in panels:
-        dress(axes)
-        axes.set_xlim(time_s[0], time_s[-1])
-    panels[-1].set_xlabel('time (s)')
-    figure.align_ylabels()
-    if errors:
-        names = ('through J, exact lengths', f'through J, {errors}', 'recorded')
-        handles = [Line2D([], [], **style) for style in (EXACT, INEXACT, RECORDED)]
-        legend_under_title(figure, handles, list(names), 3)
+    names = ['through J, exact lengths', f'through J, {errors}', 'recorded']
+    handles = [Line2D([], [], **style) for style in (EXACT, INEXACT, RECORDED)]
+    _legend_under_title(figure, 3, handles, names)
 
 
 def _title(trial: Trial, what: str) -> str:
     name = trial.motion.name.capitalize() if trial.motion.thesis else trial.motion.name
     return f'{name}: {what}'
+
+
+def _powers(of_kind: dict[str, float]) -> str:
+    names = {'serial': 'serial', 'parallel': 'parallel singularities'}
+    found = [
+        f'cond(J)$^{{{of_kind[kind]:.2f}}}$ towards {name}' for kind, name in names.items() if kind in of_kind
+    ]
+    return ', '.join(found)

@@ -7,24 +7,18 @@ J = S^-1 D depends on joint angles and TCP position (4.13). With s_i = X - C_i, 
 both come from the recording, as in 11.2, the length of the forearms does not enter.
 """
 
-from __future__ import annotations
-
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from delta3_pacdrive.analysis.jacobian.motion import Motion
 from delta3_pacdrive.errors import ParameterError, SingularityError
 from delta3_pacdrive.kinematics import forward, geometry, inverse, jacobian, jacobian_dot
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 
 # lengths of P1 by the thesis' symbols
 LENGTHS = {

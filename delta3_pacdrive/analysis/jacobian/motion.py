@@ -6,29 +6,25 @@ TCP and joints alike. Recorded positions stand on the increment grid, whose seco
 acceleration of 0.4 rad/s^2; they are differentiated by a parabola through the samples within ``WINDOW`` cycles.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.analysis.inputs import is_recording, program_name
-from delta3_pacdrive.analysis.run_signals import program_part
+from delta3_pacdrive.analysis.run_signals import derivatives, program_part
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.plan import sample_plan
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
 
 WINDOW = 4  # cycles on each side that the parabola through recorded samples takes in
 UNEVEN = 0.05  # of the sample time, that a sample may stand beside its place
@@ -101,23 +97,6 @@ class Motion:
             raise TraceError(f'{self.name}: no joint moves faster than {MOVING_RAD_S:g} rad/s')
 
 
-def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats, Floats]:
-    """First and second derivative of the least-squares parabola through the ``half`` samples on each side.
-
-    With one sample on each side these are the central and the second difference. Shapes (n, 3); nan at both ends.
-    """
-    offsets = np.arange(-half, half + 1, dtype=np.float64)
-    squares = offsets**2 - np.mean(offsets**2)
-    weights = np.stack(
-        [offsets / (offsets @ offsets) / period_s, 2.0 * squares / (squares @ squares) / period_s**2]
-    )
-    out = np.full((2, *values.shape), np.nan)
-    if len(values) >= len(offsets):
-        windows = np.lib.stride_tricks.sliding_window_view(values, len(offsets), axis=0)
-        out[:, half:-half] = np.einsum('nkw,dw->dnk', windows, weights)
-    return out[0], out[1]
-
-
 def load(text: str, robot: Parameters, signals: Signals) -> Motion:
     """Return the motion of an input: an experiment's number, a program, a trace (.npz, .csv), the folder of a bag.
 
@@ -158,8 +137,7 @@ def of_program(program: Program, robot: Parameters, name: str, thesis: Thesis | 
         'set points of the bus cycles, central and second differences over one cycle each way',
         period,
         np.arange(len(tcp), dtype=np.float64) * period,
-        (theta, *derivatives(theta, period)),
-        (tcp, *derivatives(tcp, period)),
+        (theta, *derivatives(theta, period), tcp, *derivatives(tcp, period)),
         thesis,
     )
 
@@ -195,8 +173,7 @@ def of_trace(
         + (', joint velocity as the drives tell it' if signals is Signals.ACTUAL else ''),
         period,
         part.time_s,
-        (angles, speed, acceleration),
-        (tcp, *derivatives(tcp, period, WINDOW)),
+        (angles, speed, acceleration, tcp, *derivatives(tcp, period, WINDOW)),
         thesis,
     )
 
@@ -220,15 +197,12 @@ def _motion(
     source: str,
     period_s: float,
     time_s: Floats,
-    joints: tuple[Floats, Floats, Floats],
-    tcp: tuple[Floats, Floats, Floats],
+    signals: Sequence[Floats],
     thesis: Thesis | None,
 ) -> Motion:
-    """Return the samples in which everything is known."""
-    known = np.isfinite(np.concatenate([*joints, *tcp], axis=1)).all(axis=1)
-    theta, thetadot, thetaddot, position, velocity, acceleration = (
-        values[known] for values in (*joints, *tcp)
-    )
+    """Return the samples in which all signals, in the order of ``Motion``, are known."""
+    known = np.isfinite(np.concatenate(signals, axis=1)).all(axis=1)
+    theta, thetadot, thetaddot, tcp, velocity, acceleration = (values[known] for values in signals)
     return Motion(
-        name, source, period_s, time_s[known], theta, thetadot, thetaddot, position, velocity, acceleration, thesis
+        name, source, period_s, time_s[known], theta, thetadot, thetaddot, tcp, velocity, acceleration, thesis
     )  # fmt: skip

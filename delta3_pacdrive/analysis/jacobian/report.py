@@ -1,31 +1,22 @@
 """The Jacobian experiments in words and numbers: the summary, conclusions in sentences, the tables."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from delta3_pacdrive.analysis.jacobian import condition
 from delta3_pacdrive.analysis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT
+from delta3_pacdrive.analysis.jacobian.condition import Sweep
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, largest_momentary
-from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose
-from delta3_pacdrive.analysis.jacobian.motion import Signals
-from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, JointMotion, Pose
+from delta3_pacdrive.analysis.jacobian.motion import Motion, Signals
+from delta3_pacdrive.analysis.jacobian.study import Results, Settings, Trial
+from delta3_pacdrive.analysis.report_folder import Table, columns_of
+from delta3_pacdrive.parameters import Parameters
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from delta3_pacdrive.analysis.jacobian.condition import Sweep
-    from delta3_pacdrive.analysis.jacobian.mapping import JointMotion
-    from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.analysis.jacobian.study import Results, Settings, Trial
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
-
-AXES = (1, 2, 3)
 QUANTITIES = ('velocity', 'acceleration')
 PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
@@ -41,11 +32,9 @@ def number(value: float) -> str:
     return f'{value:.2g}' if abs(value) < 99.5 else f'{value:.0f}'
 
 
-def summary(found: Results, settings: Settings, robot: Parameters, provenance: Provenance) -> dict[str, Any]:
+def summary(found: Results, settings: Settings, robot: Parameters) -> dict[str, Any]:
     """Return the report, ready for JSON."""
     result: dict[str, Any] = {
-        'ok': True,
-        'provenance': provenance.lines(),
         'errors_m': dict(settings.errors),
         'lengths_m': {symbol: getattr(robot.kinematics, key) for symbol, key in LENGTHS.items()},
         'pose': settings.pose.value,
@@ -157,24 +146,19 @@ def text(document: dict[str, Any]) -> list[str]:
 
 def tables(found: Results) -> list[Table]:
     """Return signals and deviations, sensitivities to each length, and what condition the Jacobian has where."""
-    return [
-        Table('signals.csv', _signals_header(), _signals_rows(found.trials)),
-        _sensitivities(found.trials),
-        _condition(found.sweep),
-    ]
+    return [_signals(found.trials), _sensitivities(found.trials), _condition(found.sweep)]
 
 
 def _trajectory(trial: Trial) -> dict[str, Any]:
     motion = trial.motion
-    condition_of_j = trial.condition
     return {
         'name': motion.name,
         'source': motion.source,
         'samples': len(motion.time_s),
         'thesis_percent': motion.thesis.deviation_percent if motion.thesis else None,
-        'condition': {'min': float(condition_of_j.min()), 'max': float(condition_of_j.max())},
+        'condition': {'min': float(trial.condition.min()), 'max': float(trial.condition.max())},
         'worst_direction_percent': {'min': float(trial.worst.min()), 'max': float(trial.worst.max())},
-        'rank_correlation_with_condition': _rank_correlation(condition_of_j, trial.worst),
+        'rank_correlation_with_condition': float(spearmanr(trial.condition, trial.worst).statistic),
         'exact': _compared(motion, trial.exact),
         'inexact': _compared(motion, trial.inexact),
         'every_length_1_mm_off': trial.tolerance,
@@ -195,12 +179,6 @@ def _compared(motion: Motion, computed: JointMotion) -> dict[str, Any]:
     }
 
 
-def _rank_correlation(a: Floats, b: Floats) -> float:
-    from scipy.stats import spearmanr
-
-    return float(spearmanr(a, b).statistic)
-
-
 def _largest(rows: list[dict[str, Any]], lengths: str, quantity: str) -> list[float]:
     return [float(row[lengths][quantity]['of_peak']['max']) for row in rows]
 
@@ -214,49 +192,45 @@ def _list(values: list[float]) -> str:
     return ' / '.join(number(value) for value in values)
 
 
-def _signals_header() -> list[str]:
-    header = ['trajectory', 'time [s]', *(f'theta_{i} [rad]' for i in AXES), *(f'tcp_{a} [m]' for a in 'xyz')]
-    for quantity, unit in (('velocity', 'rad/s'), ('acceleration', 'rad/s^2')):
-        for which in ('recorded', 'exact', 'inexact'):
-            header += [f'{which} {quantity}_{i} [{unit}]' for i in AXES]
-        for which in ('exact', 'inexact'):
-            header += [f'{which} {quantity}_{i} deviation of peak [%]' for i in AXES]
-        header += [f'inexact {quantity}_{i} deviation momentary [%]' for i in AXES]
-    return [*header, 'condition of J [1]']
-
-
-def _signals_rows(trials: list[Trial]) -> Any:
+def _signals(trials: list[Trial]) -> Table:
+    rows: list[dict[str, Any]] = []
     for trial in trials:
         motion = trial.motion
-        blocks = [motion.time_s[:, None], motion.theta, motion.tcp]
-        for recorded, exact, wrong in (
-            (motion.thetadot, trial.exact.velocity, trial.inexact.velocity),
-            (motion.thetaddot, trial.exact.acceleration, trial.inexact.acceleration),
-        ):
+        columns = {'time [s]': motion.time_s}
+        columns |= columns_of('theta_{} [rad]', motion.theta) | columns_of('tcp_{} [m]', motion.tcp, 'xyz')
+        for name, unit, recorded, exact, wrong in (
+            ('velocity', 'rad/s', motion.thetadot, trial.exact.velocity, trial.inexact.velocity),
+            ('acceleration', 'rad/s^2', motion.thetaddot, trial.exact.acceleration, trial.inexact.acceleration),
+        ):  # fmt: skip
             near, far = Deviation.of(exact, recorded), Deviation.of(wrong, recorded)
-            blocks += [recorded, exact, wrong, near.of_peak, far.of_peak, far.momentary]
-        for row in np.column_stack([*blocks, trial.condition]).tolist():
-            yield [motion.name, *(None if value != value else f'{value:.9g}' for value in row)]
+            columns |= columns_of(f'recorded {name}_{{}} [{unit}]', recorded)
+            columns |= columns_of(f'exact {name}_{{}} [{unit}]', exact)
+            columns |= columns_of(f'inexact {name}_{{}} [{unit}]', wrong)
+            columns |= columns_of(f'exact {name}_{{}} deviation of peak [%]', near.of_peak)
+            columns |= columns_of(f'inexact {name}_{{}} deviation of peak [%]', far.of_peak)
+            columns |= columns_of(f'inexact {name}_{{}} deviation momentary [%]', far.momentary)
+        columns['condition of J [1]'] = trial.condition
+        for values in np.column_stack(list(columns.values())).tolist():
+            cells = [None if value != value else f'{value:.9g}' for value in values]
+            rows.append({'trajectory': motion.name, **dict(zip(columns, cells, strict=True))})
+    return Table.of_rows('signals.csv', rows)
 
 
 def _sensitivities(trials: list[Trial]) -> Table:
-    header = ['trajectory', 'pose', 'length', 'value [mm]']
-    for quantity in ('velocity', 'acceleration'):
-        for unit in ('%/mm', '%/%'):
-            header += [f'{quantity} max of peak [{unit}]', f'{quantity} rms of peak [{unit}]',
-                       f'{quantity} max momentary [{unit}]']  # fmt: skip
-    header += ['wanted deviation of velocity [%]', 'error for it of peak [mm]', 'error for it momentary [mm]']
     rows = []
-    for row in (row for trial in trials for row in trial.sensitivities):
-        line: list[Any] = [row.trajectory, row.pose.value, row.symbol, f'{1e3 * row.value_m:g}']
-        for share in (row.velocity, row.acceleration):
-            for factor in (1.0, row.mm_per_percent):
-                values = (share.of_peak, share.of_peak_rms, share.momentary)
-                line += [f'{factor * value:.5g}' for value in values]
-        needed = (row.needed_of_peak_m, row.needed_momentary_m)
-        line += [row.target_percent, *(None if value is None else f'{1e3 * value:.4g}' for value in needed)]
-        rows.append(line)
-    return Table('sensitivities.csv', header, rows)
+    for own in (own for trial in trials for own in trial.sensitivities):
+        row: dict[str, Any] = {'trajectory': own.trajectory, 'pose': own.pose.value, 'length': own.symbol}
+        row['value [mm]'] = f'{1e3 * own.value_m:g}'
+        for name, share in (('velocity', own.velocity), ('acceleration', own.acceleration)):
+            for unit, factor in (('%/mm', 1.0), ('%/%', own.mm_per_percent)):
+                row[f'{name} max of peak [{unit}]'] = f'{factor * share.of_peak:.5g}'
+                row[f'{name} rms of peak [{unit}]'] = f'{factor * share.of_peak_rms:.5g}'
+                row[f'{name} max momentary [{unit}]'] = f'{factor * share.momentary:.5g}'
+        row['wanted deviation of velocity [%]'] = own.target_percent
+        for name, needed in (('of peak', own.needed_of_peak_m), ('momentary', own.needed_momentary_m)):
+            row[f'error for it {name} [mm]'] = None if needed is None else f'{1e3 * needed:.4g}'
+        rows.append(row)
+    return Table.of_rows('sensitivities.csv', rows)
 
 
 def _condition(found: Sweep) -> Table:

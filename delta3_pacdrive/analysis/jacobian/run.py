@@ -1,14 +1,12 @@
 """The Jacobian experiments from their settings to their folder: what is compared, what is written."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis.inputs import noted
-from delta3_pacdrive.analysis.jacobian import condition, figures, report, study_figures
+from delta3_pacdrive.analysis.jacobian import condition, figures, report
 from delta3_pacdrive.analysis.jacobian.causes import causes
 from delta3_pacdrive.analysis.jacobian.mapping import inexact, joint_motion
 from delta3_pacdrive.analysis.jacobian.motion import Motion, load
@@ -58,18 +56,17 @@ class Study:
             self.on_progress(f'{motion.name}: sensitivities', 2 * number + 1, steps)
             trials.append(self._trial(motion))
         origin = Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs))
-        folder = ReportFolder(self.folder, origin)
         self.on_progress('poses across the workspace', steps - 1, steps)
         found = Results(trials, condition.sweep(self.robot.kinematics))
-        document = report.summary(found, chosen, self.robot, folder.provenance)
+        document = report.summary(found, chosen, self.robot)
         self.on_progress('tables and figures', 0, 0)
-        for table in report.tables(found):
-            folder.table(table)
-        errors = report.error_text(chosen.errors, mathematical=True)
-        for trial in trials:
-            folder.figures(figures.by_name(trial, errors, folder.provenance))
-        folder.figures(study_figures.by_name(found, self.robot.kinematics, folder.provenance))
-        return folder.summary('Joint motion through the Jacobian', document, report.text(document))
+        return ReportFolder(self.folder, origin).results(
+            'Joint motion through the Jacobian',
+            document,
+            report.text(document),
+            report.tables(found),
+            figures.by_name(found, report.error_text(chosen.errors, True), self.robot.kinematics),
+        )
 
     def _trial(self, motion: Motion) -> Trial:
         nominal, pose = self.robot.kinematics, self.settings.pose

@@ -3,21 +3,16 @@
 The slopes are central differences over errors of +-``STEP_M`` of the joint motion that the Jacobian gives.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, peaks, share_of
 from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, JointMotion, Pose, inexact, joint_motion
+from delta3_pacdrive.analysis.jacobian.motion import Motion
 from delta3_pacdrive.errors import UnreachableError
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 
 STEP_M = 1e-5  # its square leaves 1e-9 of the slope, rounding 1e-10
 MILLIMETRE = 1e-3
@@ -90,23 +85,12 @@ def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
             change = slope(motion, kinematics, symbol, pose)
             velocity = _share(change.velocity, motion.thetadot)
             acceleration = _share(change.acceleration, motion.thetaddot)
-            needed = [
+            needed = (
                 _needed(motion, kinematics, symbol, pose, target, first, momentary)
                 for momentary, first in ((False, velocity.of_peak), (True, velocity.momentary))
-            ]
-            rows.append(
-                Sensitivity(
-                    motion.name,
-                    pose,
-                    symbol,
-                    getattr(kinematics, key),
-                    velocity,
-                    acceleration,
-                    target,
-                    needed[0],
-                    needed[1],
-                )
             )
+            which = motion.name, pose, symbol, float(getattr(kinematics, key))
+            rows.append(Sensitivity(*which, velocity, acceleration, target, *needed))
     return rows
 
 
@@ -118,12 +102,11 @@ def tolerance(motion: Motion, kinematics: Kinematics, pose: Pose) -> dict[str, d
         total = JointMotion(
             total.velocity + np.abs(part.velocity), total.acceleration + np.abs(part.acceleration)
         )
+    velocity = _share(total.velocity, motion.thetadot)
+    acceleration = _share(total.acceleration, motion.thetaddot)
     return {
-        name: {'of_peak': share.of_peak, 'momentary': share.momentary}
-        for name, share in (
-            ('velocity', _share(total.velocity, motion.thetadot)),
-            ('acceleration', _share(total.acceleration, motion.thetaddot)),
-        )
+        'velocity': {'of_peak': velocity.of_peak, 'momentary': velocity.momentary},
+        'acceleration': {'of_peak': acceleration.of_peak, 'momentary': acceleration.momentary},
     }
 
 

@@ -1,22 +1,14 @@
 """What a Jacobian study depends on, and what it finds."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from delta3_pacdrive.analysis.jacobian.mapping import Pose
-from delta3_pacdrive.analysis.jacobian.motion import Signals
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from delta3_pacdrive.analysis.jacobian.causes import Cause
-    from delta3_pacdrive.analysis.jacobian.condition import Sweep
-    from delta3_pacdrive.analysis.jacobian.mapping import JointMotion
-    from delta3_pacdrive.analysis.jacobian.motion import Motion
-    from delta3_pacdrive.analysis.jacobian.sensitivity import Sensitivity
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.analysis.jacobian.causes import Cause
+from delta3_pacdrive.analysis.jacobian.condition import Sweep
+from delta3_pacdrive.analysis.jacobian.mapping import JointMotion, Pose
+from delta3_pacdrive.analysis.jacobian.motion import Motion, Signals
+from delta3_pacdrive.analysis.jacobian.sensitivity import Sensitivity
+from delta3_pacdrive.numerics.types import Floats
 
 # the one length whose error, by itself, comes closest to the thesis' 10 %, 5 %, 10 % of the peak velocities
 ERRORS_M = {'R_A': 0.035}

@@ -1,19 +1,19 @@
 """The loops of one drive with one set of gains: linear and on the bench, in time and in frequency."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.analysis.tuning import identification
-from delta3_pacdrive.analysis.tuning.bench import Bench, Place
+from delta3_pacdrive.analysis.tuning.bench import Bench, Place, Run
 from delta3_pacdrive.analysis.tuning.excitation import multisine, step
+from delta3_pacdrive.analysis.tuning.identification import Measured
 from delta3_pacdrive.analysis.tuning.load import Load, friction_slope
 from delta3_pacdrive.analysis.tuning.loops import OUTPUTS, Entry, Shaft, linear_cascade
 from delta3_pacdrive.analysis.tuning.response import (
+    Complex,
     Margins,
     StepFigures,
     bandwidth,
@@ -22,17 +22,8 @@ from delta3_pacdrive.analysis.tuning.response import (
     step_figures,
 )
 from delta3_pacdrive.errors import RunError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.analysis.study import OnProgress
-    from delta3_pacdrive.analysis.tuning.bench import Run
-    from delta3_pacdrive.analysis.tuning.identification import Measured
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
-
-    Complex = NDArray[np.complex128]
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 LOWEST_HZ = 0.5  # of the linear curves
 POINTS = 600
@@ -47,8 +38,8 @@ class Loop:
 
     Attributes
     ----------
-    name, unit
-        Of the loop; unit of its set point.
+    name
+        Of the loop.
     place
         At the bench.
     error
@@ -64,7 +55,6 @@ class Loop:
     """
 
     name: str
-    unit: str
     place: Place
     error: Entry
     feedback: str
@@ -88,11 +78,11 @@ class Loop:
 
 
 LOOPS = (
-    Loop('current', 'A', Place.CURRENT, Entry.CURRENT_ERROR, 'current_filtered', Entry.CURRENT_SET_POINT, 'current',
+    Loop('current', Place.CURRENT, Entry.CURRENT_ERROR, 'current_filtered', Entry.CURRENT_SET_POINT, 'current',
          0.1, 3500.0, 0.3, 0.5, 0.012),
-    Loop('velocity', 'rad/s', Place.SPEED, Entry.SPEED_ERROR, 'speed_filtered', Entry.SPEED_SET_POINT, 'speed',
+    Loop('velocity', Place.SPEED, Entry.SPEED_ERROR, 'speed_filtered', Entry.SPEED_SET_POINT, 'speed',
          0.5, 1500.0, 1.5, 2.0, 0.15),
-    Loop('position', 'rad', Place.POSITION, Entry.POSITION_ERROR, 'read', Entry.POSITION, 'position',
+    Loop('position', Place.POSITION, Entry.POSITION_ERROR, 'read', Entry.POSITION, 'position',
          1.0, 700.0, 0.03, 0.05, 0.3),
 )  # fmt: skip
 # all of it, cut at the current set point: the margin of the whole drive against what happens in winding and load
@@ -169,6 +159,14 @@ class OperatingPoint:
     speed_rad_s: float
     amplitude: float = 1.0
 
+    def load_of(self, place: Place) -> Load:
+        """Return what the drive turns for a loop: the current loop is looked at with the shaft held."""
+        return HELD if place == Place.CURRENT else self.load
+
+    def bench(self, place: Place, parameters: Parameters) -> Bench:
+        """Return the bench on which a set point can be added; raises RunError."""
+        return Bench(parameters, self.load_of(place), place, self.speed_rad_s)
+
 
 HELD = Load('held shaft', math.inf)
 
@@ -197,8 +195,7 @@ def linear_loop(
     loop: Loop, parameters: Parameters, operation: OperatingPoint, points: int = POINTS
 ) -> LoopResult:
     """Return a loop by its difference equations alone."""
-    load = HELD if loop.place == Place.CURRENT else operation.load
-    shaft = exact_shaft(parameters, load, operation.speed_rad_s)
+    shaft = exact_shaft(parameters, operation.load_of(loop.place), operation.speed_rad_s)
     period = parameters.drive.current_period_s
     rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
     frequencies = grid_hz(error_rate * period, points)
@@ -206,15 +203,8 @@ def linear_loop(
     closed = linear_cascade(parameters, shaft, loop.entry)
     shown = frequencies[frequencies < NYQUIST_SHARE / (2.0 * rate * period)]
     closed_loop = closed.respond(shown, loop.actual, rate)
-    return LoopResult(
-        loop.name,
-        closed.is_stable(),
-        margins(frequencies, opened),
-        bandwidth(shown, closed_loop),
-        frequencies,
-        opened,
-        closed_loop,
-    )
+    of_open, of_closed = margins(frequencies, opened), bandwidth(shown, closed_loop)
+    return LoopResult(loop.name, closed.is_stable(), of_open, of_closed, frequencies, opened, closed_loop)
 
 
 def linear_cascade_loop(
@@ -244,42 +234,31 @@ def analyse(parameters: Parameters, operation: OperatingPoint, on_progress: OnPr
 
 def step_on_bench(loop: Loop, parameters: Parameters, operation: OperatingPoint) -> Step:
     """Return the response to a step of the set point; raises RunError if the drive trips."""
-    load = HELD if loop.place == Place.CURRENT else operation.load
-    drive = parameters.drive
-    per_cycle = round(parameters.bus.cycle_time_s / drive.current_period_s)
-    samples = per_cycle * round(loop.window_s / parameters.bus.cycle_time_s)
+    period, cycle = parameters.drive.current_period_s, parameters.bus.cycle_time_s
+    per_cycle = round(cycle / period)
+    samples = per_cycle * round(loop.window_s / cycle)
     height = loop.height * operation.amplitude
-    bench = Bench(parameters, load, loop.place, operation.speed_rad_s)
+    bench = operation.bench(loop.place, parameters)
     run = bench.run(step(samples, per_cycle, height))
-    if run.fault:
-        raise RunError(run.fault)
-    times: Floats = np.arange(samples, dtype=np.float64) * drive.current_period_s
+    times: Floats = np.arange(samples, dtype=np.float64) * period
     response = _actual(loop, run, bench.speed_rad_s)
     relative = (response - response[per_cycle])[per_cycle:] / height
-    shaft = exact_shaft(parameters, load, operation.speed_rad_s)
+    shaft = exact_shaft(parameters, operation.load_of(loop.place), operation.speed_rad_s)
     linear = linear_cascade(parameters, shaft, loop.entry).run(np.ones(samples))
     return Step(times, relative, linear[:, OUTPUTS.index(loop.actual)], step_figures(times, relative))
 
 
-def deviation(measured: Measured, linear: Complex) -> tuple[float, float, float] | None:
-    """Largest distance between a measured and a linear curve where the former is trusted.
-
-    Returns
-    -------
-    tuple of float, or None
-        Highest frequency [Hz] of the trusted band, distance [dB], distance [deg]; None: nothing is trusted.
-
-    """
-    band = measured.band_hz()
-    if band is None:
+def deviation(measured: Measured, linear: Complex) -> dict[str, float] | None:
+    """Largest distance of a measured curve from a linear one in the band that is trusted; None: there is none."""
+    inside = measured.in_band
+    if not inside.any():
         return None
-    inside = (measured.frequencies_hz >= band[0]) & (measured.frequencies_hz <= band[1])
     quotient = measured.values[inside] / linear[inside]
-    return (
-        band[1],
-        float(np.abs(decibels(quotient)).max()),
-        float(np.abs(np.degrees(np.angle(quotient))).max()),
-    )
+    return {
+        'up_to_hz': float(measured.frequencies_hz[inside][-1]),
+        'decibels': float(np.abs(decibels(quotient)).max()),
+        'degrees': float(np.abs(np.degrees(np.angle(quotient))).max()),
+    }
 
 
 def _on_bench(
@@ -296,24 +275,19 @@ def _on_bench(
 
 
 def _measured(loop: Loop, parameters: Parameters, operation: OperatingPoint) -> tuple[Measured, Measured]:
-    load = HELD if loop.place == Place.CURRENT else operation.load
     period = parameters.drive.current_period_s
     rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
     highest = min(loop.highest_hz, RATE_SHARE / (rate * period))
     excitation = multisine(loop.period_s, period, highest, loop.rms * operation.amplitude)
-    bench = Bench(parameters, load, loop.place, operation.speed_rad_s)
+    bench = operation.bench(loop.place, parameters)
     run = bench.run(excitation.periods(PERIODS, rate))
-    if run.fault:
-        raise RunError(run.fault)
     error, feedback = _error_and_feedback(loop, run, parameters)
     added, actual = run.added, _actual(loop, run, bench.speed_rad_s)
     n = excitation.samples
 
     def estimate(x: Floats, y: Floats, every: int) -> Measured:
-        picked = [signal[n::every] for signal in (x, y, added)]
-        return identification.response(
-            picked[0], picked[1], every * period, n // every, picked[2], excitation.lines
-        )
+        x, y, instrument = (signal[n::every] for signal in (x, y, added))
+        return identification.response(x, y, every * period, n // every, instrument, excitation.lines)
 
     return estimate(error, feedback, error_rate), estimate(added, actual, rate)
 
@@ -325,21 +299,12 @@ def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: Op
     highest = min(CASCADE_HIGHEST_HZ, RATE_SHARE / (steps * period))
     excitation = multisine(CASCADE_PERIOD_S, period, highest, rms, CASCADE_LOWEST_HZ)
     try:
-        bench = Bench(parameters, operation.load, Place.PLANT, operation.speed_rad_s)
-        run = bench.run(excitation.periods(PERIODS, steps))
+        run = operation.bench(Place.PLANT, parameters).run(excitation.periods(PERIODS, steps))
     except RunError as error:
         return replace(cascade, fault=str(error))
-    if run.fault:
-        return replace(cascade, fault=run.fault)
     n = excitation.samples
-    sensitivity = identification.response(
-        run.added[n::steps],
-        run['current_reference'][n::steps],
-        steps * period,
-        n // steps,
-        None,
-        excitation.lines,
-    )
+    added, asked = run.added[n::steps], run['current_reference'][n::steps]
+    sensitivity = identification.response(added, asked, steps * period, n // steps, lines=excitation.lines)
     return replace(cascade, measured_open=identification.opened(sensitivity))
 
 

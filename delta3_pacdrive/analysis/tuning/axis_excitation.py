@@ -4,10 +4,8 @@ All arms turn slowly and evenly through the pose, out of the friction of standst
 one of them is excited by a multisine. Drives and plant exchange as often as the velocity loop runs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,19 +14,16 @@ from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.analysis.tuning.analysis import RATE_SHARE
 from delta3_pacdrive.analysis.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, add_set_point
-from delta3_pacdrive.analysis.tuning.excitation import multisine
+from delta3_pacdrive.analysis.tuning.excitation import Multisine, multisine
 from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.tuning.excitation import Multisine
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
 
 PERIODS = 4  # of the multisine that are recorded, after one that settles
 PERIOD_S, LOWEST_HZ = 0.5, 4.0
@@ -151,7 +146,11 @@ class _TurningRobot:
 
         for k in range(0, len(added), scope.per_exchange):
             if self._step % self._per_cycle == 0:
-                self._begin_cycle()
+                scope.begin_cycle(self._commands.tolist(), CONTROL_ENABLE)
+                for name, drive in zip(DRIVES, self._robot.drives, strict=True):
+                    if drive.fault:
+                        raise RunError(f'{name} of the robot: {fault_text(drive.fault)}')
+                self._commands += self._speed * cycle_s
             scope.exchange(add=add)
             self._step += scope.per_exchange
             if k % 2048 == 0:
@@ -164,13 +163,3 @@ class _TurningRobot:
             **{name: scope.left[field] for name, field in REFERENCES.items()},
             ADDED[chosen.place]: all_added,
         }
-
-    def _begin_cycle(self) -> None:
-        shafts = self._robot.plant.shafts()
-        for i, drive in enumerate(self._robot.drives):
-            drive.begin_cycle(
-                float(self._commands[i]), CONTROL_ENABLE, shafts[i], shafts[3 + i], shafts[6 + i]
-            )
-            if drive.fault:
-                raise RunError(f'{DRIVES[i]} of the robot: {fault_text(drive.fault)}')
-        self._commands += self._speed * self._parameters.bus.cycle_time_s

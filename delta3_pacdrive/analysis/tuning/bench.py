@@ -8,34 +8,29 @@ Set points are added where the drive keeps them between two periods:
 
 - current: the integrator of the velocity loop, before a period and taken away after it;
 - speed: the slope of the command, with the position loop open (gain 0) and a velocity feed-forward of 1;
-- position: the last three commands, which leaves their differences, and so the feed-forwards, as they are;
-- command: the telegram of the bus cycle.
+- position: the last three commands, which leaves their differences, and so the feed-forwards, as they are.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from delta3_pacdrive.analysis.tuning.load import Load
 from delta3_pacdrive.drive.arrays import STATE, DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.analysis.tuning.load import Load
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
 
 SETTLING_S = 0.25  # after the drive is in torque: 15 time constants of the position loop
 ENABLING_CYCLES_MAX = 2000
+MARGIN_RAD = 1.0  # from the end of the travel where the bench begins
 
 
 class Place(StrEnum):
@@ -45,7 +40,6 @@ class Place(StrEnum):
     SPEED = 'speed'  # velocity loop and what is inside it
     POSITION = 'position'  # all loops, feed-forwards left out
     PLANT = 'plant'  # all loops, at the current set point: the input of winding and load
-    COMMAND = 'command'  # all loops and feed-forwards, from the bus
 
 
 @dataclass(frozen=True)
@@ -60,15 +54,12 @@ class Run:
         Set point that was added, shape (samples,).
     states
         The drive's state at the end of each period, shape (samples,).
-    fault
-        Sentence about the fault that ended the run early; empty without one.
 
     """
 
     period_s: float
     added: Floats
     states: NDArray[Any]
-    fault: str
 
     def __getitem__(self, name: str) -> Floats:
         """Return a field of the state over time."""
@@ -134,18 +125,20 @@ class Bench:
         self._coupling = load.gravity_n_m
         self._steps = round(self._cycle_time / self._period)
         # as far from the end of the travel as it gets, which leads along it
-        margin = 1.0
-        self._position = self._command = float(self._drive.constants['travel_min'][0]) + margin
+        self._position = self._command = float(self._drive.constants['travel_min'][0]) + MARGIN_RAD
         self._shaft_speed = self.speed_rad_s
         self._step = 0
         self._come_into_torque()
 
     def _come_into_torque(self) -> None:
-        for _ in range(ENABLING_CYCLES_MAX):
-            self.run(np.zeros(self._steps))
-            if self._drive.drive_state == DriveState.ENABLED:
-                break
-        self.run(np.zeros(self._steps * round(SETTLING_S / self._cycle_time)))
+        try:
+            for _ in range(ENABLING_CYCLES_MAX):
+                self.run(np.zeros(self._steps))
+                if self._drive.drive_state == DriveState.ENABLED:
+                    break
+            self.run(np.zeros(self._steps * round(SETTLING_S / self._cycle_time)))
+        except RunError as error:
+            raise RunError(f'on the bench: {error}') from error
         if self._drive.drive_state != DriveState.ENABLED:
             raise RunError(f'on the bench: {self._why()}')
 
@@ -154,18 +147,16 @@ class Bench:
         return fault_text(fault) if fault else f'the drive is {self._drive.drive_state.name}'
 
     def run(self, added: Floats) -> Run:
-        """Add a set point, one value per current-loop period, and return what the drive did."""
+        """Add a set point, one value per current-loop period, and return what the drive did; raises RunError."""
         states = np.empty(len(added), dtype=STATE)
         drive, row = self._drive, self._drive.state[0]
-        done = len(added)
         for k, value in enumerate(added.tolist()):
             if self._step % self._steps == 0:
-                command = self._command + (value if self._place == Place.COMMAND else 0.0)
-                drive.begin_cycle(command, CONTROL_ENABLE, self._position, self._shaft_speed, self._coupling)
+                shaft = self._position, self._shaft_speed, self._coupling
+                drive.begin_cycle(self._command, CONTROL_ENABLE, *shaft)
                 self._command += self.speed_rad_s * self._cycle_time
                 if drive.fault:
-                    done = k
-                    break
+                    raise RunError(self._why())
             undo = add_set_point(self._place, value, row, self._cycle_time)
             drive.run_sample(0, self._position, self._shaft_speed, self._coupling)
             for name, before in undo:
@@ -174,7 +165,7 @@ class Bench:
             self._step += 1
             if not self._held:
                 self._position, self._shaft_speed = float(row['position']), float(row['speed'])
-        return Run(self._period, added[:done], states[:done], self._why() if done < len(added) else '')
+        return Run(self._period, added, states)
 
 
 def add_set_point(place: Place, value: float, row: Any, cycle_time_s: float) -> tuple[tuple[str, float], ...]:
@@ -183,10 +174,8 @@ def add_set_point(place: Place, value: float, row: Any, cycle_time_s: float) -> 
         fields: tuple[tuple[str, float], ...] = (('velocity_integral', value),)
     elif place == Place.POSITION:
         fields = tuple((name, value) for name in ('command', 'command_before', 'command_before_that'))
-    elif place == Place.SPEED:
-        fields = (('command_before', -value * cycle_time_s),)
     else:
-        return ()
+        fields = (('command_before', -value * cycle_time_s),)
     for name, change in fields:
         row[name] += change
     return fields

@@ -1,19 +1,14 @@
 """What gains do to a program: following error, TCP error and currents of a simulated run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import RunError
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.motion.program import Program
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 
 @dataclass(frozen=True)

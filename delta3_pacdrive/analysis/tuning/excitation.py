@@ -4,19 +4,13 @@ The sines of a multisine lie on lines of its own period, so that whole periods a
 phases are Schroeder's, which keeps the peak low, and their lines are spaced about evenly on a logarithmic axis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import TuningError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 LINES_PER_DECADE = 16
 

@@ -6,20 +6,15 @@ L = S_rb / S_re of feedback b and error e; the loop around a place where r is ad
 L = 1/S - 1 with S = S_ru / S_rr of the sum u.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
+from delta3_pacdrive.analysis.tuning.response import Complex
 from delta3_pacdrive.errors import TuningError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 AVERAGES_MIN = 3
 ERROR_MAX = 0.05  # of |H|, one standard deviation, 0.4 dB and 3 degrees: what is trustworthy
@@ -47,7 +42,7 @@ class Measured:
     """
 
     frequencies_hz: Floats
-    values: NDArray[np.complex128]
+    values: Complex
     coherence: Floats
     averages: int
     magnified: Floats | float = 1.0
@@ -62,6 +57,12 @@ class Measured:
     def trusted(self) -> NDArray[np.bool_]:
         """Where the error is small enough."""
         return (self.error <= ERROR_MAX) & (self.coherence >= COHERENCE_MIN)
+
+    @property
+    def in_band(self) -> NDArray[np.bool_]:
+        """Which frequencies lie in the band that is trusted, shape (F,)."""
+        low, high = self.band_hz() or (np.inf, -np.inf)
+        return (self.frequencies_hz >= low) & (self.frequencies_hz <= high)
 
     def band_hz(self) -> tuple[float, float] | None:
         """Longest band, in octaves, without a frequency that is not trustworthy; None: there is no such band."""
@@ -130,7 +131,7 @@ def response(
         'detrend': 'linear' if hann else 'constant',
     }
 
-    def spectrum(a: Floats, b: Floats) -> tuple[Floats, NDArray[np.complex128]]:
+    def spectrum(a: Floats, b: Floats) -> tuple[Floats, Complex]:
         return signal.csd(a, b, fs=1.0 / sample_s, **options)  # type: ignore[no-any-return]
 
     r = x if instrument is None else instrument

@@ -4,22 +4,16 @@ Three drives with equal gains decouple along the eigenvectors of A (4.26): a mot
 single drive with the inertia lambda / k_r^2. An axis that moves while the others stand still feels A_ii / k_r^2.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import TuningError, UnreachableError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 RADII, DIRECTIONS, HEIGHTS = 7, 12, 6  # of the grid over the workspace
 

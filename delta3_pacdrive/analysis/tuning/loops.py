@@ -11,20 +11,15 @@ encoder readings, set points are interpolated over a bus cycle, and between exch
 closed on the drive's own shaft, whose inertia may be wrong.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive.analysis.tuning.periodic import Periodic
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 
 class Entry(StrEnum):

@@ -6,13 +6,13 @@ the motion of a program, which has little above some ten hertz: both signals are
 so that what leaks from the large slow motion does not pass for a response, and the coherence tells where the rest ends.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.analysis.estimation.measurement import moving_rows, sample_time_s
 from delta3_pacdrive.analysis.tuning import identification
 from delta3_pacdrive.analysis.tuning.analysis import (
@@ -22,17 +22,14 @@ from delta3_pacdrive.analysis.tuning.analysis import (
     exact_shaft,
     exchanged_shaft,
 )
+from delta3_pacdrive.analysis.tuning.identification import Measured
 from delta3_pacdrive.analysis.tuning.load import Load, modes_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
+from delta3_pacdrive.analysis.tuning.response import Complex
 from delta3_pacdrive.errors import TuningError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.analysis.tuning.identification import Measured
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
 
 PIECES = 4  # into which a recording that does not repeat is cut at least; they overlap by half
 PIECE_MIN = 64
@@ -62,7 +59,7 @@ class MeasuredResponse:
     title: str
     axis: int
     measured: Measured
-    linear: NDArray[np.complex128]
+    linear: Complex
 
 
 def identify(
@@ -89,11 +86,15 @@ def identify(
         return [_of_command(trace, sample, axis, parameters, operation)]
     _check_rate(sample, parameters)
     found = []
-    if 'current_added' in trace.signals and 'current_reference' in trace.signals:
-        found.append(_of_cascade(trace, axis, parameters, operation))
-    if 'position_added' in trace.signals and 'position_reference' in trace.signals:
-        found.append(_of_position(trace, axis, parameters, operation))
-    if 'current_reference' in trace.signals and 'current' in trace.signals:
+    if {'current_added', 'current_reference'} <= trace.signals.keys():
+        added, asked = trace['current_added'], trace['current_reference']
+        opened = _opened(trace, added, asked, Entry.CURRENT, axis, parameters, operation)
+        found.append(MeasuredResponse(CASCADE, 'cascade, open at the current set point', axis, *opened))
+    if {'position_added', 'position_reference'} <= trace.signals.keys():
+        added, error = trace['position_added'], trace['position_reference'] - trace['motor_position']
+        opened = _opened(trace, added, error, Entry.POSITION, axis, parameters, operation)
+        found.append(MeasuredResponse('position', 'position loop, open', axis, *opened))
+    if {'current_reference', 'current'} <= trace.signals.keys():
         found.append(_of_current(trace, axis, parameters, operation))
     if not found:
         raise TuningError(
@@ -112,19 +113,16 @@ def _check_rate(sample_s: float, parameters: Parameters) -> None:
         )
 
 
-def _estimate(
-    trace: Trace, x: Floats, y: Floats, every: int, sample_s: float, instrument: Floats | None = None
-) -> Measured:
+def _estimate(trace: Trace, x: Floats, y: Floats, every: int, instrument: Floats | None = None) -> Measured:
     """Estimate from every so many samples; a recording that says how it repeats is transformed by whole periods."""
     x, y = x[::every], y[::every]
     if instrument is not None:
         instrument = instrument[::every]
+    period_s = every * sample_time_s(trace)
     repeats, lines = _repetition(trace, len(trace.time_s))
     if lines is not None and repeats % every == 0:
-        return identification.response(
-            x, y, every * sample_s, repeats // every, instrument, lines, drifts=True
-        )
-    return identification.response(x, y, every * sample_s, _piece(len(x)), instrument)
+        return identification.response(x, y, period_s, repeats // every, instrument, lines, drifts=True)
+    return identification.response(x, y, period_s, _piece(len(x)), instrument)
 
 
 def _repetition(trace: Trace, samples: int) -> tuple[int, NDArray[np.int64] | None]:
@@ -134,14 +132,8 @@ def _repetition(trace: Trace, samples: int) -> tuple[int, NDArray[np.int64] | No
         lines = np.array(trace.meta['lines'], dtype=np.int64)
     except (KeyError, TypeError, ValueError):
         return 0, None
-    fits = (
-        0 < repeats <= samples
-        and lines.ndim == 1
-        and len(lines)
-        and lines.min() > 0
-        and lines.max() < repeats / 2
-    )
-    return (repeats, lines) if fits else (0, None)
+    fits = lines.ndim == 1 and len(lines) and lines.min() > 0 and lines.max() < repeats / 2
+    return (repeats, lines) if fits and 0 < repeats <= samples else (0, None)
 
 
 def _piece(samples: int) -> int:
@@ -156,56 +148,48 @@ def _steps(period_s: float, parameters: Parameters) -> int:
     return round(period_s / parameters.drive.current_period_s)
 
 
-def _of_cascade(
-    trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
-) -> MeasuredResponse:
-    every, sample = _steps(parameters.drive.velocity_period_s, parameters), sample_time_s(trace)
-    added, asked = trace['current_added'][:, axis - 1], trace['current_reference'][:, axis - 1]
-    sensitivity = _estimate(trace, added, asked, every, sample)
-    linear = _in_robot(
-        trace, axis, parameters, operation, sensitivity.frequencies_hz, 'current_reference', every
-    )
-    return MeasuredResponse(
-        CASCADE,
-        'cascade, open at the current set point',
-        axis,
-        identification.opened(sensitivity),
-        1.0 / linear - 1.0,
-    )
+def _opened(
+    trace: Trace,
+    added: Floats,
+    seen: Floats,
+    entry: Entry,
+    axis: int,
+    parameters: Parameters,
+    operation: OperatingPoint,
+) -> tuple[Measured, Complex]:
+    """Return the open loop of an axis, measured and linear, from what was added at ``entry`` to what is seen there.
 
-
-def _of_position(
-    trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
-) -> MeasuredResponse:
-    every, sample = _steps(parameters.drive.position_period_s, parameters), sample_time_s(trace)
-    added = trace['position_added'][:, axis - 1]
-    error = trace['position_reference'][:, axis - 1] - trace['motor_position'][:, axis - 1]
-    sensitivity = _estimate(trace, added, error, every, sample)
-    linear = _in_robot(
-        trace, axis, parameters, operation, sensitivity.frequencies_hz, 'position_error', every
-    )
-    return MeasuredResponse(
-        'position', 'position loop, open', axis, identification.opened(sensitivity), 1.0 / linear - 1.0
-    )
+    The linear one is that of the axis among the others: the mean over the modes of the pose, by its shares.
+    """
+    drive = parameters.drive
+    output, period_s = {
+        Entry.CURRENT: ('current_reference', drive.velocity_period_s),
+        Entry.POSITION: ('position_error', drive.position_period_s),
+    }[entry]
+    every = _steps(period_s, parameters)
+    sensitivity = _estimate(trace, added[:, axis - 1], seen[:, axis - 1], every)
+    modes = modes_at(_pose(trace, parameters), parameters)
+    speed = float(trace.meta.get('speed_rad_s', operation.speed_rad_s))
+    linear: Any = 0.0
+    for inertia, share in zip(modes.inertia_kg_m2, modes.shares[axis - 1], strict=True):
+        cascade = linear_cascade(
+            parameters, exact_shaft(parameters, Load('mode', float(inertia)), speed), entry
+        )
+        linear = linear + share * cascade.respond(sensitivity.frequencies_hz, output, every)
+    return identification.opened(sensitivity), np.asarray(1.0 / linear - 1.0)
 
 
 def _of_current(
     trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
 ) -> MeasuredResponse:
-    every, sample = _steps(parameters.drive.velocity_period_s, parameters), sample_time_s(trace)
+    every = _steps(parameters.drive.velocity_period_s, parameters)
     instrument = next(
         (trace[n][:, axis - 1] for n in ('current_added', 'position_added') if n in trace.signals), None
     )
     if instrument is not None and not np.ptp(instrument) > 0.0:
         instrument = None  # another axis was excited
-    measured = _estimate(
-        trace,
-        trace['current_reference'][:, axis - 1],
-        trace['current'][:, axis - 1],
-        every,
-        sample,
-        instrument,
-    )
+    asked, current = (trace[name][:, axis - 1] for name in ('current_reference', 'current'))
+    measured = _estimate(trace, asked, current, every, instrument)
     shaft = exact_shaft(parameters, HELD, operation.speed_rad_s)
     closed = linear_cascade(parameters, shaft, Entry.CURRENT_SET_POINT)
     linear = closed.respond(measured.frequencies_hz, 'current', every)
@@ -226,39 +210,14 @@ def _of_command(
     )
     measured = identification.response(command, actual, sample_s, _piece(len(command)))
     shaft = exchanged_shaft(parameters, operation.load, operation.speed_rad_s)
+    closed = linear_cascade(parameters, shaft, Entry.COMMAND)
     steps = _steps(parameters.bus.cycle_time_s, parameters)
-    linear = linear_cascade(parameters, shaft, Entry.COMMAND).respond(
-        measured.frequencies_hz, 'position', steps
-    )
+    linear = closed.respond(measured.frequencies_hz, 'position', steps)
     return MeasuredResponse(COMMAND, 'bus command to position, closed', axis, measured, linear)
-
-
-def _in_robot(
-    trace: Trace,
-    axis: int,
-    parameters: Parameters,
-    operation: OperatingPoint,
-    frequencies_hz: Floats,
-    output: str,
-    every: int,
-) -> NDArray[np.complex128]:
-    """Linear closed response of an axis among the others: the mean over the modes of the pose, by its shares."""
-    entry = Entry.CURRENT if output == 'current_reference' else Entry.POSITION
-    modes = modes_at(_pose(trace, parameters), parameters)
-    speed = float(trace.meta.get('speed_rad_s', operation.speed_rad_s))
-    total: Any = 0.0
-    for inertia, share in zip(modes.inertia_kg_m2, modes.shares[axis - 1], strict=True):
-        shaft = exact_shaft(parameters, Load('mode', float(inertia)), speed)
-        total = total + share * linear_cascade(parameters, shaft, entry).respond(
-            frequencies_hz, output, every
-        )
-    return np.asarray(total, dtype=np.complex128)
 
 
 def _pose(trace: Trace, parameters: Parameters) -> Any:
     """Pose [m] of a recording: as its meta data say, else that of its mean shaft positions."""
-    from delta3_pacdrive import kinematics
-
     if isinstance(pose := trace.meta.get('pose_m'), list) and len(pose) == 3:
         return pose
     arms = trace['motor_position'].mean(axis=0) / parameters.dynamics.gear_ratio

@@ -4,17 +4,13 @@ Such a system answers a sine with the sine's own frequency and with images of it
 part of the same frequency, which is what a measurement by Fourier transform finds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.analysis.tuning.response import Complex
+from delta3_pacdrive.numerics.types import Floats
 
 MARGINAL = 1e-6  # over 1: what an integrator that nothing feeds back may show by rounding
 
@@ -56,7 +52,7 @@ class Periodic:
         """Whether nothing grows."""
         return self.spectral_radius() < 1.0 + MARGINAL
 
-    def respond(self, frequencies_hz: Floats, output: str, every: int = 1) -> NDArray[np.complex128]:
+    def respond(self, frequencies_hz: Floats, output: str, every: int = 1) -> Complex:
         """Frequency response to an output.
 
         Parameters

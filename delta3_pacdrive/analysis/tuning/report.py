@@ -1,37 +1,28 @@
 """A tuning in words and numbers: the summary, sentences about what is not stable, the text for people, the tables."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.analysis.report_folder import Table, columns_of
 from delta3_pacdrive.analysis.tuning import settings
-from delta3_pacdrive.analysis.tuning.analysis import deviation
-from delta3_pacdrive.analysis.tuning.response import decibels, degrees, margins
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, Step
-    from delta3_pacdrive.analysis.tuning.identification import Measured
-    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
-    from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.analysis.tuning.analysis import LoopResult, Step, deviation
+from delta3_pacdrive.analysis.tuning.effect import Effect
+from delta3_pacdrive.analysis.tuning.identification import Measured
+from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
+from delta3_pacdrive.analysis.tuning.response import Complex, decibels, degrees, margins
+from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
+from delta3_pacdrive.numerics.types import Floats
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 
 
-def summary(found: Results, provenance: Provenance) -> dict[str, Any]:
+def summary(found: Results) -> dict[str, Any]:
     """Return the report of a tuning, ready for JSON."""
     robots = [variant.robot for variant in found.variants.values()]
     return {
-        'ok': True,
-        'provenance': provenance.lines(),
         'load': asdict(found.operation.load),
         'speed_rad_s': found.operation.speed_rad_s,
         'amplitude': found.operation.amplitude,
@@ -60,57 +51,45 @@ def summary(found: Results, provenance: Provenance) -> dict[str, Any]:
             }
             for point in found.points
         ],
-        'recorded': [measured_figures(one) for one in found.measured],
+        'recorded': [
+            {
+                'name': one.name,
+                'title': one.title,
+                'axis': one.axis,
+                'averages': one.measured.averages,
+                'trusted_hz': one.measured.band_hz(),
+                'agreement': deviation(one.measured, one.linear),
+                'margins': _measured_margins(one),
+            }
+            for one in found.measured
+        ],
     }
 
 
 def _figures_by_name(loops: list[LoopResult]) -> dict[str, Any]:
-    return {loop.name: loop_figures(loop) for loop in loops}
+    return {loop.name: _figures(loop) for loop in loops}
 
 
-def loop_figures(loop: LoopResult) -> dict[str, Any]:
-    """Return the figures of merit of a loop."""
+def _figures(loop: LoopResult) -> dict[str, Any]:
+    """Return the figures of merit of a loop, and how far its open loop on the bench is from the linear one."""
     result: dict[str, Any] = {'stable': loop.stable, **asdict(loop.margins)}
     result['bandwidth_hz'] = loop.bandwidth_hz if loop.stable else None
     if loop.step is not None:
         result['step'] = asdict(loop.step.figures)
-    if loop.measured_open is not None:
-        result['agreement'] = agreement(loop)
+    if (measured := loop.measured_open) is not None:
+        linear = interpolated(measured.frequencies_hz, loop.frequencies_hz, loop.open_loop)
+        result['agreement'] = deviation(measured, linear)
     if loop.fault:
         result['fault'] = loop.fault
     return result
 
 
-def agreement(loop: LoopResult) -> dict[str, Any] | None:
-    """Distance of the open loop on the bench from the linear one, where it is trusted."""
-    measured = loop.measured_open
-    if measured is None:
-        return None
-    linear = interpolated(measured.frequencies_hz, loop.frequencies_hz, loop.open_loop)
-    return _as_document(deviation(measured, linear))
-
-
-def measured_figures(one: MeasuredResponse) -> dict[str, Any]:
-    """Return what a measured response is worth."""
-    return {
-        'name': one.name,
-        'title': one.title,
-        'axis': one.axis,
-        'averages': one.measured.averages,
-        'trusted_hz': one.measured.band_hz(),
-        'agreement': _as_document(deviation(one.measured, one.linear)),
-        'margins': _measured_margins(one),
-    }
-
-
 def _measured_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
     """Margins of an open loop within the band that is trusted; None for a closed one."""
-    band = one.measured.band_hz()
-    if one.name not in ('cascade', 'position') or band is None:
+    inside = one.measured.in_band
+    if one.name not in ('cascade', 'position') or inside.sum() < 2:
         return None
-    frequencies = one.measured.frequencies_hz
-    inside = (frequencies >= band[0]) & (frequencies <= band[1])
-    return asdict(margins(frequencies[inside], one.measured.values[inside])) if inside.sum() > 1 else None
+    return asdict(margins(one.measured.frequencies_hz[inside], one.measured.values[inside]))
 
 
 def instability(variant: Variant) -> list[str]:
@@ -144,9 +123,7 @@ def instability(variant: Variant) -> list[str]:
     return sentences
 
 
-def interpolated(
-    frequencies_hz: Floats, grid_hz: Floats, values: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def interpolated(frequencies_hz: Floats, grid_hz: Floats, values: Complex) -> Complex:
     """Linear curve between its points: magnitude and phase over the logarithm of the frequency."""
     at, grid = np.log(frequencies_hz), np.log(grid_hz)
     size = np.exp(np.interp(at, grid, np.log(np.abs(values))))
@@ -288,14 +265,12 @@ def tables(found: Results) -> list[Table]:
     if found.points:
         made.append(_sweep(found.points))
     for one in found.measured:
-        linear = _polar(f'{one.title}: linear', one.linear)
-        made.append(
-            Table.of_columns(f'recorded_{one.name}.csv', _measured_columns(one.measured, one.title) | linear)
-        )
+        columns = _measured_columns(one.measured, one.title) | _polar(f'{one.title}: linear', one.linear)
+        made.append(Table.of_columns(f'recorded_{one.name}.csv', columns))
     return made
 
 
-def _polar(title: str, values: NDArray[np.complex128]) -> dict[str, Floats]:
+def _polar(title: str, values: Complex) -> dict[str, Floats]:
     return {f'{title} [dB]': decibels(values), f'{title} [deg]': degrees(values)}
 
 
@@ -331,59 +306,51 @@ def _bode(name: str, result: LoopResult) -> list[Table]:
 
 
 def _workspace(variants: dict[str, Variant]) -> Table:
-    figures = {
-        'crossover [Hz]': 'crossover_hz',
-        'phase margin [deg]': 'phase_margin_deg',
-        'gain margin [dB]': 'gain_margin_db',
-        'Ms [1]': 'sensitivity_peak',
-    }
-    header = ['gains', 'load', 'inertia [kg m2]', *(f'{name}: {title}' for name in OPEN for title in figures)]
-    rows = [
-        [which, load.name, load.inertia_kg_m2]
-        + [getattr(loop.margins, key) for loop in loops for key in figures.values()]
-        for which, variant in variants.items()
-        for load, loops in variant.workspace
-    ]
-    return Table('workspace.csv', header, rows)
+    rows = []
+    for which, variant in variants.items():
+        for load, loops in variant.workspace:
+            row = {'gains': which, 'load': load.name, 'inertia [kg m2]': load.inertia_kg_m2}
+            for name, loop in zip(OPEN, loops, strict=True):
+                m = loop.margins
+                row |= {
+                    f'{name}: crossover [Hz]': m.crossover_hz,
+                    f'{name}: phase margin [deg]': m.phase_margin_deg,
+                }
+                row |= {f'{name}: gain margin [dB]': m.gain_margin_db, f'{name}: Ms [1]': m.sensitivity_peak}
+            rows.append(row)
+    return Table.of_rows('workspace.csv', rows)
 
 
-_EFFECT_HEADER = (
+_EFFECT_TITLES = (
     'following error max [rad]', 'following error rms [rad]', 'TCP error max [m]', 'TCP error rms [m]',
     'current peak [A]', 'current rms [A]', 'fault',
 )  # fmt: skip
 
 
+def _effect_cells(effect: Effect) -> dict[str, Any]:
+    return dict(zip(_EFFECT_TITLES, effect.figures().values(), strict=True))
+
+
 def _effects(variants: dict[str, Variant]) -> list[Table]:
     effects = {which: variant.effect for which, variant in variants.items()}
-    rows = [[which, *effect.figures().values()] for which, effect in effects.items()]
-    made = [Table('effect.csv', ['gains', *_EFFECT_HEADER], rows)]
+    rows = [{'gains': which} | _effect_cells(effect) for which, effect in effects.items()]
+    made = [Table.of_rows('effect.csv', rows)]
     ran = {which: effect for which, effect in effects.items() if len(effect.time_s)}
     if ran:
         columns = {'time [s]': next(iter(ran.values())).time_s}
         for which, effect in ran.items():
-            for i, error in enumerate(effect.following_error_rad.T, start=1):
-                columns[f'{which}: following error {i} [rad]'] = error
+            columns |= columns_of(f'{which}: following error {{}} [rad]', effect.following_error_rad)
             columns[f'{which}: TCP error [m]'] = effect.tcp_error_m
         made.append(Table.of_columns('following_error.csv', columns))
     return made
 
 
 def _sweep(points: list[SweepPoint]) -> Table:
-    loops = [loop.name for loop in points[0].loops]
-    kinds = ('phase margin [deg]', 'overshoot [1]', 'stable [0/1]')
-    header = ['value [SI]', *(f'{name}: {kind}' for kind in kinds for name in loops), *_EFFECT_HEADER]
-    rows = [
-        [
-            point.value,
-            *(loop.margins.phase_margin_deg for loop in point.loops),
-            *(point.overshoot[name] for name in loops),
-            *(int(loop.stable) for loop in point.loops),
-            *point.effect.figures().values(),
-        ]
-        for point in points
-    ]
-    return Table('sweep.csv', header, rows)
-
-
-def _as_document(found: tuple[float, float, float] | None) -> dict[str, float] | None:
-    return None if found is None else dict(zip(('up_to_hz', 'decibels', 'degrees'), found, strict=True))
+    rows = []
+    for point in points:
+        row: dict[str, Any] = {'value [SI]': point.value}
+        row |= {f'{loop.name}: phase margin [deg]': loop.margins.phase_margin_deg for loop in point.loops}
+        row |= {f'{name}: overshoot [1]': value for name, value in point.overshoot.items()}
+        row |= {f'{loop.name}: stable [0/1]': int(loop.stable) for loop in point.loops}
+        rows.append(row | _effect_cells(point.effect))
+    return Table.of_rows('sweep.csv', rows)

@@ -1,19 +1,14 @@
 """Figures of merit: margins of an open loop, bandwidth of a closed one, and what a step response looks like."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from delta3_pacdrive.numerics.types import Floats
 
-    from delta3_pacdrive.numerics.types import Floats
-
-    Complex = NDArray[np.complex128]
+Complex = NDArray[np.complex128]
 
 SETTLED = 0.02  # of the final value: the usual band
 RISE = (0.1, 0.9)
@@ -112,21 +107,15 @@ def bandwidth(frequencies_hz: Floats, closed: Complex) -> float | None:
     last = int(over[-1])
     if last == len(relative) - 1:
         return None
-    low, high = relative[last], relative[last + 1]
-    share = (low - HALF_POWER) / (low - high)
-    ratio = frequencies_hz[last + 1] / frequencies_hz[last]
-    return float(frequencies_hz[last] * ratio**share)
+    edge = [last + 1, last]
+    return math.exp(np.interp(HALF_POWER, relative[edge], np.log(frequencies_hz[edge])))
 
 
 def step_figures(time_s: Floats, response: Floats) -> StepFigures:
     """Return the figures of a response to a unit step at time 0; the arrays begin there."""
-    reached = [np.flatnonzero(response >= level) for level in RISE]
     rise = None
-    if all(len(found) for found in reached):
-        start, end = (
-            _moment(time_s, response, int(found[0]), level)
-            for found, level in zip(reached, RISE, strict=True)
-        )
+    if response.max() >= RISE[1]:
+        start, end = (_moment(time_s, response, level) for level in RISE)
         rise = end - start
     outside = np.flatnonzero(np.abs(response - 1.0) > SETTLED)
     settling: float | None = 0.0
@@ -143,20 +132,19 @@ def _crossings(x: Floats, y: Floats) -> list[float]:
     return [float(x[k] - y[k] * (x[k + 1] - x[k]) / (y[k + 1] - y[k])) for k in places]
 
 
-def _moment(time_s: Floats, response: Floats, first: int, level: float) -> float:
-    """Time at which a response reaches a level, between two samples."""
-    if first == 0:
-        return float(time_s[0])
-    low, high = response[first - 1], response[first]
-    return float(time_s[first - 1] + (level - low) / (high - low) * (time_s[first] - time_s[first - 1]))
+def _moment(time_s: Floats, response: Floats, level: float) -> float:
+    """Time at which a response first reaches a level, between two samples."""
+    first = int(np.argmax(response >= level))
+    around = slice(max(first - 1, 0), first + 1)
+    return float(np.interp(level, response[around], time_s[around]))
 
 
-def decibels(values: NDArray[np.complex128]) -> Floats:
+def decibels(values: Complex) -> Floats:
     """Magnitude in dB."""
     return np.asarray(20.0 * np.log10(np.maximum(np.abs(values), 1e-15)))
 
 
-def degrees(values: NDArray[np.complex128]) -> Floats:
+def degrees(values: Complex) -> Floats:
     """Phase in degrees, without jumps, beginning between -270 and 90."""
     phase = np.degrees(np.unwrap(np.angle(values)))
     return np.asarray(phase - 360.0 * np.floor((phase[0] + 270.0) / 360.0))

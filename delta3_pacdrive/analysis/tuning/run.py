@@ -1,19 +1,19 @@
 """One tuning from its settings to its folder: loops before and after, workspace, program, sweep, recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.analysis.tuning import effect, figures, measured_response, report, settings
 from delta3_pacdrive.analysis.tuning.analysis import (
     EXCHANGED,
     LOOPS,
+    LoopResult,
     OperatingPoint,
     analyse,
     exact_shaft,
@@ -24,17 +24,14 @@ from delta3_pacdrive.analysis.tuning.analysis import (
 )
 from delta3_pacdrive.analysis.tuning.load import extremes, load_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
+from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
+from delta3_pacdrive.analysis.tuning.settings import Setting
 from delta3_pacdrive.analysis.tuning.study import Results, Settings, SweepPoint, Variant
 from delta3_pacdrive.errors import RunError, TuningError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace_file import load as load_trace
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.study import OnProgress
-    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
-    from delta3_pacdrive.analysis.tuning.settings import Setting
-    from delta3_pacdrive.parameters import Parameters
 
 TABLE_POINTS = 300  # of a linear curve whose margins alone are of interest
 SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the travel
@@ -90,12 +87,14 @@ class Study:
         points = [self.sweep_point(setting, number) for number, setting in enumerate(self._sweep)]
         self.on_progress('tables and figures', 0, 0)
         swept = self._sweep[0].name if self._sweep else ''
-        found = Results(self.operation, self.program.name, variants, swept, points, measured)
-        document = report.summary(found, folder.provenance)
-        for table in report.tables(found):
-            folder.table(table)
-        folder.figures(figures.by_name(found, folder.provenance))
-        return folder.summary('Tuning of the drives', document, report.text(document))
+        by_loop: dict[str, dict[str, LoopResult]] = {}
+        for name, variant in variants.items():
+            for loop in variant.loops:
+                by_loop.setdefault(loop.name, {})[name] = loop
+        found = Results(self.operation, self.program.name, variants, by_loop, swept, points, measured)
+        document, drawings = report.summary(found), figures.by_name(found)
+        text, tables = report.text(document), report.tables(found)
+        return folder.results('Tuning of the drives', document, text, tables, drawings)
 
     def variant(self, robot: Parameters, which: str) -> Variant:
         """Return loops, margins over the workspace and the program with one set of gains."""
@@ -107,12 +106,13 @@ class Study:
         speed = self.operation.speed_rad_s
         workspace = []
         for load in self._loads:
-            operation = OperatingPoint(load, speed)
-            cascade = linear_cascade_loop(robot, exact_shaft(robot, load, speed), TABLE_POINTS)
-            shaft = exchanged_shaft(robot, load, speed)
-            exchanged = linear_cascade_loop(robot, shaft, TABLE_POINTS, EXCHANGED)
-            inner = [linear_loop(loop, robot, operation, TABLE_POINTS) for loop in LOOPS[1:]]
-            workspace.append((load, [*inner, cascade, exchanged]))
+            exact, exchanged = exact_shaft(robot, load, speed), exchanged_shaft(robot, load, speed)
+            loops_there = [
+                *(linear_loop(loop, robot, OperatingPoint(load, speed), TABLE_POINTS) for loop in LOOPS[1:]),
+                linear_cascade_loop(robot, exact, TABLE_POINTS),
+                linear_cascade_loop(robot, exchanged, TABLE_POINTS, EXCHANGED),
+            ]
+            workspace.append((load, loops_there))
         self.on_progress(f'{label}program {self.program.name}', 0, 0)
         return Variant(robot, loops, workspace, effect.run(self.program, robot))
 

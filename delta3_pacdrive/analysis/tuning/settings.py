@@ -4,26 +4,19 @@ A name is that of a parameter of the group ``drive``, its symbol of Table 9-1, o
 integral action time (S-0-0101, S-0-0107) sets the integral gain that belongs to it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from delta3_pacdrive.drive.operation_data import TABLE
 from delta3_pacdrive.errors import ParameterError, TuningError, shown
-from delta3_pacdrive.parameters import Drive, flatten
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Drive, Parameters, flatten
 from delta3_pacdrive.sercos.service_channel import format_idn
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
 
 POINTS = (2, 200)  # of a sweep
 # name and IDN: proportional gain, integral gain

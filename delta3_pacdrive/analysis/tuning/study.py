@@ -1,16 +1,12 @@
 """What a tuning depends on, and what it finds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.tuning.analysis import LoopResult, OperatingPoint
-    from delta3_pacdrive.analysis.tuning.effect import Effect
-    from delta3_pacdrive.analysis.tuning.load import Load
-    from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.analysis.tuning.analysis import LoopResult, OperatingPoint
+from delta3_pacdrive.analysis.tuning.effect import Effect
+from delta3_pacdrive.analysis.tuning.load import Load
+from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
+from delta3_pacdrive.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -118,6 +114,8 @@ class Results:
         Name of the one that shows the effect.
     variants
         By name: ``now``, or ``before`` and ``after``.
+    by_loop
+        Their loops by the name of the loop and of the variant.
     swept, points
         Name of the parameter that was swept, and its values; empty without a sweep.
     measured
@@ -128,15 +126,7 @@ class Results:
     operation: OperatingPoint
     program: str
     variants: dict[str, Variant]
+    by_loop: dict[str, dict[str, LoopResult]]
     swept: str
     points: list[SweepPoint]
     measured: list[MeasuredResponse]
-
-    @property
-    def by_loop(self) -> dict[str, dict[str, LoopResult]]:
-        """Results by the name of the loop and of the variant."""
-        first = next(iter(self.variants.values()))
-        return {
-            loop.name: {name: variant.loops[number] for name, variant in self.variants.items()}
-            for number, loop in enumerate(first.loops)
-        }

@@ -7,9 +7,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, DASHED, dress, empty_figure
-from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, DASHED, dress, titled_figure
+from delta3_pacdrive.analysis.report_folder import Drawings, Table
 from delta3_pacdrive.analysis.two_link_arm.kinematics import (
     Branch,
     TwoLinkArm,
@@ -20,14 +21,11 @@ from delta3_pacdrive.analysis.two_link_arm.kinematics import (
     joint_speeds,
     manipulability,
 )
+from delta3_pacdrive.numerics.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike
-
-    from delta3_pacdrive.analysis.report_folder import Drawings
-    from delta3_pacdrive.numerics.types import Floats
 
 SPEED_M_S = 1.0  # of the tool, along its line
 CLEARANCES = (0.2, 0.05, 0.005)  # least distances of the lines from the singular circles, of the ring's width
@@ -79,7 +77,7 @@ def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
     """
     point = np.asarray(p, dtype=np.float64)
     poses = {branch: inverse(point, arm, branch) for branch in Branch}
-    figure = _figure(f'Both solutions for the point ({point[0]:g}, {point[1]:g}) m', 8.6, 5.2)
+    figure = titled_figure(f'Both solutions for the point ({point[0]:g}, {point[1]:g}) m', 5.2, 8.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     seen = np.concatenate([_joints(theta, arm) for theta in poses.values()])
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2.0
@@ -93,18 +91,16 @@ def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
         axes.set_title(
             rf'{branch.value}: $\theta_1 = {first:z.1f}$°, $\theta_2 = {second:z.1f}$°', fontsize=10
         )
-        _dress(axes, 'x (m)', 'y (m)')
-        axes.set_aspect('equal')
-        axes.set_xlim(middle[0] - half, middle[0] + half)
-        axes.set_ylim(middle[1] - half, middle[1] + half)
-    panels[1].set_ylabel('')
+        dress(axes, xlabel='x (m)', aspect='equal', xlim=(middle[0] - half, middle[0] + half),
+              ylim=(middle[1] - half, middle[1] + half))  # fmt: skip
+    panels[0].set_ylabel('y (m)')
     figure.legend(*panels[0].get_legend_handles_labels(), ncols=4, **LEGEND)
     return figure
 
 
 def workspace(arm: TwoLinkArm) -> Figure:
     """Workspace: a ring between the singular circles, coloured by manipulability [m^2] (3.3)."""
-    figure = _figure('Workspace, manipulability and singular circles', 7.0, 6.4)
+    figure = titled_figure('Workspace, manipulability and singular circles', 6.4, 7.0)
     axes = figure.subplots()
     r = np.linspace(arm.inner_reach_m, arm.outer_reach_m, 201)
     azimuth = np.linspace(-math.pi, math.pi, 361)
@@ -118,26 +114,26 @@ def workspace(arm: TwoLinkArm) -> Figure:
     _circles(axes, arm)
     right_angle = math.hypot(arm.lower_arm_length_m, arm.upper_arm_length_m)
     _circle(axes, right_angle, rf'largest: $\theta_2$ = ±90°, r = {right_angle:.3g} m', BEST)
-    _dress(axes, 'x (m)', 'y (m)')
+    dress(axes, xlabel='x (m)', ylabel='y (m)', aspect='equal')
     axes.grid(visible=False)
     axes.use_sticky_edges = False
     axes.margins(0.04)
-    axes.set_aspect('equal')
     figure.legend(ncols=2, **LEGEND)
     return figure
 
 
 def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
     """Manipulability [m^2] and condition number of J over theta_2 [deg] (3.3)."""
-    figure = _figure('Manipulability and condition of the Jacobian', 8.0, 5.6)
+    figure = titled_figure('Manipulability and condition of the Jacobian', 5.6)
     panels = figure.subplots(2, 1, sharex=True)
     theta_2, product, condition = _over_theta_2(arm).T
     panels[0].plot(np.degrees(theta_2), product, color=LOWER, linewidth=1.8)
     panels[1].semilogy(np.degrees(theta_2), condition, color=LOWER, linewidth=1.8)
-    panels[0].set_ylim(0.0, 1.22 * arm.lower_arm_length_m * arm.upper_arm_length_m)
-    panels[1].set_ylim(1.0, CONDITION_MAX)
-    for axes, label in zip(panels, (r'$|\det\,J|$ (m$^2$)', 'condition number of J'), strict=True):
-        _dress(axes, '', label)
+    dress(panels[0], ylabel=r'$|\det\,J|$ (m$^2$)',
+          ylim=(0.0, 1.22 * arm.lower_arm_length_m * arm.upper_arm_length_m))  # fmt: skip
+    dress(panels[1], ylabel='condition number of J', ylim=(1.0, CONDITION_MAX),
+          xlabel=r'$\theta_2$ (deg)', xticks=range(-180, 181, 45))  # fmt: skip
+    for axes in panels:
         axes.margins(x=0.0)
         for degrees, style in ((-180.0, INNER), (0.0, OUTER), (180.0, INNER)):
             axes.axvline(degrees, clip_on=False, zorder=1.5, **style)
@@ -145,8 +141,6 @@ def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
         panels[0].text(
             degrees, 0.96, branch.value, transform=panels[0].get_xaxis_transform(), ha='center', va='top'
         )
-    panels[1].set_xlabel(r'$\theta_2$ (deg)')
-    panels[1].set_xticks(range(-180, 181, 45))
     figure.align_ylabels()
     from matplotlib.lines import Line2D
 
@@ -164,7 +158,7 @@ def joint_speeds_along_lines(arm: TwoLinkArm) -> Figure:
 
     Each line begins and ends at its clearance inside the outer circle and passes the inner one with the same.
     """
-    figure = _figure(f'Joint speeds on straight lines at {SPEED_M_S:g} m/s, elbow down', 9.4, 6.0)
+    figure = titled_figure(f'Joint speeds on straight lines at {SPEED_M_S:g} m/s, elbow down', 6.0, 9.4)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.2))
     plane = figure.add_subplot(grid[:, 0])
     panels = [figure.add_subplot(grid[row, 1]) for row in range(3)]
@@ -183,15 +177,13 @@ def joint_speeds_along_lines(arm: TwoLinkArm) -> Figure:
         plane.plot(
             *_joints(pose, arm).T, 'o-', color=PALE, linewidth=1.5, markersize=3, zorder=1.5, label=label
         )
-    _dress(plane, 'x (m)', 'y (m)')
-    plane.set_aspect('equal')
+    dress(plane, xlabel='x (m)', ylabel='y (m)', aspect='equal')
     plane.locator_params(nbins=7)
     labels = (r'$\dot\theta_1$ (deg/s)', r'$\dot\theta_2$ (deg/s)', r'$|\det\,J|$ (m$^2$)')
     for axes, label in zip(panels, labels, strict=True):
-        _dress(axes, '', label)
+        dress(axes, ylabel=label)
         axes.tick_params(labelbottom=axes is panels[-1])
-    panels[-1].set_ylim(bottom=0.0)
-    panels[-1].set_xlabel('x of the tool (m)')
+    panels[-1].set(ylim=(0.0, None), xlabel='x of the tool (m)')
     figure.align_ylabels(panels)
     figure.legend(ncols=3, **LEGEND)
     return figure
@@ -208,18 +200,6 @@ def line(arm: TwoLinkArm, clearance_m: float) -> Floats:
 def _joints(theta: Floats, arm: TwoLinkArm) -> Floats:
     """Base, elbow and tool [m] of one pose; shape (3, 2)."""
     return np.stack([np.zeros(2), elbow(theta, arm), forward(theta, arm)])
-
-
-def _figure(title: str, width_in: float, height_in: float) -> Figure:
-    figure = empty_figure(height_in, width_in)
-    figure.suptitle(title, fontsize=12)
-    return figure
-
-
-def _dress(axes: Axes, x_label: str, y_label: str) -> None:
-    axes.set_xlabel(x_label)
-    axes.set_ylabel(y_label)
-    dress(axes)
 
 
 def _circle(axes: Axes, radius_m: float, label: str, style: dict[str, Any]) -> None:

@@ -9,21 +9,15 @@ x axis, theta_2 the upper arm (length b) from the direction of the lower one; bo
     det J     a b sin theta_2, singular where it vanishes: theta_2 = 0 and pi  (3.3)
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ParameterError, SingularityError, UnreachableError, shown
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 LENGTH_MIN_M, LENGTH_MAX_M = 1e-3, 1e3
 ROUNDING = 1e-12  # of the reach: a point that much outside of it lies on it

@@ -9,7 +9,7 @@ from delta3_pacdrive import dynamics, parameters
 from delta3_pacdrive.analysis.estimation import measurement, solver, thesis_setup
 from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, start_values, values_of, with_values
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
-from delta3_pacdrive.analysis.estimation.solver import QUIET, fit
+from delta3_pacdrive.analysis.estimation.solver import fit
 from delta3_pacdrive.errors import EstimationError
 from estimated import EXACT, IDENTIFIABLE, MODELS, errors, estimate_from, problem_of, shown
 
@@ -106,7 +106,7 @@ def test_intervals_hold_without_noise_and_are_those_of_the_sensors(group, scope,
 def test_intervals_of_a_replay_hold_although_its_encoder_has_no_increments(bus, robot):
     problem = problem_of('motor', bus, robot, known=['R', 'L'], models=[ReplayModel(bus, robot)])
     found = estimate_from(problem, robot, 0.3)
-    assert found.whiteness[0].rms < QUIET * problem.blocks[0].sigma
+    assert problem.blocks[0].is_quieter(found.whiteness[0].rms)
     off = errors_in_half_widths(found, robot)
     assert off.keys() == {'K_m', 'F_v', 'F_s', 'I_m'}
     assert max(map(abs, off.values())) < 1.0

@@ -430,7 +430,7 @@ def test_the_figures_bear_the_numbers_of_the_thesis(robot, experiments):
     for own in experiments:
         nothing = JointMotion(own.thetadot, own.thetaddot)
         trial = study.Trial(own, nothing, nothing, own.time_s, own.time_s, [], {}, [])
-        names += list(figures.by_name(trial, 'errors', None))
+        names += list(figures.of_trial(trial, 'errors'))
     assert [int(name.split('_')[2]) for name in names] == list(range(25, 46))
     assert names[3] == 'figure_11_28_velocity_deviation.png'
     assert names[18] == 'figure_11_43_acceleration_of_joint_1.png'
