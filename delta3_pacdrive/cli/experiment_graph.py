@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import subprocess
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive.cli import child
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording import trace_file
 
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.analysis.study import OnProgress
     from delta3_pacdrive.recording.trace import Trace
-
-STOP_TIMEOUT_S = 15.0  # for a bring-up that was interrupted: its processes end within seconds
 
 
 def bag_of(who: str, folder: Path) -> Path:
@@ -131,31 +128,19 @@ def same_as(graph: Trace, simulated: Trace) -> str:
 
 def _run(arguments: list[str], who: str) -> dict[str, Any]:
     """Run ``delta3 run`` to its end and return its result; raises RunError."""
-    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'run', *arguments]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = child.start('run', *arguments, stderr=subprocess.PIPE)
     try:
-        out, err = child.communicate()
+        out, err = process.communicate()
     except BaseException:
-        _end(child)
+        child.end(process)
         raise
     lines = out.strip().splitlines()
     try:
         result: dict[str, Any] = json.loads(lines[-1])
-        if result['ok'] and child.returncode == 0:
+        if result['ok'] and process.returncode == 0:
             return result
         reason = result['error']
     except (IndexError, KeyError, TypeError, ValueError):
-        last = err.strip().splitlines()[-1:] or [f'exit status {child.returncode}']
+        last = err.strip().splitlines()[-1:] or [f'exit status {process.returncode}']
         reason = last[0].removeprefix('error: ')
     raise RunError(f'nodes of the {who}: {reason}')
-
-
-def _end(child: subprocess.Popen[str]) -> None:
-    """Interrupt a bring-up, which then stops its robot, and wait for it."""
-    if child.poll() is None:
-        child.send_signal(signal.SIGINT)
-    try:
-        child.wait(STOP_TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        child.wait()

@@ -2,18 +2,17 @@
 
 import json
 import signal
-import subprocess
 import sys
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from delta3_pacdrive.cli import child
 from delta3_pacdrive.cli.command import Command, JsonOptions, option
 from delta3_pacdrive.cli.output import INTERRUPTED, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
 PACES = {'fast': 0.0, 'real-time': 1.0}  # of the bus, over real time
-END_S = 15.0  # in which a pace that is to end does
 
 
 @dataclass
@@ -82,30 +81,18 @@ def _complaint(options: Options, rows: dict[str, dict[str, Any]]) -> str:
 
 def _in_a_process(options: Options, pace: str) -> dict[str, Any]:
     """Run one pace in a process of its own: a bring-up forks, which a process that had ROS in it must not."""
-    arguments = ['--pace', pace, '--minutes', str(options.minutes / len(PACES)), '--seed', str(options.seed)]
-    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.soak', *arguments, '--json']
+    minutes, seed = str(options.minutes / len(PACES)), str(options.seed)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+    with child.start('soak', '--pace', pace, '--minutes', minutes, '--seed', seed, '--json') as process:
         try:
-            output, _ = child.communicate()
+            output, _ = process.communicate()
         except KeyboardInterrupt:
-            output = _end(child)
+            output = child.end(process)
     result = json.loads(output.splitlines()[-1]) if output else {}
     if pace not in result:
-        raise RunError(result.get('error', f'the soak {pace} ended with status {child.returncode}'))
+        raise RunError(result.get('error', f'the soak {pace} ended with status {process.returncode}'))
     row: dict[str, Any] = result[pace]
     return row | {'interrupted': result['interrupted']}
-
-
-def _end(child: 'subprocess.Popen[str]') -> str:
-    """Pass an interruption on, and return what the process still says."""
-    child.send_signal(signal.SIGINT)
-    try:
-        output, _ = child.communicate(timeout=END_S)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        output, _ = child.communicate()
-    return output
 
 
 def _soak(options: Options, pace: str) -> dict[str, Any]:
@@ -129,36 +116,23 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
 
 
 def _print(name: str, row: dict[str, Any]) -> None:
-    print(f'{name}:')
-    print(
-        f'    {row["programs"]} programs in {row["cycles"]} cycles, {row["refused"]} refused by the planner'
-    )
-    print(
-        f'    {row["injected"]} faults injected, {row["survived"]} survived; '
-        f'{row["stopped"]} programs stopped by them'
-    )
-    print(
-        f'    {row["undisturbed"]} undisturbed programs: true TCP within {row["error_max_m"] * 1e3:.3f} mm '
-        f'of the command, ends within {row["end_max_m"] * 1e3:.4f} mm'
-    )
-    print(
-        f'    {row["lost_at"]} AT lost of at most {row["lost_at_injected"]} injected, '
-        f'{row["lost_mdt"]} MDT of {row["lost_mdt_injected"]}'
-    )
-    print(
-        f'    RSS of the processes that lived on: {row["rss_start_mb"]:.1f} MB, '
-        f'{row["rss_cycles"]} cycles later {row["rss_end_mb"]:.1f} MB; '
-        f'their own memory grew by {row["grown_mb"]:.1f} MB'
-    )
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
-    print(f'    {kinds or "no faults"}')
+    print(f"""{name}:
+    {row['programs']} programs in {row['cycles']} cycles, {row['refused']} refused by the planner
+    {row['injected']} faults injected, {row['survived']} survived; {row['stopped']} programs stopped by them
+    {row['undisturbed']} undisturbed programs: true TCP within {row['error_max_m'] * 1e3:.3f} mm of the command, \
+ends within {row['end_max_m'] * 1e3:.4f} mm
+    {row['lost_at']} AT lost of at most {row['lost_at_injected']} injected, \
+{row['lost_mdt']} MDT of {row['lost_mdt_injected']}
+    RSS of the processes that lived on: {row['rss_start_mb']:.1f} MB, \
+{row['rss_cycles']} cycles later {row['rss_end_mb']:.1f} MB; their own memory grew by {row['grown_mb']:.1f} MB
+    {kinds or 'no faults'}""")
     for violation in row['violations']:
-        print(f'    VIOLATED in bus cycle {violation["cycle"]}: {violation["sentence"]}')
-        print(
-            f'        program {violation["number"]}: delta3 soak --seed {violation["seed"]} '
-            f'--pace {violation["pace"]} --replay {violation["number"]}'
-        )
-        print(''.join(f'        {line}\n' for line in violation['program'].splitlines()), end='')
+        program = violation['program'].rstrip('\n').replace('\n', '\n        ')
+        print(f"""    VIOLATED in bus cycle {violation['cycle']}: {violation['sentence']}
+        program {violation['number']}: delta3 soak --seed {violation['seed']} --pace {violation['pace']} \
+--replay {violation['number']}
+        {program}""")
 
 
 main = Command(
@@ -167,6 +141,3 @@ main = Command(
     Options,
     run,
 )
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -4,7 +4,7 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -133,7 +133,7 @@ class Catalogue(FaultObserver):
         self._process_fault = ''
         notes, processes = len(self._bringup.notes), list(self._bringup.processes())
         held = self._static_torque() if case.kind == 'payload_lost' else 0.0
-        end = self._begin[case.state](self, case)
+        end = self._begin(case)
         outcome.reported = self._observe(case)
         outcome.deviation_m = _distance_from_line(self._log.tcp(), self._home, end)
         self._time_detection(case, outcome)
@@ -175,6 +175,11 @@ class Catalogue(FaultObserver):
         before = np.flatnonzero(shafts.cycles <= self._first)
         if len(before) and self._failed_s is not None:
             outcome.silent_s = self._failed_s - float(shafts.received_s[before[-1]])
+
+    def _begin(self, case: Case) -> Floats:
+        """Bring the robot into the state of the case and let the fault occur; return the end of the way it is on."""
+        end: Floats = getattr(self, f'_while_{case.state.name.lower()}')(case)
+        return end
 
     def _while_disabled(self, case: Case) -> Floats:
         self._disable()
@@ -259,17 +264,6 @@ class Catalogue(FaultObserver):
             child.send(signal.SIGCONT)
         self._process_fault = f'{child.name} was stopped in CP0'
         return self._home
-
-    _begin: ClassVar[dict[State, Callable[['Catalogue', Case], Floats]]] = {
-        State.DISABLED: _while_disabled,
-        State.ENABLING: _while_enabling,
-        State.STANDING: _while_standing,
-        State.MOVING: _while_moving,
-        State.STOPPING: _while_stopping,
-        State.HELD: _while_held,
-        State.STOPPED_BY_FAULT: _while_stopped_by_fault,
-        State.STARTING: _while_starting,
-    }
 
     def _exercise(self, case: Case) -> None:
         """Finish what was held; then disable, enable, move away and back while the fault lasts."""
