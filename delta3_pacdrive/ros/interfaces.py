@@ -16,18 +16,18 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.service import Service as Server
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.ros import qos
 from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
-from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
@@ -35,6 +35,7 @@ from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME
 TASK, PLANNER, DRIVE, PLANT = 'transformation_task', 'unit_robot', 'mc4_drive', 'plant'
 RECORDER, OPERATOR = 'recorder', 'operator'
 EVERY_AXIS = 'axisN'
+TEXT_BYTES_MAX = 64 * 1024  # of an ordinary message; its reader may allow more
 
 
 @dataclass(frozen=True)
@@ -172,15 +173,34 @@ class Topic:
 
     def bounded_subscription(
         self,
-        node: RobotNode,
+        node: Node,
         callback: Callable[[Any], None],
         bytes_max: int = TEXT_BYTES_MAX,
         refuse: Callable[[str], None] | None = None,
     ) -> Subscription:
-        """Create a subscription that refuses what is too large, and what the callback raises a Delta3Error for."""
-        return node.create_bounded_subscription(
-            self.type, self.name, callback, self.delivery.subscription, bytes_max, refuse
-        )
+        """Create a subscription; what is too large, or a Delta3Error that the callback raises, is said in one sentence.
+
+        It goes to ``refuse``, or to the log, at most once a second.
+        """
+
+        def receive(data: bytes) -> None:
+            try:
+                if len(data) > bytes_max:
+                    raise TelegramError(f'a message has {len(data)} bytes, the limit is {bytes_max}')
+                try:
+                    message = deserialize_message(data, self.type)
+                except (RuntimeError, ValueError, UnicodeDecodeError) as error:
+                    raise TelegramError(
+                        f'a message is no {self.type.__name__}: {shown(str(error))}'
+                    ) from error
+                callback(message)
+            except Delta3Error as error:
+                if refuse is not None:
+                    refuse(str(error))
+                else:
+                    node.get_logger().warning(f'{self.name}: {error}', throttle_duration_sec=1.0)
+
+        return self.subscription(node, receive, raw=True)
 
     def polled_subscription(
         self, node: PollingNode, axis: str = '', profile: QoSProfile | None = None

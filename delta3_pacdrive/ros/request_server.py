@@ -6,8 +6,8 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.controller.messages import LastReplies, Numbering, Reply, Request, refuse_recording
 from delta3_pacdrive.errors import Reason, RobotFault, TelegramError, shown
-from delta3_pacdrive.ros.interfaces import Topic
-from delta3_pacdrive.ros.robot_node import TEXT_BYTES_MAX, RobotNode
+from delta3_pacdrive.ros.interfaces import TEXT_BYTES_MAX, Topic
+from delta3_pacdrive.ros.robot_node import RobotNode
 
 
 class RequestServer:

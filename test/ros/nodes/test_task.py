@@ -24,7 +24,7 @@ from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REPORT, REQUEST
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
@@ -215,10 +215,8 @@ def test_a_message_that_is_too_large_is_refused_unread(graph: Any) -> None:
     node = graph.add(RobotNode, 'reader')
     read: list[int] = []
     refused: list[str] = []
-    node.create_bounded_subscription(
-        String, 'text', lambda message: read.append(len(message.data)), REQUEST, 1000, refused.append
-    )
-    publisher = graph.listener.create_publisher(String, 'text', REQUEST)
+    SAID.bounded_subscription(node, lambda message: read.append(len(message.data)), 1000, refused.append)
+    publisher = SAID.publisher(graph.listener)
     graph.spin_until(publisher.get_subscription_count, 'the reader')
     for size in (10, 2000, 900):
         publisher.publish(String(data='x' * size))
