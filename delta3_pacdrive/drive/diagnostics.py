@@ -5,8 +5,6 @@ stops the drive and is latched until S-0-0099 clears it. Reactions: AD takes the
 BD1 brakes with all the torque there is; BD2 brakes along a ramp; then the brake holds and the power goes off.
 """
 
-import functools
-import operator
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
@@ -103,7 +101,7 @@ def class_1_diagnostic(fault: DriveFault) -> int:
 
 def class_2_diagnostic(warning: DriveWarning) -> int:
     """S-0-0012 of what the drive warns of."""
-    return functools.reduce(operator.or_, (int(row.bit) for bit, row in WARNINGS.items() if warning & bit), 0)
+    return sum(int(row.bit) for bit, row in WARNINGS.items() if warning & bit)
 
 
 def fault_text(fault: DriveFault) -> str:

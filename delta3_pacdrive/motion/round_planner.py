@@ -27,6 +27,7 @@ from delta3_pacdrive.motion.program import (
     MoveL,
     MoveSB,
     Output,
+    PathMove,
     Program,
     Statement,
     Target,
@@ -147,8 +148,8 @@ class RoundPlanner:
         elif output.payload_kg is not None:  # there is no move that it could belong to
             self.payload = output.payload_kg
 
-    def _take_segment(self, statement: MoveL | MoveC | MoveSB, number: int, name: str) -> None:
-        curve, kind = _CURVES[type(statement)](self.here, statement)
+    def _take_segment(self, statement: PathMove, number: int, name: str) -> None:
+        curve, kind = _curve_of(self.here, statement)
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
         self._segments.append(
@@ -255,23 +256,16 @@ def _resolve(target: Target, here: Floats) -> Floats:
     return here + np.array(target.point_m) if target.relative else np.array(target.point_m)
 
 
-def _line_of(here: Floats, statement: MoveL) -> tuple[Curve, MoveKind]:
-    return curves.line(here, _resolve(statement.to, here)), MoveKind.LINE
-
-
-def _arc_of(here: Floats, statement: MoveC) -> tuple[Curve, MoveKind]:
-    return curves.arc(here, _resolve(statement.via, here), _resolve(statement.to, here)), MoveKind.ARC
-
-
-def _spline_of(here: Floats, statement: MoveSB) -> tuple[Curve, MoveKind]:
-    points = [here]
-    for target in statement.through:
-        points.append(_resolve(target, points[-1]))
-    return curves.spline(np.array(points)), MoveKind.SPLINE
-
-
-_CURVES: dict[type, Callable[..., tuple[Curve, MoveKind]]] = {
-    MoveL: _line_of,
-    MoveC: _arc_of,
-    MoveSB: _spline_of,
-}
+def _curve_of(here: Floats, statement: PathMove) -> tuple[Curve, MoveKind]:
+    """Return the path of a statement from a point [m] on, and what kind of move it is."""
+    match statement:
+        case MoveL(to=to):
+            return curves.line(here, _resolve(to, here)), MoveKind.LINE
+        case MoveC(via=via, to=to):
+            return curves.arc(here, _resolve(via, here), _resolve(to, here)), MoveKind.ARC
+        case MoveSB(through=through):
+            points = [here]
+            for target in through:
+                points.append(_resolve(target, points[-1]))
+            return curves.spline(np.array(points)), MoveKind.SPLINE
+    raise TypeError(f'{type(statement).__name__} has no path')

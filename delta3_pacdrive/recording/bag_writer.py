@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -190,13 +191,14 @@ class BagWriter:
         """Finish the bag; never raises for the disk. A bag whose writing had stopped is finished already."""
         self._custom |= custom
         self.flush()
-        if not self.stopped:
-            try:
-                self._finish()
-            except OSError as error:
-                self._stop(error)
-        else:
-            self._rewrite_metadata()
+        if self.stopped:
+            with suppress(OSError):  # what stands there since the disk became full stays
+                self._write_metadata(self._custom)
+            return
+        try:
+            self._finish()
+        except OSError as error:
+            self._stop(error)
 
     @property
     def messages(self) -> int:
@@ -205,16 +207,9 @@ class BagWriter:
 
     def _commit(self) -> None:
         self._file.flush()
-        writer = self._writer
-        self._marks.append(
-            _Mark(
-                self._file.size,
-                len(self._storage.chunks),
-                dict(writer.counts),
-                writer.min_timestamp,
-                writer.max_timestamp,
-            )
-        )
+        writer, chunks = self._writer, len(self._storage.chunks)
+        times = writer.min_timestamp, writer.max_timestamp
+        self._marks.append(_Mark(self._file.size, chunks, dict(writer.counts), *times))
 
     def _finish(self) -> None:
         """Write metadata and index; raises OSError, the messages on the disk as they were."""
@@ -252,12 +247,6 @@ class BagWriter:
         storage.chunk = type(chunk)(_NEVER_NS, 0, type(chunk.bio)(), type(chunk.msgs)(list))
         storage.channel_stats = dict(mark.counts)
         storage.message_start_time, storage.message_end_time = mark.first_ns, mark.last_ns
-
-    def _rewrite_metadata(self) -> None:
-        try:
-            self._write_metadata(self._custom)
-        except OSError:
-            return  # what stands there since the disk became full stays
 
     def _write_metadata(self, custom: Mapping[str, str]) -> None:
         """Replace metadata.yaml: a reader sees the old one or the new one."""

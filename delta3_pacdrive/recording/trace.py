@@ -2,6 +2,8 @@
 
 import json
 import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,17 +44,13 @@ class Trace:
 
     def save(self, path: str | Path) -> None:
         """Write to a ``.npz`` file."""
-        path = Path(path)
-        try:
-            with path.open('wb') as file:
-                np.savez_compressed(
-                    file,
-                    time_s=self.time_s,
-                    meta=np.array(json.dumps(self.meta)),
-                    **self.signals,  # type: ignore[arg-type]  # an array would do as allow_pickle, mypy thinks
-                )
-        except OSError as error:
-            raise TraceError(f'cannot write trace {path}: {error.strerror}') from error
+        with told(f'write trace {path}'), Path(path).open('wb') as file:
+            np.savez_compressed(
+                file,
+                time_s=self.time_s,
+                meta=np.array(json.dumps(self.meta)),
+                **self.signals,  # type: ignore[arg-type]  # an array would do as allow_pickle, mypy thinks
+            )
 
     @staticmethod
     def load(path: str | Path) -> 'Trace':
@@ -81,6 +79,15 @@ class Trace:
                 raise ValueError(f'its {name} is of type {values.dtype} and shape {values.shape}')
         if not (np.isfinite(self.time_s).all() and (np.diff(self.time_s) > 0.0).all()):
             raise ValueError('its time_s does not increase')
+
+
+@contextmanager
+def told(what: str) -> Iterator[None]:
+    """Say what cannot be done, and why, if the disk does not let it be; raises TraceError."""
+    try:
+        yield
+    except OSError as error:
+        raise TraceError(f'cannot {what}: {error.strerror or error}') from error
 
 
 def reason(error: Exception) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
-from delta3_pacdrive.recording.trace import Trace, reason
+from delta3_pacdrive.recording.trace import Trace, reason, told
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -69,14 +69,11 @@ def write(trace: Trace, path: str | Path) -> Path:
     names = [name for name in trace.signals if name in QUANTITIES]
     header = ['time [s]', *(column for name in names for column in columns_of(name))]
     table = np.column_stack([trace.time_s, *(trace[name] for name in names)])
-    try:
-        with path.open('w', encoding='utf-8', newline='') as file:
-            file.write(f'# {json.dumps(trace.meta)}\n')
-            writer = csv.writer(file, lineterminator='\n')
-            writer.writerow(header)
-            writer.writerows(table.tolist())
-    except OSError as error:
-        raise TraceError(f'cannot write trace {path}: {error.strerror or error}') from error
+    with told(f'write trace {path}'), path.open('w', encoding='utf-8', newline='') as file:
+        file.write(f'# {json.dumps(trace.meta)}\n')
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(header)
+        writer.writerows(table.tolist())
     return path
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.bag_trace import read_bag
-from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import Trace, told
 
 SUFFIXES = ('.npz', '.csv')  # of trace files
 
@@ -20,10 +20,8 @@ def load(path: str | Path) -> Trace:
 
     """
     path = Path(path)
-    try:
+    with told(f'read recording {path}'):  # a name that is too long, a folder that may not be entered
         folder, there = path.is_dir(), path.exists()
-    except OSError as error:  # a name that is too long, a folder that may not be entered
-        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
     if folder:
         return read_bag(path)
     if not there:

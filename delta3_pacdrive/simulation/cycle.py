@@ -1,7 +1,7 @@
 """The bus cycle without ROS: faults, command, exchange, answers, check, reaction.
 
-Everything that happens in a cycle stands in ``CyclicOperation``. Stretches of motion alone, in which no fault begins or
-ends and no status word changes, are run as one compiled loop of the same kernels.
+Everything that happens in a cycle stands in ``SimulatedOperation``. Stretches of motion alone, in which no fault begins
+or ends and no status word changes, are run as one compiled loop of the same kernels.
 
 Arguments of the kernels here:
 
@@ -116,7 +116,7 @@ def run_stretch(cycles, control, task, timeline, robot, built, currents, signals
     return end
 
 
-class CyclicOperation:
+class SimulatedOperation:
     """A robot and its controller go through cyclic operation, from bus cycle 0 on, with the faults of a program.
 
     Parameters

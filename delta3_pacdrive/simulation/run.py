@@ -10,7 +10,7 @@ from delta3_pacdrive.motion import plan_times, program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.simulation.cycle import CyclicOperation
+from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
 
 
@@ -64,7 +64,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
         raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
     task.enable(motion.enable_cycle)
     task.start(motion.start_cycle)
-    operation = CyclicOperation(robot, task, program.faults, parameters)
+    operation = SimulatedOperation(robot, task, program.faults, parameters)
     signals = operation.run()
     signals['current'] /= parameters.motor.torque_constant_n_m_a
     meta = _meta(planned, parameters, task) | {
