@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -89,9 +90,9 @@ def processes_of_domain() -> list[str]:
     return found
 
 
-@pytest.fixture
-def nothing_left_behind() -> Iterator[None]:
-    """Fail if a test leaves a process or a shared-memory file."""
+@contextmanager
+def nothing_is_left() -> Iterator[None]:
+    """Fail if what runs inside leaves a process or a shared-memory file."""
     before = set(os.listdir('/dev/shm'))
     yield
     deadline = time.monotonic() + 2.0
@@ -99,6 +100,13 @@ def nothing_left_behind() -> Iterator[None]:
         time.sleep(0.02)
     assert processes_of_domain() == []
     assert {name for name in os.listdir('/dev/shm') if 'fastrtps' in name or 'fastdds' in name} <= before
+
+
+@pytest.fixture
+def nothing_left_behind() -> Iterator[None]:
+    """Fail if a test leaves a process or a shared-memory file."""
+    with nothing_is_left():
+        yield
 
 
 @pytest.fixture
@@ -123,7 +131,7 @@ def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
     return run
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def start_delta3() -> Callable[..., subprocess.Popen[str]]:
     """Start the real command line."""
 

@@ -1,4 +1,4 @@
-"""``delta3 run`` as a user meets it: good runs, interruptions, deaths, bad requests."""
+"""``delta3 run`` as a user meets it: good runs, interruptions, deaths; and how ``delta3 up`` ends."""
 
 import contextlib
 import ctypes
@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from rosbags.highlevel import AnyReader
 
 from delta3_pacdrive.bringup.scheduling import drop_real_time, real_time_is_permitted
 from robots import crowding
@@ -151,6 +152,26 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     from delta3_pacdrive.recording import trace_file
 
     assert 100 < len(trace_file.load(bag).time_s) < result['cycles']
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_robot_that_is_ended_brakes_first(
+    number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    process = start_delta3('up', '--bag', tmp_path / 'bag')
+    assert delta3('move', 'wait').returncode == 0
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 0, errors
+    with AnyReader([tmp_path / 'bag']) as reader:
+        connections = [c for c in reader.connections if c.topic == '/axis1/motor_current']
+        frames = [
+            reader.deserialize(data, connection.msgtype).header.frame_id
+            for connection, _, data in reader.messages(connections)
+        ]
+    brakes = [frame.split()[0] for frame in frames]
+    assert 'free' in brakes
+    assert brakes[-1] == 'held'
 
 
 def test_a_second_robot_in_the_same_namespace_is_refused_and_the_first_runs_on(

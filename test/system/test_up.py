@@ -1,31 +1,83 @@
 """``delta3 up`` and ``delta3 move``: the real executables, as a motion programmer uses them."""
 
 import json
+import math
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from rosbags.highlevel import AnyReader
+
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from robots import nothing_is_left
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 
+HOME_M = [0.0, 0.0, -0.75]
+THERE_M = 1e-3  # from where it is home, before a test
+
+
+class Up:
+    """A robot that is up for the tests of this file, and who takes it home between them."""
+
+    def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
+        self._graph = graph
+        self._operator = graph.add(OperatorNode, graph.spin_for)
+        self.process = start_delta3('up', '--single-process')
+        assert self.process.stderr is not None
+        line = self.process.stderr.readline()
+        assert line.startswith('ready after'), line + self.process.stderr.read()
+
+    def tidy(self) -> None:
+        """Leave the robot at home, idle, with an empty queue and the usual override, and nobody in control."""
+        operator = self._operator
+        now = time.monotonic()
+        self._graph.spin_until(lambda: operator.progress_s > now, 'the robot')
+        operator.take_control('the tests', by_force=True)
+        if operator.progress['state'] != 'idle':
+            operator.call('abort')
+            self._wait(lambda: operator.progress['state'] == 'idle')
+        operator.override(100.0)
+        operator.call('clear')
+        if not self._at_home():
+            operator.send_program(f'moves: [{{move_l: {{to_m: {HOME_M}}}}}]')
+            operator.call('start')
+            self._wait(lambda: operator.progress['state'] == 'idle' and self._at_home())
+        operator.release_control()
+
+    def _at_home(self) -> bool:
+        return math.dist(self._operator.progress['tcp_m'], HOME_M) < THERE_M
+
+    def _wait(self, condition: Callable[[], bool]) -> None:
+        self._graph.spin_until(condition, 'a robot at home', 30.0)
+
+    def end(self) -> None:
+        """End it with Ctrl-C."""
+        self._graph.remove(self._operator)
+        self.process.send_signal(signal.SIGINT)
+        output, errors = self.process.communicate(timeout=20.0)
+        assert self.process.returncode == 0, errors
+        assert 'overruns' in output
+
+
+@pytest.fixture(scope='module')
+def up(shared_graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
+    """Give the robot of this file; it is gone when its tests are over."""
+    with nothing_is_left():
+        made = Up(shared_graph, start_delta3)
+        yield made
+        made.end()
+
+
 @pytest.fixture
-def robot(
-    start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
-) -> Iterator[subprocess.Popen]:
-    """Bring a robot up, wait until it says so, and end it with Ctrl-C."""
-    process = start_delta3('up', '--single-process')
-    assert process.stderr is not None
-    line = process.stderr.readline()
-    assert line.startswith('ready after'), line + process.stderr.read()
-    yield process
-    process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=20.0)
-    assert process.returncode == 0, errors
-    assert 'overruns' in output
+def robot(up: Up) -> subprocess.Popen[str]:
+    """Give the process of a robot that stands at home."""
+    up.tidy()
+    return up.process
 
 
 def test_moves_are_driven_and_refused_from_the_command_line(robot: subprocess.Popen, delta3: Runner) -> None:
@@ -159,23 +211,3 @@ def test_limits_of_a_single_move_are_obeyed(robot: subprocess.Popen, delta3: Run
     assert refused.returncode == 1
     assert refused.stderr.startswith('error: moves[0].move_c: TCP acceleration would be')
     assert 'is slowed down' in delta3('move', *bend).stdout
-
-
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-def test_a_robot_that_is_ended_brakes_first(
-    number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    process = start_delta3('up', '--bag', tmp_path / 'bag')
-    assert delta3('move', 'wait').returncode == 0
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=20.0)
-    assert process.returncode == 0, errors
-    with AnyReader([tmp_path / 'bag']) as reader:
-        connections = [c for c in reader.connections if c.topic == '/axis1/motor_current']
-        frames = [
-            reader.deserialize(data, connection.msgtype).header.frame_id
-            for connection, _, data in reader.messages(connections)
-        ]
-    brakes = [frame.split()[0] for frame in frames]
-    assert 'free' in brakes
-    assert brakes[-1] == 'held'
