@@ -328,17 +328,17 @@ DIAGNOSTICS = Topic(
 MOTION_PLAN = Topic(
     'motion/plan', Float64MultiArray, PLAN, (PLANNER,), (TASK,),
     'one message for each different move: header, phases of the master (t, s, v, a, jerk), pieces of the path '
-    '(s, coefficients of x, y, z up to the 5th power), events; then one with their order. Labels of plans and courses: '
-    'kind, identity of the planner, session, number of the order',
+    '(s, coefficients of x, y, z up to the 5th power), events; then one with their order. Labels of plans and '
+    'motion profiles: kind, identity of the planner, session, number of the order',
     ASKED, recorded=True,
 )
 MOTION_CHANGE = Topic(
     'motion/change', Float64MultiArray, PLAN, (PLANNER,), (TASK,),
-    'course that the planner asks for: start, resume, override', ASKED,
+    'motion profile that the planner asks for: override, resume', ASKED,
 )
 COURSE = Topic(
     'motion/course', Float64MultiArray, LATCHED, (TASK,), (PLANNER,),
-    'what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
+    'motion profile: what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
 )
 STATUS = Topic(
     'motion/status', String, LATCHED, (TASK,), (PLANNER,),
