@@ -21,6 +21,7 @@ COMMANDS = {
     'check': 'read and plan program, parameter and fault files; every move, every mistake',
     'plan': 'what the planner makes of a program, without running it: what limits each move',
     'pose': 'one place: kinematics, all eight solutions, limits, torques, what the robot can do there',
+    'workspace': 'maps of speed, acceleration, payload, accuracy and singularity; a million poses in seconds',
     'simulate': 'run a program without ROS, as fast as possible',
     'view': 'the robot, or a recording, in three dimensions in the browser',
     'record': 'record a running robot into a rosbag2 folder',

@@ -197,7 +197,7 @@ class Capability:
         How far the TCP is off, at most, if each motor is off by one increment.
     limit
         0 where the robot may be; 1 out of reach; else 2 and the number of the first bound that is broken, in the order
-        of ``motion.limits.workspace_bounds`` and ``arm_bounds``.
+        of ``motion.limits.arm_bounds`` and ``workspace_bounds``.
 
     """
 
@@ -276,7 +276,7 @@ def _first_broken(points: Floats, out: Floats, parameters: Parameters) -> NDArra
     code = np.where(np.isnan(out[:, 0]), OUT_OF_REACH, REACHED).astype(np.uint8)
     swing = forearm_swing(points, parameters.kinematics)
     arms = arm_bounds(out[:, :3], swing, out[:, 3:6], out[:, 6], parameters)
-    for number, bound in enumerate((*workspace_bounds(points, parameters), *arms)):
+    for number, bound in enumerate((*arms, *workspace_bounds(points, parameters))):
         broken = ~bound.kept if bound.values.ndim == 1 else ~bound.kept.all(axis=1)
         code[(code == REACHED) & broken] = 2 + number
     return code

@@ -23,6 +23,7 @@ PICTURES = {
     'three_spheres.png': places.three_spheres,
     'eight_solutions.png': places.eight_solutions,
     'limits.png': places.limits,
+    'speed.png': places.speed,
     'speed_profile.png': signals.speed_profile,
     'following_error.png': signals.following_error,
     'fault_stop.png': signals.fault_stop,

@@ -1,4 +1,4 @@
-"""Pictures of a place and of a plan: those that ``delta3 pose`` and ``delta3 plan`` draw with ``--output``."""
+"""Pictures of a place, a plan and the workspace: those that ``pose``, ``plan`` and ``workspace`` draw."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.planning import evaluation as plans
 from delta3_pacdrive.analysis.planning import figures as plan_figures
 from delta3_pacdrive.analysis.pose import evaluation, figures
+from delta3_pacdrive.analysis.workspace import evaluation as maps
+from delta3_pacdrive.analysis.workspace import figures as map_figures
+from delta3_pacdrive.analysis.workspace.study import Settings
 from delta3_pacdrive.motion import program_planner
 
 if TYPE_CHECKING:
@@ -34,3 +37,11 @@ def limits() -> Figure:
     program = d3.load_program('packaging', robot)
     start = robot.motion.home_m if program.start_m is None else program.start_m
     return plan_figures.limits(plans.study(program_planner.plan(program, start, robot), robot))
+
+
+def speed() -> Figure:
+    """Draw the speed that the TCP reaches in every direction."""
+    robot = d3.load_parameters()
+    slices = maps.default_slices(robot)
+    quantity = next(one for one in maps.QUANTITIES if one.key == 'speed')
+    return map_figures.quantity_map(maps.study(Settings(0.1, slices), robot), slices, robot, quantity)

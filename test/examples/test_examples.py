@@ -53,6 +53,17 @@ def test_kinematics_of_a_grid(run):
     assert 2.0 <= best < worst < 4.4  # of the whole workspace
 
 
+def test_map_of_the_workspace(run):
+    text, ((places, slow, fast, *best), (_, least), (increment,), *moves) = run('map_of_the_workspace')
+    assert places == 3 * 2821  # of a square grid within a circle of 30 steps
+    assert 5.1 < slow < fast < 7.8
+    assert np.hypot(*best[:2]) < 0.3
+    assert 20.0 < least < 56.0
+    assert 0.3 < increment < 0.6
+    assert len(moves) == 4
+    assert 'TCP acceleration' in text
+
+
 def test_simulate_and_plot(run, tmp_path):
     _, ((cycles, period_ms, *_), (error_mm,), (current, nominal)) = run('simulate_and_plot', 'run.png')
     figures = d3.simulate('experiment1').meta['figures']

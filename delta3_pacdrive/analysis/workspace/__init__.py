@@ -1,0 +1,1 @@
+"""Maps of the workspace: singularity, speed, acceleration, payload and accuracy, as slices and as a volume."""

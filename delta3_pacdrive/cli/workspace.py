@@ -1,0 +1,145 @@
+"""``delta3 workspace``: maps of what the robot can do where, as slices and as a volume."""
+
+import argparse
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.cli.command import Command, JsonOptions, option
+from delta3_pacdrive.cli.option_types import finite_number, number_within
+from delta3_pacdrive.cli.output import print_json
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.workspace.study import Results, Settings
+    from delta3_pacdrive.parameters import Parameters
+
+REACH_M = 10.0
+SLICES_MAX = 9
+
+
+def _plane(text: str) -> tuple[int, float]:
+    axis, equals, value = text.partition('=')
+    try:
+        place = float(value)
+    except ValueError:
+        place = math.nan
+    if axis not in ('x', 'y', 'z') or not equals or not abs(place) <= REACH_M:
+        raise argparse.ArgumentTypeError(f'{text!r} is no plane, expected one like z=-0.8 (m)')
+    return 'xyz'.index(axis), place
+
+
+def _volume_file(text: str) -> str:
+    if Path(text).suffix.lower() not in ('.npz', '.csv'):
+        raise argparse.ArgumentTypeError(f'cannot write {text}: the name must end in .npz or .csv')
+    return text
+
+
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    resolution: float = option(
+        'distance of neighbours in the volume [mm]; a volume has at most 20 million poses',
+        'MM',
+        default=7.0,
+        type=number_within(0.5, 500.0, 'mm'),
+    )
+    planes: list[tuple[int, float]] | None = option(
+        'draw this plane [m], such as z=-0.8 or y=0.1; may be repeated; top and bottom of the workspace and the '
+        'plane of arm 1 if none is given',
+        'AXIS=M',
+        names=('--slice',),
+        type=_plane,
+        action='append',
+    )
+    payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
+    acceleration: float | None = option(
+        'that the largest payload is still given, instead of the default of moves',
+        'M_S2',
+        type=number_within(0.0, 1e4, 'm/s2'),
+    )
+    parameters: str | None = option(
+        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
+    )
+    output: str | None = option('write the maps as figures, and tables, into this folder', 'FOLDER')
+    volume: str | None = option('write the volume to this .npz or .csv file', 'FILE', type=_volume_file)
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if len(self.planes or ()) > SLICES_MAX:
+            return f'it draws at most {SLICES_MAX} slices'
+        if self.planes and self.output is None:
+            return '--slice is for --output: without figures there are no slices'
+        return ''
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.workspace import evaluation, report
+    from delta3_pacdrive.analysis.workspace.study import Settings, Slice
+    from delta3_pacdrive.cli.progress import Progress, announce_compilation
+
+    announce_compilation()
+    robot = core.load(options.parameters)
+    if options.payload is not None:
+        robot = robot.replace(dynamics__payload_mass_kg=options.payload)
+    slices: tuple[Slice, ...] = ()
+    if options.output is not None:
+        planes = tuple(Slice(axis, place) for axis, place in options.planes or ())
+        slices = planes or evaluation.default_slices(robot)
+    settings = Settings(1e-3 * options.resolution, slices, None, options.acceleration)
+    with Progress(quiet=options.json) as progress:
+        progress.show('loading')
+        evaluation.warm_up(robot)
+        found = evaluation.study(settings, robot, progress.show)
+        files = _written(options, settings, found, robot)
+    result, lines = report.document(found, settings, robot), report.text(found, settings, robot)
+    if files:
+        result['files'] = files
+    if options.json:
+        print_json(result, options, robot)
+    else:
+        print('\n'.join([*lines, *files]))
+    return 0
+
+
+def _written(options: Options, settings: 'Settings', found: 'Results', robot: 'Parameters') -> list[str]:
+    """Write what is asked for; return the files."""
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import ReportFolder
+    from delta3_pacdrive.analysis.workspace import figures, report
+
+    origin = Provenance.of(options.command_line, robot, options.parameters)
+    files: list[str] = []
+    if options.output is not None:
+        folder = ReportFolder(Path(options.output), origin)
+        folder.figures(figures.by_name(found, settings.slices, robot))
+        folder.table(report.extremes_table(found))
+        folder.page('Workspace', report.text(found, settings, robot))
+        files += folder.files
+    if options.volume is not None:
+        files.append(str(_volume(Path(options.volume), found, origin)))
+    return files
+
+
+def _volume(path: Path, found: 'Results', origin: Any) -> Path:
+    from delta3_pacdrive.analysis.provenance import write_table
+    from delta3_pacdrive.analysis.workspace import report
+
+    if path.suffix.lower() == '.npz':
+        return report.save_volume(found.volume, path, origin.lines())
+    columns = report.volume_columns(found.volume)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return write_table(path, list(columns), rows, origin)
+
+
+main = Command(
+    'workspace',
+    'A million poses of the workspace in seconds: condition and singularities, speed and acceleration that the '
+    'motors reach in every direction, payload, and accuracy per increment of the encoders. It tells least and largest '
+    'values with their places, draws maps of slices, and writes the whole volume to a file.',
+    Options,
+    run,
+)
