@@ -4,7 +4,6 @@ import numpy as np
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.planning import evaluation
-from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.capability import capability
 
 robot = d3.load_parameters()
@@ -22,8 +21,7 @@ print(f'2 kg are given at least {can.acceleration_nominal_m_s2[here].min():.1f} 
 print(f'an increment of each motor is at most {1e6 * can.increment_m[here].max():.2f} um of the TCP')
 
 program = d3.load_program('packaging', robot)
-plan = evaluation.study(program_planner.plan(program, program.start_m or robot.motion.home_m, robot), robot)
-for row in plan.rows:
+for row in evaluation.of_program(program, robot).rows:
     use = row.limited_by
     print(
         f'move {row.number}, {row.kind}: {row.duration_s:.3f} s, {use.quantity} at {100 * use.used:.0f} % of its limit'

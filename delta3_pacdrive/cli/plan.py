@@ -32,12 +32,11 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.planning import evaluation, report
-    from delta3_pacdrive.motion import program_file, program_planner
+    from delta3_pacdrive.motion import program_file
 
     robot = core.load(options.parameters)
     program = program_file.load(options.program, robot.motion)
-    start = robot.motion.home_m if program.start_m is None else program.start_m
-    found = evaluation.study(program_planner.plan(program, start, robot), robot)
+    found = evaluation.of_program(program, robot)
     inputs = noted([options.program])
     result, lines = report.document(found, robot), report.text(found, robot)
     if options.output is not None:

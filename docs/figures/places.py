@@ -11,7 +11,6 @@ from delta3_pacdrive.analysis.pose import evaluation, figures
 from delta3_pacdrive.analysis.workspace import evaluation as maps
 from delta3_pacdrive.analysis.workspace import figures as map_figures
 from delta3_pacdrive.analysis.workspace.study import Settings
-from delta3_pacdrive.motion import program_planner
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,9 +33,7 @@ def eight_solutions() -> Figure:
 def limits() -> Figure:
     """Draw what limits the packaging cycle."""
     robot = d3.load_parameters()
-    program = d3.load_program('packaging', robot)
-    start = robot.motion.home_m if program.start_m is None else program.start_m
-    return plan_figures.limits(plans.study(program_planner.plan(program, start, robot), robot))
+    return plan_figures.limits(plans.of_program(d3.load_program('packaging', robot), robot))
 
 
 def speed() -> Figure:

@@ -54,7 +54,7 @@ def test_kinematics_of_a_grid(run):
 
 
 def test_map_of_the_workspace(run):
-    text, ((places, slow, fast, *best), (_, least), (increment,), *moves) = run('map_of_the_workspace')
+    text, ((places, slow, fast, *best), (*_, least, _), (increment,), *moves) = run('map_of_the_workspace')
     assert places == 3 * 2821  # of a square grid within a circle of 30 steps
     assert 5.1 < slow < fast < 7.8
     assert np.hypot(*best[:2]) < 0.3

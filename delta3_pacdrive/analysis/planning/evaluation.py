@@ -21,6 +21,7 @@ from delta3_pacdrive.motion.path_dynamics import (
     timed_dynamics,
 )
 from delta3_pacdrive.motion.plan import UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.program_planner import plan
 from delta3_pacdrive.motion.virtual_master import sample_master
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from delta3_pacdrive.motion.path_dynamics import PathDynamics
+    from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.motion.program_planner import Planned
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
@@ -90,6 +92,12 @@ def study(planned: Planned, parameters: Parameters) -> PlanStudy:
         for n, part in enumerate(parts)
     )
     return PlanStudy(planned, _samples(parts, starts, gone, planned, parameters), rows)
+
+
+def of_program(program: Program, parameters: Parameters) -> PlanStudy:
+    """Plan a program from where it starts, else from home, and evaluate it; raises ProgramError."""
+    start = parameters.motion.home_m if program.start_m is None else program.start_m
+    return study(plan(program, start, parameters), parameters)
 
 
 def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
