@@ -21,6 +21,7 @@ EXECUTABLES = {
     'transformation_task': f'{PACKAGE}.ros.nodes.start:transformation_task',
     'mc4_drive': f'{PACKAGE}.ros.nodes.start:mc4_drive',
     'plant': f'{PACKAGE}.ros.nodes.start:plant',
+    'robot_visualization': f'{PACKAGE}.ros.nodes.start:robot_visualization',
     'bringup': f'{PACKAGE}.cli.main:bringup',
     'record': f'{PACKAGE}.cli.main:record',
 }

@@ -17,7 +17,9 @@ from delta3_pacdrive.numerics import kernel
 PACKAGE = 'delta3_pacdrive'
 SOURCE = Path(__file__).parents[1]
 MARKER = f'share/ament_index/resource_index/packages/{PACKAGE}'
-EXECUTABLES = ['delta3', 'unit_robot', 'transformation_task', 'mc4_drive', 'plant', 'bringup', 'record']
+EXECUTABLES = [
+    'delta3', 'unit_robot', 'transformation_task', 'mc4_drive', 'plant', 'robot_visualization', 'bringup', 'record'
+]  # fmt: skip
 MODULES = [path.relative_to(SOURCE) for path in sorted((SOURCE / PACKAGE).rglob('*.py'))]
 CONFIGURATION = [path.relative_to(SOURCE) for path in sorted((SOURCE / 'config').rglob('*.*'))]
 ROSDEP_KEYS = {

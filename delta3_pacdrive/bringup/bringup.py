@@ -179,6 +179,9 @@ class Bringup:
             self.notes.append(f'{sentence}; there is no page any more, the robot goes on')
         elif self._processes.restart(process):
             self.notes.append(f'{sentence}; started again')
+        elif process.name == interfaces.VISUALIZATION:
+            self._processes.running.remove(process)
+            self.notes.append(f'{sentence}; there are no markers any more, the robot goes on')
         else:
             if process.name not in ('robot', 'transformation_task', 'unit_robot'):
                 self._await_standstill()

@@ -26,6 +26,7 @@ class Options:
     single_process: bool = False
     exchange_period_s: float | None = None
     real_time_priority: bool = True
+    markers: bool = False  # whether the robot is shown in RViz and Foxglove by markers as well
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
     view_port: int | None = None  # of the page that shows the robot; None: there is none
 

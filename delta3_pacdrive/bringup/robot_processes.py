@@ -16,9 +16,11 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
 from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros.interfaces import VISUALIZATION
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
+from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import overrides
@@ -27,7 +29,7 @@ RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 AXES = (1, 2, 3)
 Nodes = dict[str, tuple[type[Node], dict[str, Any]]]  # kind and own parameters, by name
-SPARE = ('recorder', 'view')  # a robot goes on without them
+SPARE = ('recorder', 'view', VISUALIZATION)  # the robot goes on without them
 
 
 class RobotProcesses:
@@ -79,6 +81,7 @@ class RobotProcesses:
             ),
         }
         planner = UnitRobotNode, {'program': str(program)} if program else {}
+        shown: Nodes = {VISUALIZATION: (RobotVisualizationNode, {})}
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program}
             self._spawn('recorder', {'recorder': (RecorderNode, bag)}, Schedule.PREFERRED)
@@ -89,7 +92,9 @@ class RobotProcesses:
             for name, node in nodes.items():
                 self._spawn(name, {name: node}, self._schedule)
             if program is None:
-                self._prepare_restarts(nodes | {'unit_robot': planner})
+                self._prepare_restarts(nodes | {'unit_robot': planner, **shown})
+        if options.markers:
+            self._spawn(VISUALIZATION, shown)
         self._spawn('unit_robot', {'unit_robot': planner}, waits=True)
         if options.view_port is not None:
             self._start_view(options.view_port)
@@ -153,7 +158,7 @@ class RobotProcesses:
         if process.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:
             return False
         self._restarted.append(now)
-        schedule = Schedule.ORDINARY if process.name == 'unit_robot' else self._schedule
+        schedule = Schedule.ORDINARY if process.name in ('unit_robot', VISUALIZATION) else self._schedule
         self.running[self.running.index(process)] = self._restarts[process.name](schedule)
         return True
 

@@ -21,6 +21,7 @@ class GraphOptions(NodeOptions):
     single_process: bool = flag('all nodes in one process')
     ordinary_priority: bool = flag('no real-time scheduling even where it is permitted')
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
+    markers: bool = flag('also show the robot as markers for RViz and Foxglove, and tell bus time as /clock')
     logs: str | None = option('keep the log of every process in this folder', 'DIR')
     view: bool = flag('show the robot as a page in the browser (delta3 view)')
     view_port: int | None = option(
@@ -113,6 +114,7 @@ def bringup_options(graph: GraphOptions, robot: RobotOptions, program: Path | No
         single_process=graph.single_process,
         exchange_period_s=robot.exchange_period,
         real_time_priority=not graph.ordinary_priority,
+        markers=graph.markers,
         logs=Path(graph.logs).absolute() if graph.logs else None,
         view_port=serving.choose(serving.HOST, graph.view_port) if graph.view or graph.view_port else None,
     )

@@ -19,9 +19,11 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.service import Service as Server
 from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
 from delta3_pacdrive.recording.carried import CARRIED
@@ -33,7 +35,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
 
 TASK, PLANNER, DRIVE, PLANT = 'transformation_task', 'unit_robot', 'mc4_drive', 'plant'
-RECORDER, OPERATOR = 'recorder', 'operator'
+RECORDER, VISUALIZATION, OPERATOR = 'recorder', 'robot_visualization', 'operator'
 EVERY_AXIS = 'axisN'
 TEXT_BYTES_MAX = 64 * 1024  # of an ordinary message; its reader may allow more
 
@@ -224,7 +226,7 @@ def _telegram(
     recorded: bool = True,
 ) -> Topic:
     """Return what the transformation task tells of every cycle."""
-    delivery = CYCLIC_NEWEST if readers else CYCLIC
+    delivery = CYCLIC_NEWEST if PLANNER in readers else CYCLIC
     ends = (TASK,), readers
     return Topic(telegram.topic, kind, delivery, *ends, content, rate, _BASE, (telegram,), recorded=recorded)
 
@@ -288,21 +290,24 @@ FOLLOWING_ERROR = _telegram(
     'following error of each arm [rad], dead time removed by linear extrapolation (7.3)',
     telegrams.FOLLOWING_ERROR, JointState,
 )
-TCP_COMMAND = _telegram('TCP of the command [m]', telegrams.TCP_COMMAND, PointStamped)
+TCP_COMMAND = _telegram(
+    'TCP of the command [m]', telegrams.TCP_COMMAND, PointStamped, (VISUALIZATION,)
+)
 TCP_ACTUAL = _telegram('TCP by forward kinematics of the actual angles [m]', telegrams.TCP_ACTUAL, PointStamped)
 TCP_ERROR = _telegram(
     'Cartesian error [m], the set-point delay of 1.75 cycles removed; the raw error is command - actual',
-    telegrams.TCP_ERROR, Vector3Stamped,
+    telegrams.TCP_ERROR, Vector3Stamped, (VISUALIZATION,),
 )
 MASTER = _telegram(
     'virtual master: distance [m], speed [m/s], number of the move', telegrams.MASTER, Vector3Stamped,
 )
 JOINT_STATES = _telegram(
-    'arm angles [rad], arm speeds [rad/s], motor torques [N m]',
-    telegrams.JOINT_STATES, JointState, (PLANNER,), '100 Hz',
+    'arm angles [rad], arm speeds [rad/s], motor torques [N m]; behind them, without torques, the passive joints of '
+    'the robot as the tree that `robot_description` says',
+    telegrams.JOINT_STATES, JointState, (PLANNER, VISUALIZATION), '100 Hz',
 )
 OUTPUTS = Topic(
-    'outputs', JointState, LATCHED, (TASK,), (),
+    'outputs', JointState, LATCHED, (TASK,), (VISUALIZATION,),
     'eight digital outputs (`gripper`, `output1` ...) and the payload, as positions, stamped with the cycle of '
     'the change',
     CHANGE, recorded=True,
@@ -326,7 +331,7 @@ DIAGNOSTICS = Topic(
 
 # task and planner
 MOTION_PLAN = Topic(
-    'motion/plan', Float64MultiArray, PLAN, (PLANNER,), (TASK,),
+    'motion/plan', Float64MultiArray, PLAN, (PLANNER,), (TASK, VISUALIZATION),
     'one message for each different move: header, phases of the master (t, s, v, a, jerk), pieces of the path '
     '(s, coefficients of x, y, z up to the 5th power), events; then one with their order. Labels of plans and '
     'motion profiles: kind, identity of the planner, session, number of the order',
@@ -399,6 +404,21 @@ CONTROL_ALIVE = Topic(
 )
 CONTROL_OPERATOR = Topic(
     'control/operator', String, LATCHED, (TASK,), (), 'who has control: name and identity', CHANGE, recorded=True
+)
+
+# tools
+ROBOT_DESCRIPTION = Topic(
+    'robot_description', String, LATCHED, (PLANNER,), (), 'the robot as URDF, from its parameters', 'at the start',
+    recorded=True,
+)
+MARKERS = Topic(
+    'markers', MarkerArray, REPORT, (VISUALIZATION,), (),
+    'the robot, its workspace, the path that is planned and that was travelled, the commanded TCP, the magnified error',
+    '20 Hz, while somebody listens', _BASE,
+)
+CLOCK = Topic(
+    '/clock', Clock, REPORT, (VISUALIZATION,), (), 'bus time, for tools with `use_sim_time`',
+    '100 Hz, while somebody listens and nobody else tells the time',
 )
 RECORDER_STATE = Topic(
     'recorder/state', String, LATCHED, (RECORDER,), (),

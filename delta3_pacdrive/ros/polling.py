@@ -18,26 +18,30 @@ class PollingNode(RobotNode):
     """A node some of whose subscriptions the executor does not see."""
 
     def __init__(self, name: str, **node_options: Any) -> None:
-        self._polled: set[Subscription] = set()
+        self._polled: dict[Callable[[], Taken | None], Subscription] = {}
         super().__init__(name, **node_options)
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
         """Subscriptions that the executor looks after."""
-        return iter([item for item in super().subscriptions if item not in self._polled])
+        return iter([item for item in super().subscriptions if item not in self._polled.values()])
 
     def create_polled_subscription(
         self, message_type: Any, topic: str, qos: QoSProfile
     ) -> Callable[[], Taken | None]:
         """Subscribe; the returned call takes the next serialised message, or None if there is none."""
         subscription = self.create_subscription(message_type, topic, _unused, qos, raw=True)
-        self._polled.add(subscription)
 
         def take() -> Taken | None:
             taken: Taken | None = subscription.handle.take_message(message_type, True)
             return taken
 
+        self._polled[take] = subscription
         return take
+
+    def destroy_polled_subscription(self, take: Callable[[], Taken | None]) -> None:
+        """Subscribe no longer; ``take`` is what ``create_polled_subscription`` returned."""
+        self.destroy_subscription(self._polled.pop(take))
 
 
 def _unused(_: bytes) -> None:

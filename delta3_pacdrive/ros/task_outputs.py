@@ -1,16 +1,24 @@
 """What the transformation task publishes of every cycle, packed only for those who listen."""
 
+import math
+
+import numpy as np
 from rclpy.node import Node
 
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.controller.task_arrays import FOLLOWING_ERROR, TCP_ACTUAL, TCP_COMMAND, TCP_ERROR, THETA
+from delta3_pacdrive.kinematics import geometry
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.publishers import TelegramOutput
+from delta3_pacdrive.scene.joints import tree_joints
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
+from delta3_pacdrive.sercos.telegrams import JOINTS
 
 JOINT_STATES_S = 0.01  # of bus time
 ACYCLIC = (ACYCLIC_SEC, 0)
+AT_EASE = [0.0] * (len(JOINTS) - 3)  # torques of the passive joints
 
 
 class TaskOutputs:
@@ -26,6 +34,8 @@ class TaskOutputs:
         self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES)
         self.master = TelegramOutput(node, interfaces.MASTER)
         self._ratio = parameters.dynamics.gear_ratio
+        self._geometry = geometry(parameters)
+        self._rates, self._tree = np.zeros((1, 3)), np.zeros((1, 2, len(JOINTS)))
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
 
     def greet(self) -> None:
@@ -42,4 +52,15 @@ class TaskOutputs:
                 output.send(stamp, answer[columns].tolist())
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
             speeds = [speed / self._ratio for speed in axes.speeds]
-            self._joint_states.send(stamp, [*answer[THETA].tolist(), *speeds, *axes.torques.tolist()])
+            self._joint_states.send(
+                stamp, [*self._joint_motion(answer[THETA], speeds), *axes.torques.tolist(), *AT_EASE]
+            )
+
+    def _joint_motion(self, theta: Floats, speeds: list[float]) -> list[float]:
+        """Return positions and speeds of all joints of the robot as a tree."""
+        self._rates[0] = speeds
+        tree_joints(theta.reshape(1, 3), self._rates, self._tree, self._geometry)
+        if math.isnan(self._tree[0, 0, -1]):
+            # the motors stand where the arms cannot be, which is a fault; readers of joint states take no nan
+            self._tree[0, :, 3:] = 0.0
+        return self._tree.ravel().tolist()

@@ -93,8 +93,9 @@ def joint_motion(
     Raises UnreachableError if the forearms of an angle triple do not meet.
     """
     angles, shape = kinematics.rows(theta, 'theta')
-    rates = np.broadcast_to(np.asarray(thetadot, dtype=np.float64), (*shape, 3)).reshape(-1, 3)
+    rates = np.empty_like(angles)
+    rates[:] = np.broadcast_to(np.asarray(thetadot, dtype=np.float64), (*shape, 3)).reshape(-1, 3)
     kinematics.forward(angles, parameters, unreachable=unreachable)
     out = np.empty((len(angles), 2, len(JOINTS)))
-    tree_joints(angles, np.ascontiguousarray(rates), out, geometry(parameters))
+    tree_joints(angles, rates, out, geometry(parameters))
     return out[:, 0].reshape(*shape, len(JOINTS)), out[:, 1].reshape(*shape, len(JOINTS))

@@ -71,7 +71,7 @@ JOINTS = (
     'plate_swing',
     'plate_pitch',
 )
-JOINT_STATES = Telegram('joint_states', JOINT_STATE, DRIVES, (3, 3, 3), len(BASE_FRAME))
+JOINT_STATES = Telegram('joint_states', JOINT_STATE, JOINTS, (len(JOINTS),) * 3, len(BASE_FRAME))
 TCP_COMMAND = Telegram.triple('tcp/command', POINT)
 TCP_ACTUAL = Telegram.triple('tcp/actual', POINT)
 TCP_ERROR = Telegram.triple('tcp/error', VECTOR)

@@ -11,6 +11,7 @@ import numpy as np
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
@@ -24,6 +25,8 @@ from delta3_pacdrive.numerics.kernel import (
 )
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.scene.joints import tree_joints
+from delta3_pacdrive.sercos.telegrams import JOINTS
 from delta3_pacdrive.sercos.words import CONTROL_ON
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.run import run
@@ -45,7 +48,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 112
+KERNELS = 114
 Show = Callable[[int, int], None]
 
 
@@ -143,6 +146,7 @@ def _call_all(parameters: Parameters) -> None:
     _rehearse_plant(parameters)
     _rehearse_drive(parameters)
     _stand(parameters)
+    _rehearse_joints(parameters)
     task.hold()
     robot.drives[0].phase_currents()
 
@@ -180,6 +184,12 @@ def _rehearse_task(parameters: Parameters) -> None:
     _, task = _started(Program('rehearsal', (Dwell(1.0),)), parameters)
     task.command(0)
     task.receive(0, np.zeros(3), np.zeros(3))
+    _rehearse_joints(parameters)
+
+
+def _rehearse_joints(parameters: Parameters) -> None:
+    """Call what tells the joint states."""
+    tree_joints(np.zeros((1, 3)), np.zeros((1, 3)), np.empty((1, 2, len(JOINTS))), geometry(parameters))
 
 
 def _rehearse_robot(parameters: Parameters) -> None:

@@ -9,7 +9,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from delta3_pacdrive.ros.interfaces import (
+    CLOCK,
     DRIVE,
+    MARKERS,
     ONE_WRITER,
     RECORDED,
     SERVICES,
@@ -17,6 +19,7 @@ from delta3_pacdrive.ros.interfaces import (
     Topic,
 )
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
+from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -32,7 +35,11 @@ def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     shared_graph.add(UnitRobotNode, motion__start_cycle=-1)
     shared_graph.add(RecorderNode, bag=str(tmp_path_factory.mktemp('bags') / 'bag'))
     shared_graph.add(OperatorNode, shared_graph.spin_for)
-    shared_graph.spin_for(0.5)
+    # it reads what it needs only as long as somebody looks
+    shared_graph.add(RobotVisualizationNode)
+    for topic in (MARKERS, CLOCK):
+        shared_graph.listen(topic.type, topic.name)
+    shared_graph.spin_for(1.0)
     return shared_graph
 
 

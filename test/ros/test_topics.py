@@ -16,7 +16,10 @@ from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.scene.joints import joint_motion
+from delta3_pacdrive.scene.urdf import urdf
 from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import JOINTS
 
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio
@@ -114,8 +117,29 @@ def test_joint_states_tell_angles_speeds_and_torques_of_their_stamp_at_100_hz(dr
     assert {cycle % 10 for cycle in joints} == {0}
     for cycle in cycles:
         position, speed, torque = answers[cycle]
-        assert joints[cycle] == pytest.approx([*(position / RATIO), *(speed / RATIO), *torque], abs=1e-12)
+        told = np.reshape(joints[cycle], (3, len(JOINTS)))
+        expected = [position / RATIO, speed / RATIO, torque]
+        assert told[:, :3] == pytest.approx(np.array(expected), abs=1e-12)
     assert max(abs(answers[cycle][1]).max() for cycle in cycles) > 10.0
+
+
+def test_joint_states_tell_the_passive_joints_behind_the_axes(driven: Driven) -> None:
+    assert {tuple(message.name) for message in driven.heard['joint_states']} == {JOINTS}
+    joints = driven.rows('joint_states')
+    assert len(joints) > 20
+    for row in joints.values():
+        position, speed, torque = np.reshape(row, (3, len(JOINTS)))
+        wanted, rates = joint_motion(position[:3], speed[:3], ROBOT)
+        assert position == pytest.approx(wanted, abs=1e-12)
+        assert speed == pytest.approx(rates, abs=1e-12)
+        assert not torque[3:].any()
+    assert np.ptp([row[JOINTS.index('forearm2b_swing')] for row in joints.values()]) > 0.05
+
+
+def test_latecomers_hear_the_urdf_of_the_robot(driven: Driven) -> None:
+    heard = driven.graph.listen(String, 'robot_description', LATCHED)
+    driven.graph.spin_until(lambda: heard, 'the description')
+    assert heard[0].data == urdf(ROBOT)
 
 
 def test_phase_currents_are_those_of_torque_and_angle(driven: Driven) -> None:

@@ -28,6 +28,11 @@ def plant() -> int:
     return _start('plant')
 
 
+def robot_visualization() -> int:
+    """Run the process of the visualization."""
+    return _start('robot_visualization')
+
+
 def _start(module: str) -> int:
     interrupts.install()
     try:

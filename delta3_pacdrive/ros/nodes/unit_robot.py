@@ -25,6 +25,7 @@ from delta3_pacdrive.ros.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner_services import PlannerServices
 from delta3_pacdrive.ros.planning_thread import PlanningThread
 from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.scene.urdf import urdf
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
@@ -57,6 +58,8 @@ class UnitRobotNode(PollingNode):
         self._outputs = PlannerOutputs(self, planner, self._thread, self._operators, self._origin)
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
         self._beats = self._looks = 0
+        self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
+        self._description.publish(String(data=urdf(robot)))
         self._participant.announce(NO_SESSION)
         self._beat()
         self._operators.tell_queue()

@@ -1,0 +1,160 @@
+"""Node for the eye: markers of the robot, and bus time as ``/clock``; it does nothing while nobody listens.
+
+In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``; always
+``motion/plan``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.messages import Origin
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.motion.plan import Move, MoveKind
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
+from delta3_pacdrive.ros import cdr, node_process
+from delta3_pacdrive.ros.clock_output import ClockOutput
+from delta3_pacdrive.ros.interfaces import (
+    JOINT_STATES,
+    MARKERS,
+    MOTION_PLAN,
+    OUTPUTS,
+    TCP_COMMAND,
+    TCP_ERROR,
+    Topic,
+)
+from delta3_pacdrive.ros.numbers import row_of
+from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
+from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.publishers import Output
+from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.ros.robot_markers import RobotMarkers
+from delta3_pacdrive.sercos.telegram_codec import Decoded
+
+LOOK_S = 0.25  # between two looks at who listens
+TICK_S = 0.01  # while somebody does
+ROBOT_EVERY, TRAVELLED_EVERY, STILL_EVERY = 5, 25, 100  # ticks: 20, 4 and 1 Hz
+# all joint states between two ticks, and some more where a tick is late
+JOINT_STATES_QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)
+PLAN_QUEUE = QoSProfile(depth=1000)  # bounded: who only looks on never makes the planner wait
+
+
+class _Heard:
+    """A cyclic topic is heard only as long as it is wanted."""
+
+    def __init__(self, node: PollingNode, topic: Topic, profile: QoSProfile = NEWEST) -> None:
+        self._node, self._topic, self._profile = node, topic, profile
+        self._codec = cdr.codec(topic.telegrams[0])
+        self._take: Callable[[], Any] | None = None
+
+    def listen(self, wanted: bool) -> None:
+        """Listen from now on, or no longer."""
+        if wanted and self._take is None:
+            self._take = self._topic.polled_subscription(self._node, profile=self._profile)
+        elif not wanted and self._take is not None:
+            self._node.destroy_polled_subscription(self._take)
+            self._take = None
+
+    def all(self) -> list[Decoded]:
+        """Return what has come."""
+        found = []
+        while self._take is not None and (taken := self._take()) is not None:
+            try:
+                decoded = self._codec.decode(taken[0])
+            except TelegramError:
+                continue  # of somebody else: these topics belong to everybody
+            if decoded[0] >= 0:  # before cyclic operation there is no bus time
+                found.append(decoded)
+        return found
+
+
+class RobotVisualizationNode(PollingNode):
+    """The node shows one robot."""
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('robot_visualization', **node_options)
+        magnification = declare(
+            self,
+            'error_magnification',
+            100.0,
+            descriptor('by which the line of the TCP error is longer than the error', 1.0, 1e4, float),
+        )
+        self._robot = declare_robot(self)
+        self._markers = RobotMarkers(self._robot, magnification)
+        self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
+        self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE)
+        self._command, self._error = _Heard(self, TCP_COMMAND), _Heard(self, TCP_ERROR)
+        self._theta = self._tcp = np.full(3, np.nan)
+        self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
+        self._ticks = 0
+        plan = MOTION_PLAN.type, MOTION_PLAN.name
+        self.create_bounded_subscription(*plan, self._on_plan, PLAN_QUEUE, ROW_BYTES_MAX)
+        OUTPUTS.bounded_subscription(self, self._on_outputs)
+        self.create_timer(LOOK_S, self._look)
+        self._ticker = self.create_timer(TICK_S, self._tick, autostart=False)
+
+    def _look(self) -> None:
+        """Begin to listen when somebody wants to see something, and end it afterwards."""
+        self._bus_clock.look()
+        shown = self._output.wanted
+        self._joints.listen(shown or self._bus_clock.wanted)
+        self._command.listen(shown)
+        self._error.listen(shown)
+        if not (shown or self._bus_clock.wanted):
+            self._ticker.cancel()
+        elif self._ticker.is_canceled():
+            self._ticks = 0
+            self._ticker.reset()
+
+    def _tick(self) -> None:
+        for sec, nanosec, _, values in self._joints.all():
+            self._bus_clock.tell((sec, nanosec))
+            self._theta = np.array(values[:3])
+            self._tcp = kinematics.forward(self._theta, self._robot, unreachable='nan')
+            self._markers.travel(self._tcp)
+        if self._output.wanted:
+            self._show()
+        self._ticks += 1
+
+    def _show(self) -> None:
+        for name, heard in (('command', self._command), ('error', self._error)):
+            for *_, values in heard.all():
+                self._places[name] = np.array(values)
+        markers = []
+        if self._ticks % STILL_EVERY == 0:
+            markers += self._markers.still()
+        if self._ticks % TRAVELLED_EVERY == 0:
+            markers += self._markers.travelled()
+        if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
+            markers += self._markers.robot(self._theta)
+            if np.isfinite(self._places['command']).all():
+                markers += self._markers.error(self._tcp, self._places['command'], self._places['error'])
+        if markers:
+            self._output.publish(MarkerArray(markers=markers))
+
+    def _on_plan(self, message: Float64MultiArray) -> None:
+        label, row = row_of(message)
+        if Origin.from_label(label).kind in MoveKind.__members__:
+            move, number, _ = Move.from_array(row)
+            self._markers.plan(move, number)
+
+    def _on_outputs(self, message: JointState) -> None:
+        carried = dict(zip(message.name, message.position, strict=False)).get('payload_kg', -1.0)
+        if 0.0 <= carried <= PAYLOAD_MAX_KG and (gone := self._markers.carry(carried)):
+            self._output.publish(MarkerArray(markers=gone))
+
+
+def main() -> int:
+    """Run the process of the visualization."""
+    return node_process.run_single(RobotVisualizationNode)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,176 @@
+"""The robot as markers for RViz and Foxglove: its parts, its workspace, paths, the commanded TCP, and the error.
+
+Every marker is in the frame ``base``, so that neither transforms nor a model of the robot are needed to see it.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.plan import Move
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene.parts import NAMES, Colour, Part, parts
+from delta3_pacdrive.scene.poses import poses
+from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME
+
+PLANNED: Colour = (0.25, 0.55, 0.90, 0.9)
+TRAVELLED: Colour = (0.15, 0.70, 0.35, 0.9)
+COMMAND: Colour = (0.25, 0.55, 0.90, 0.5)
+ERROR: Colour = (0.90, 0.15, 0.15, 1.0)
+LINE_M, ERROR_LINE_M, COMMAND_M = 0.003, 0.006, 0.03
+POINT_M = 2e-3  # least distance between two points of a line
+POINTS_MAX = 2000  # of a line; the path that was travelled loses its oldest ones
+MOVE_POINTS_MAX = 200
+
+
+class _Group:
+    """Solids that are placed together."""
+
+    def __init__(self, chosen: Iterable[Part]) -> None:
+        rows = [(part, number, shape) for part in chosen for number, shape in enumerate(part.shapes)]
+        self._parts = [NAMES.index(part.name) for part, _, _ in rows]
+        self._place = np.array([shape.position_m for _, _, shape in rows])
+        self._turned = Rotation.from_quat([shape.quaternion for _, _, shape in rows])
+        self.markers = [_solid(part, number, shape) for part, number, shape in rows]
+
+    def placed(self, theta: ArrayLike, parameters: Parameters) -> list[Marker]:
+        """Return the markers at arm angles [rad]; none at angles that close no chain."""
+        there = poses(theta, parameters, unreachable='nan')
+        turned, places = there.quaternion[self._parts], there.position[self._parts]
+        if not np.isfinite(places).all():
+            return []
+        part = Rotation.from_quat(turned)
+        places += part.apply(self._place)
+        for marker, place, quaternion in zip(
+            self.markers, places.tolist(), (part * self._turned).as_quat().tolist(), strict=True
+        ):
+            position, orientation = marker.pose.position, marker.pose.orientation
+            position.x, position.y, position.z = place
+            orientation.x, orientation.y, orientation.z, orientation.w = quaternion
+        return self.markers
+
+
+class RobotMarkers:
+    """The markers of one robot; methods return those that have to be published.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    error_magnification
+        By which the line of the TCP error is longer than the error.
+
+    """
+
+    def __init__(self, parameters: Parameters, error_magnification: float) -> None:
+        self._parameters, self._magnification = parameters, error_magnification
+        all_parts = parts(parameters)
+        self._still = _Group(part for part in all_parts if not part.moves)
+        self._moving = _Group(part for part in all_parts if part.moves and part.name != 'payload')
+        self._payload: _Group | None = None
+        self._planned: list[Floats] = []
+        self._travelled: deque[Point] = deque(maxlen=POINTS_MAX)
+        self._last = np.full(3, math.inf)
+        self.carry(parameters.dynamics.payload_mass_kg)
+
+    # what has happened ------------------------------------------------------------------------------------------------
+
+    def carry(self, payload_kg: float) -> list[Marker]:
+        """Carry this payload [kg] from now on; returns what takes away the markers of one that was put down."""
+        before = self._payload.markers if self._payload else []
+        carried = [part for part in parts(self._parameters, payload_kg) if part.name == 'payload']
+        self._payload = _Group(carried) if carried else None
+        for marker in [] if carried else before:
+            marker.action = Marker.DELETE
+        return [] if carried else before
+
+    def plan(self, move: Move, number: int) -> None:
+        """Add a move, the ``number``-th of a plan, to the path that is planned; the first one begins a new path."""
+        if number == 0:
+            self._planned = []
+        count = min(max(2, math.ceil(move.length_m / POINT_M)), MOVE_POINTS_MAX)
+        self._planned.append(sample_path(np.linspace(0.0, move.length_m, count), move.segments)[:, 0])
+        if sum(map(len, self._planned)) > 10 * POINTS_MAX:
+            self._planned = [np.concatenate(self._planned)[::2]]
+
+    def travel(self, tcp_m: Floats) -> None:
+        """Add a place [m], shape (3,), to the path that was travelled."""
+        if np.isfinite(tcp_m).all() and not np.linalg.norm(tcp_m - self._last) < POINT_M:
+            self._last = tcp_m
+            self._travelled.append(_point(tcp_m))
+
+    # what is shown ----------------------------------------------------------------------------------------------------
+
+    def still(self) -> list[Marker]:
+        """Return what changes seldom: base, motors, workspace, and the path that is planned."""
+        points = np.concatenate(self._planned) if self._planned else np.empty((0, 3))
+        points = points[:: max(1, math.ceil(len(points) / POINTS_MAX))]
+        planned = _line('path_planned', [_point(place) for place in points], PLANNED, LINE_M)
+        # what does not move is at the same place for all arm angles
+        return [*self._still.placed(np.zeros(3), self._parameters), planned]
+
+    def robot(self, theta: Floats) -> list[Marker]:
+        """Return the parts that move, for arm angles [rad], shape (3,); none for angles that close no chain."""
+        groups = [self._moving, self._payload] if self._payload else [self._moving]
+        return [marker for group in groups for marker in group.placed(theta, self._parameters)]
+
+    def travelled(self) -> list[Marker]:
+        """Return the path that was travelled."""
+        return [_line('path_travelled', list(self._travelled), TRAVELLED, LINE_M)]
+
+    def error(self, tcp_m: Floats, command_m: Floats, error_m: Floats) -> list[Marker]:
+        """Return the commanded TCP, and the line from the TCP along the magnified error; all [m], shape (3,)."""
+        command = _marker('tcp_command', 0, Marker.SPHERE, COMMAND)
+        command.pose.position = _point(command_m)
+        command.scale = Vector3(x=COMMAND_M, y=COMMAND_M, z=COMMAND_M)
+        end = tcp_m + self._magnification * error_m
+        return [command, _line('tcp_error', [_point(tcp_m), _point(end)], ERROR, ERROR_LINE_M)]
+
+
+def _solid(part: Part, number: int, shape: Shape) -> Marker:
+    match shape:
+        case Box():
+            kind, scale = Marker.CUBE, shape.size_m
+        case Cylinder():
+            width = 2.0 * shape.radius_m
+            kind, scale = Marker.CYLINDER, (width, width, shape.length_m)
+        case Sphere():
+            width = 2.0 * shape.radius_m
+            kind, scale = Marker.SPHERE, (width, width, width)
+        case _:
+            raise TypeError(f'there is no marker of a {shape.kind}')
+    marker = _marker(part.name, number, kind, part.colour)
+    marker.scale.x, marker.scale.y, marker.scale.z = scale
+    return marker
+
+
+def _line(name: str, points: list[Point], colour: Colour, width_m: float) -> Marker:
+    marker = _marker(name, 0, Marker.LINE_STRIP, colour)
+    # RViz warns of a line of a single point
+    marker.action = Marker.ADD if len(points) > 1 else Marker.DELETE
+    marker.points = points
+    marker.scale.x = width_m
+    return marker
+
+
+def _marker(name: str, number: int, kind: int, colour: Colour) -> Marker:
+    red, green, blue, opacity = colour
+    marker = Marker(ns=name, id=number, type=kind, color=ColorRGBA(r=red, g=green, b=blue, a=opacity))
+    marker.header.frame_id = BASE_FRAME.decode()  # its stamp stays 0: whatever time it is
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _point(place: Sequence[float] | Floats) -> Point:
+    x, y, z = place
+    return Point(x=float(x), y=float(y), z=float(z))
