@@ -80,6 +80,7 @@ data_files = [
     (f'share/{PACKAGE}', ['package.xml']),
     (f'share/{PACKAGE}/config', glob('config/*.yaml') + glob('config/*.xml')),
     (f'share/{PACKAGE}/config/programs', glob('config/programs/*.yaml')),
+    (f'share/{PACKAGE}/config/layouts', glob('config/layouts/*')),
 ]
 scripts = COMMAND_LINE | EXECUTABLES
 options = {}
@@ -106,7 +107,7 @@ setup(
     package_data={
         PACKAGE: ['py.typed'],
         f'{PACKAGE}.analysis.report_page': ['assets/*'],
-        f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml'],
+        f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml', 'layouts/*'],
     },
     data_files=data_files,
     zip_safe=False,
