@@ -166,11 +166,16 @@ class Topic:
         return node.create_publisher(self.type, self.of(axis), self.delivery.publisher, **options)
 
     def subscription(
-        self, node: Node, callback: Callable[[Any], None], axis: str = '', raw: bool = False
+        self,
+        node: Node,
+        callback: Callable[[Any], None],
+        axis: str = '',
+        raw: bool = False,
+        profile: QoSProfile | None = None,
     ) -> Subscription:
         """Create a subscription; ``raw`` gives the callback bytes."""
         return node.create_subscription(
-            self.type, self.of(axis), callback, self.delivery.subscription, raw=raw
+            self.type, self.of(axis), callback, profile or self.delivery.subscription, raw=raw
         )
 
     def bounded_subscription(
@@ -179,6 +184,7 @@ class Topic:
         callback: Callable[[Any], None],
         bytes_max: int = TEXT_BYTES_MAX,
         refuse: Callable[[str], None] | None = None,
+        profile: QoSProfile | None = None,
     ) -> Subscription:
         """Create a subscription; what is too large, or a Delta3Error that the callback raises, is said in one sentence.
 
@@ -202,7 +208,7 @@ class Topic:
                 else:
                     node.get_logger().warning(f'{self.name}: {error}', throttle_duration_sec=1.0)
 
-        return self.subscription(node, receive, raw=True)
+        return self.subscription(node, receive, raw=True, profile=profile)
 
     def polled_subscription(
         self, node: PollingNode, axis: str = '', profile: QoSProfile | None = None

@@ -110,7 +110,7 @@ class Robot:
         if found is None:
             return None
         sec, nanosec, _, values = found
-        theta, speed, torque = np.array(values).reshape(3, 3)
+        theta, speed, torque = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
         return Instant(
             sec + nanosec / NANOSECONDS, theta, self._lag, torque,
             torque / self.parameters.motor.torque_constant_n_m_a, self._overload, self._tcp_speed(theta, speed),

@@ -94,8 +94,7 @@ class RobotVisualizationNode(PollingNode):
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
         self._ticks = 0
-        plan = MOTION_PLAN.type, MOTION_PLAN.name
-        self.create_bounded_subscription(*plan, self._on_plan, PLAN_QUEUE, ROW_BYTES_MAX)
+        MOTION_PLAN.bounded_subscription(self, self._on_plan, ROW_BYTES_MAX, profile=PLAN_QUEUE)
         OUTPUTS.bounded_subscription(self, self._on_outputs)
         self.create_timer(LOOK_S, self._look)
         self._ticker = self.create_timer(TICK_S, self._tick, autostart=False)
