@@ -23,6 +23,8 @@ Arguments of the kernels here:
     Torque [N m] that holds an arm with the empty plate, and what a kilogram adds to it [N m/kg].
 ``payload``
     Payload [kg].
+``v``
+    Vector, shape (3,).
 ``torque``
     Torque that there is [N m].
 """
