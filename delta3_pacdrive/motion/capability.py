@@ -107,6 +107,7 @@ def demand(parameters: Parameters, payload_kg: float, acceleration_m_s2: float) 
 
 @kernel
 def _length(v):
+    """Length of a vector, in its unit."""
     return math.sqrt(dot(v, v))
 
 
