@@ -17,6 +17,17 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # Read when numpy is imported, which is later.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+# Files whose tests take longest. They begin first, so that several workers come to their end together.
+LONG = ('test_interrupts.py', 'docs/test_long_pages.py', 'numerics/test_kernel.py', 'docs/test_pages.py')
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the files that take long; all others keep their order."""
+    here = Path(__file__).parent
+    order = {here / name: number for number, name in enumerate(LONG)}
+    items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
 settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=100)
 settings.load_profile('facts')
 
