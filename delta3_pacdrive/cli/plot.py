@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
-from delta3_pacdrive.cli.option_types import number_within
+from delta3_pacdrive.cli.command import Command, argument, option
+from delta3_pacdrive.cli.run_options import WindowOptions
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
-
-TIME = number_within(-1e9, 1e9, 's')
 
 
 def _signals(text: str) -> list[str]:
@@ -31,29 +29,16 @@ def _signals(text: str) -> list[str]:
 
 
 @dataclass
-class Options(JsonOptions):
+class Options(WindowOptions):
     """Options of the command."""
 
     recording: str = argument('rosbag2 folder or trace (.npz, .csv)')
     output: str = option('folder for the pictures and their data', 'DIR', default='figures')
-    from_s: float | None = option(
-        'begin here: bus time [s] from the start of the (first) program, or of the bus if there is none',
-        'S',
-        names=('--from',),
-        type=TIME,
-    )
-    to_s: float | None = option('end here, as --from', 'S', names=('--to',), type=TIME)
     signals: list[str] | None = option(
         'draw and write these only, such as current,tcp_error: ' + ', '.join(SIGNALS | TRUE_SIGNALS),
         'NAMES',
         type=_signals,
     )
-
-    def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
-        if self.from_s is None or self.to_s is None or self.from_s < self.to_s:
-            return ''
-        return f'--from is {self.from_s:g}, but must be less than --to, {self.to_s:g}'
 
 
 def run(options: Options) -> int:

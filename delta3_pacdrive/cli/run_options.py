@@ -4,17 +4,35 @@ from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.cli.command import JsonOptions, argument, option
-from delta3_pacdrive.cli.option_types import number_within
+from delta3_pacdrive.cli.option_types import TIME
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.configuration.packaged import program_names
 
-TIME = number_within(-1e9, 1e9, 's')
 RUN = f'trace (.npz, .csv), rosbag2 folder, or a program that is simulated: {", ".join(program_names())}'
 START, BEST = 'start', 'best'
 
 
 @dataclass
-class RunOptions(JsonOptions):
+class WindowOptions(JsonOptions):
+    """Options of a command that shows a part of what was recorded."""
+
+    from_s: float | None = option(
+        'begin here: bus time [s] from the start of the (first) program, or of the bus if there is none',
+        'S',
+        names=('--from',),
+        type=TIME,
+    )
+    to_s: float | None = option('end here, as --from', 'S', names=('--to',), type=TIME)
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.from_s is None or self.to_s is None or self.from_s < self.to_s:
+            return ''
+        return f'--from is {self.from_s:g}, but must be less than --to, {self.to_s:g}'
+
+
+@dataclass
+class RunOptions(WindowOptions):
     """Options of a command about runs."""
 
     inputs: list[str] = argument(RUN, nargs='+', metavar='RUN')
@@ -29,18 +47,11 @@ class RunOptions(JsonOptions):
         choices=(START, BEST),
         default=START,
     )
-    from_s: float | None = option(
-        'begin here: time [s] from the start of the program, or bus time if there is none',
-        'S',
-        names=('--from',),
-        type=TIME,
-    )
-    to_s: float | None = option('end here, as --from', 'S', names=('--to',), type=TIME)
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
-        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
-            return f'--from is {self.from_s:g}, but must be less than --to, {self.to_s:g}'
+        if refusal := super().check():
+            return refusal
         count = len((self.parameters or '').split(','))
         if count > 1 and count != len(self.inputs):
             return f'--parameters names {count} files, but there are {len(self.inputs)} runs'
