@@ -3,7 +3,9 @@
 import math
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,11 @@ from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.view import serving
 
+OnProgress = Callable[[dict[str, Any]], None]
+
 
 @dataclass
-class GraphOptions(NodeOptions):
+class GraphOptions(NodeOptions, RobotOptions):
     """Options that say how the nodes of a robot run."""
 
     real_time_factor: float = option('bus time over wall time; 0: no clock', 'F', default=1.0, type=float)
@@ -56,34 +60,53 @@ def show_run(display: Progress, progress: dict[str, Any]) -> None:
     )
 
 
-def refuse_second(options: NodeOptions) -> None:
-    """Raise RunError if the namespace has a robot, before anything that takes long is loaded."""
+def bring_up(
+    options: GraphOptions, program: str | None, shown: Callable[[Progress, Any], OnProgress]
+) -> tuple[Any, dict[str, Any]]:
+    """Bring a robot up, for a program or until it is interrupted; return the bring-up and its result.
+
+    ``shown`` returns what shows how it goes. Raises RunError.
+    """
+    started_s = time.monotonic()
+    namespace = '/' + options.namespace.strip('/')
     from delta3_pacdrive.bringup.environment import only_one
 
-    with only_one(_namespace(options)):
+    with only_one(namespace):  # a second robot is refused before anything that takes long is loaded
         pass
+    # ROS and numba are imported after the options are known to be good
+    from delta3_pacdrive.bringup.bringup import Bringup
+    from delta3_pacdrive.bringup.options import Options as BringupOptions
+    from delta3_pacdrive.motion import program_file as programs
 
-
-def _namespace(options: NodeOptions) -> str:
-    """Return the namespace that is asked for, with one slash in front."""
-    return '/' + options.namespace.strip('/')
+    announce_compilation(options.parameters)
+    asked = BringupOptions(
+        program=programs.find(program).absolute() if program is not None else None,
+        parameters=Path(options.parameters) if options.parameters else None,
+        namespace=namespace,
+        real_time_factor=options.real_time_factor,
+        bag=Path(options.bag).absolute() if options.bag else None,
+        single_process=options.single_process,
+        exchange_period_s=options.exchange_period,
+        real_time_priority=not options.ordinary_priority,
+        markers=options.markers,
+        logs=Path(options.logs).absolute() if options.logs else None,
+        view_port=serving.choose(serving.HOST, options.view_port)
+        if options.view or options.view_port
+        else None,
+    )
+    bringup = Bringup(asked, started_s)
+    if asked.view_port is not None:
+        page = serving.address(serving.HOST, asked.view_port)
+        print(f'the page is at {page}', file=sys.stderr, flush=True)
+    with Progress(quiet=options.json) as display:
+        return bringup, bringup.run(shown(display, bringup))
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    started_s = time.monotonic()
-    refuse_second(options)
-    # ROS and numba are imported after the options are known to be good
+    bringup, result = bring_up(options, options.program, lambda display, _: partial(show_run, display))
     from delta3_pacdrive.analysis.provenance import digest
-    from delta3_pacdrive.bringup.bringup import Bringup
-    from delta3_pacdrive.motion import program_file as programs
 
-    announce_compilation(options.parameters)
-    program = programs.find(options.program).absolute()
-    bringup = Bringup(bringup_options(options, options, program), started_s)
-    announce_page(bringup.options.view_port)
-    with Progress(quiet=options.json) as display:
-        result = bringup.run(lambda progress: show_run(display, progress))
     notes = []
     if missing := result.get('bag_missing'):
         notes.append(
@@ -91,33 +114,9 @@ def run(options: Options) -> int:
         )
     if cut := result.get('bag_cut'):
         notes.append(f'{options.bag}: {cut}')
-    inputs, ready = [f'{options.program} {digest(program)}'], f', ready after {result["ready_s"]:.2f} s'
+    inputs = [f'{options.program} {digest(bringup.options.program)}']
+    ready = f', ready after {result["ready_s"]:.2f} s'
     return print_run(result, options, bringup.robot, inputs, ready, notes)
-
-
-def announce_page(port: int | None) -> None:
-    """Say where the page is, if there is to be one."""
-    if port is not None:
-        print(f'the page is at {serving.address(serving.HOST, port)}', file=sys.stderr, flush=True)
-
-
-def bringup_options(graph: GraphOptions, robot: RobotOptions, program: Path | None) -> Any:
-    """Return the options of a bring-up from those of the command line."""
-    from delta3_pacdrive.bringup.options import Options as BringupOptions
-
-    return BringupOptions(
-        program=program,
-        parameters=Path(robot.parameters) if robot.parameters else None,
-        namespace=_namespace(graph),
-        real_time_factor=graph.real_time_factor,
-        bag=Path(graph.bag).absolute() if graph.bag else None,
-        single_process=graph.single_process,
-        exchange_period_s=robot.exchange_period,
-        real_time_priority=not graph.ordinary_priority,
-        markers=graph.markers,
-        logs=Path(graph.logs).absolute() if graph.logs else None,
-        view_port=serving.choose(serving.HOST, graph.view_port) if graph.view or graph.view_port else None,
-    )
 
 
 main = Command(

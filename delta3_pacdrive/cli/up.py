@@ -1,18 +1,17 @@
 """``delta3 up``: bring a robot up and keep it up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
 
 import sys
-import time
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.cli.command import Command, RobotOptions
+from delta3_pacdrive.cli.command import Command
 from delta3_pacdrive.cli.output import print_json
-from delta3_pacdrive.cli.progress import Progress, announce_compilation
-from delta3_pacdrive.cli.run import GraphOptions, announce_page, bringup_options, refuse_second, show_run
+from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.run import GraphOptions, bring_up, show_run
 
 
 @dataclass
-class Options(GraphOptions, RobotOptions):
+class Options(GraphOptions):
     """Options of the command."""
 
 
@@ -44,15 +43,9 @@ class _Announcement:
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    started_s = time.monotonic()
-    refuse_second(options)
-    from delta3_pacdrive.bringup.bringup import Bringup
-
-    announce_compilation(options.parameters)
-    bringup = Bringup(bringup_options(options, options, None), started_s)
-    announce_page(bringup.options.view_port)
-    with Progress(quiet=options.json) as display:
-        result = bringup.run(_Announcement(display, bringup, options.json).show)
+    bringup, result = bring_up(
+        options, None, lambda display, bringup: _Announcement(display, bringup, options.json).show
+    )
     if options.json:
         print_json(result, options, bringup.robot)
     else:
