@@ -1,28 +1,21 @@
 """What a bag tells besides its signals: moves and when they were driven, outputs, holds, overrides, faults."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from rosbags.typesys.store import Typestore
 
 from delta3_pacdrive.analysis.run_signals import positive
 from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import ProgramError, TelegramError
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
-from delta3_pacdrive.motion.plan import OUTPUTS, Move, PlanBuilder
+from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from rosbags.typesys.store import Typestore
-
-    from delta3_pacdrive.motion.plan import Plan
-    from delta3_pacdrive.recording.trace import Trace
 
 ORDER_HEADER = 2  # of the row that ends a plan: start cycle, override
 NUMBERS, TEXT, JOINT_STATE = (

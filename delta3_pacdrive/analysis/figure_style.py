@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 DPI = 150
 WIDTH_IN = 8.0
+TITLE_LENGTH = 80
 AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')  # Okabe and Ito: told apart with colour-blind eyes
 NORM_COLOUR = '#7A3E9D'
 COLOURS = (*AXIS_COLOURS, '#CC79A7', NORM_COLOUR, '#56B4E9')
@@ -38,6 +39,12 @@ def titled_figure(title: str, height_in: float, width_in: float = WIDTH_IN, **st
     figure = empty_figure(height_in, width_in)
     figure.suptitle(title, fontsize=12, **style)
     return figure
+
+
+def figure_of_program(what: str, program: str | None, height_in: float) -> Figure:
+    """Return a figure without panels that tells what is shown of which program."""
+    title = textwrap.shorten(f'{what}: {program}' if program else what, TITLE_LENGTH, placeholder=' ...')
+    return titled_figure(title, height_in, parse_math=False)
 
 
 def add_foot(figure: Figure, provenance: Provenance) -> None:

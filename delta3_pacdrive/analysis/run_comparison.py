@@ -5,25 +5,19 @@ second run is shifted by whole cycles to where its motor speeds correlate best w
 another bus cycle, or with samples between the cycles of the first, is interpolated linearly.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.signal import correlate, correlation_lags
 
 from delta3_pacdrive.analysis.run_signals import derivatives
-from delta3_pacdrive.analysis.runs import differing
+from delta3_pacdrive.analysis.runs import DrivenMove, Run, differing
 from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from delta3_pacdrive.analysis.runs import DrivenMove, Run
-    from delta3_pacdrive.numerics.types import Floats
 
 BY_START, BY_CORRELATION = 'program start', 'best correlation'
 OVERLAP_MIN = 0.25  # share of the shorter run that has to have a counterpart

@@ -6,7 +6,6 @@ Arm values are motor values over the gear ratio (4.17).
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -18,10 +17,10 @@ from delta3_pacdrive.analysis.figure_style import (
     AXIS_COLOURS,
     DASHED,
     NORM_COLOUR,
+    figure_of_program,
     finish_over_time,
     keep_span,
     panel_title,
-    titled_figure,
 )
 from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
 from delta3_pacdrive.analysis.report_folder import ReportFolder
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TITLE_LENGTH = 80
 ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': DASHED, 'color': '#111111'}
 
@@ -81,7 +79,7 @@ def tcp_path_3d(trace: Trace) -> Figure:
     run = program_part(trace)
     command, actual = 1e3 * run['tcp_command'], 1e3 * run['tcp_actual']
     known = actual[np.isfinite(actual).all(axis=1)]
-    figure = _figure(run, 'TCP path', 5.6)
+    figure = figure_of_program('TCP path', run.meta.get('program'), 5.6)
     axes = path_axes(figure, 0.09, 0.86)
     axes.plot(*actual.T, color=AXIS_COLOURS[0], label='actual', **ACTUAL | WHOLE | {'linewidth': 3.0})
     axes.plot(*command.T, label='command', **COMMAND, **WHOLE)
@@ -106,7 +104,7 @@ def arm_velocities(trace: Trace) -> Figure:
     run = program_part(trace)
     actual = _arm_deg(run, 'motor_speed')
     command = derivatives(_arm_deg(run, 'motor_command'), positive(run, 'cycle_time_s'))[0]
-    figure = _figure(run, 'Arm speeds', 6.0)
+    figure = figure_of_program('Arm speeds', run.meta.get('program'), 6.0)
     grid = figure.subplots(3, 2, sharex='col', width_ratios=(2, 1), squeeze=False)
     overview, zoom = grid.T
     _dress(run, overview, _axis_labels(r'$\dot\theta_{}$ (deg/s)'))
@@ -154,7 +152,7 @@ def tcp_error_norm(trace: Trace) -> Figure:
     run = program_part(trace)
     aligned = 1e3 * np.linalg.norm(run['tcp_error'], axis=1)
     raw = 1e3 * np.linalg.norm(run['tcp_command'] - run['tcp_actual'], axis=1)
-    figure = _figure(run, 'Norm of the TCP error', 5.0)
+    figure = figure_of_program('Norm of the TCP error', run.meta.get('program'), 5.0)
     panels = figure.subplots(2, 1, sharex=True)
     _dress(run, panels, ['error (mm)'] * 2)
     titles = ('set-point delay removed', 'raw difference of command and actual position')
@@ -201,12 +199,6 @@ def _axis_labels(label: str) -> list[str]:
     return [label.format(i) for i in (1, 2, 3)]
 
 
-def _figure(trace: Trace, what: str, height_in: float) -> Figure:
-    program = trace.meta.get('program')
-    title = textwrap.shorten(f'{what}: {program}' if program else what, TITLE_LENGTH, placeholder=' ...')
-    return titled_figure(title, height_in, parse_math=False)
-
-
 def _three_panels(
     run: Trace,
     what: str,
@@ -217,7 +209,7 @@ def _three_panels(
     same_scale: bool = False,
 ) -> Figure:
     """Draw three columns above one another; no axis magnifies less than ``least``."""
-    figure = _figure(run, what, 6.0)
+    figure = figure_of_program(what, run.meta.get('program'), 6.0)
     panels = figure.subplots(3, 1, sharex=True, sharey=same_scale)
     _dress(run, panels, labels)
     _plot(panels, run.time_s, actual, command)

@@ -1,11 +1,10 @@
 """Runs that are shown or compared: a recording, or a program that is simulated on the spot."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +13,9 @@ from delta3_pacdrive.analysis import bag_events, run_signals
 from delta3_pacdrive.analysis.inputs import is_recording, noted
 from delta3_pacdrive.errors import ParameterError, TraceError
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import trace_file
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import Trace
 
 CONTINUED_S = 0.5  # how long after a stop a run is shown at most: brakes have closed then
 STARTED, OUTPUT, EVENT, FAULT = 'start', 'output', 'event', 'fault'  # kinds of marks

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.estimation import figures, report, thesis_setup
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.analysis.estimation.measurement import sample_time_s, simulate, with_noise
@@ -32,13 +33,10 @@ SETTINGS, ITERATE = 'session.json', 'iterate.json'
 
 
 @dataclass
-class Study:
+class Study(studies.Study):
     """An estimation in a folder, which can go on from its last accepted iterate."""
 
     settings: Settings
-    folder: Path
-    command: str
-    on_progress: OnProgress
     iterate: Iterate | None = None
     robot: Parameters = field(init=False)
     quantities: tuple[Quantity, ...] = field(init=False, default=())

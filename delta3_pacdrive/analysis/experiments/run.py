@@ -7,6 +7,7 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
 from delta3_pacdrive.analysis.experiments.study import Results, Settings
@@ -25,13 +26,10 @@ Graph = Callable[
 
 
 @dataclass
-class Study:
+class Study(studies.Study):
     """The study is an experiment in a folder; with a ``graph`` both robots run as nodes, which are compared."""
 
     settings: Settings
-    folder: Path
-    command: str
-    on_progress: OnProgress
     graph: Graph | None = None
     robots: dict[str, core.Parameters] = field(init=False)
 

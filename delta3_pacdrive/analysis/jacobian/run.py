@@ -1,10 +1,10 @@
 """The Jacobian experiments from their settings to their folder: what is compared, what is written."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.jacobian import condition, figures, report
 from delta3_pacdrive.analysis.jacobian.causes import causes
@@ -14,20 +14,16 @@ from delta3_pacdrive.analysis.jacobian.sensitivity import sensitivities, toleran
 from delta3_pacdrive.analysis.jacobian.study import Results, Settings, Trial
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
-from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import ParameterError, ReportError
 
 ERROR_MAX_M = 0.1  # beyond that it is another robot, or millimetres were meant
 
 
 @dataclass
-class Study:
+class Study(studies.Study):
     """The study is the Jacobian experiments in a folder."""
 
     settings: Settings
-    folder: Path
-    command: str
-    on_progress: OnProgress
     robot: core.Parameters = field(init=False)
 
     def __post_init__(self) -> None:

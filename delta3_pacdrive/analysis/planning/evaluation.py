@@ -1,11 +1,11 @@
 """A planned program over time, and move by move with what limits each."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
 from delta3_pacdrive.analysis.pose.evaluation import KEYS
@@ -17,23 +17,16 @@ from delta3_pacdrive.motion.path_dynamics import (
     SERIAL,
     SWING,
     THETA,
+    PathDynamics,
     path_coefficients,
     timed_dynamics,
 )
 from delta3_pacdrive.motion.plan import UNCHANGED, Move, MoveKind
-from delta3_pacdrive.motion.program_planner import plan
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.virtual_master import sample_master
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.motion.path_dynamics import PathDynamics
-    from delta3_pacdrive.motion.program import Program
-    from delta3_pacdrive.motion.program_planner import Planned
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase

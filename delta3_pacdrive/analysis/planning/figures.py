@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
+from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -16,28 +16,25 @@ from delta3_pacdrive.analysis.figure_style import (
     MUTED,
     NORM_COLOUR,
     dress,
-    empty_figure,
+    figure_of_program,
     finish_over_time,
+    keep_span,
     legend_above,
     panel_title,
 )
 from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
 from delta3_pacdrive.analysis.planning.evaluation import QUANTITIES
+from delta3_pacdrive.analysis.planning.study import PlanStudy
+from delta3_pacdrive.analysis.report_folder import Drawings
 from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.analysis.planning.study import PlanStudy
-    from delta3_pacdrive.analysis.report_folder import Drawings
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
-
 MM, RPM = 1e3, 60.0 / (2.0 * np.pi)
-TITLE_LENGTH = 80
 INK = '#222222'
 LINE: dict[str, Any] = {'linewidth': 1.6, 'solid_capstyle': 'round'}
 LIMIT: dict[str, Any] = {'color': MUTED, 'linewidth': 0.9, 'linestyle': DASHED}
@@ -66,17 +63,10 @@ def by_name(found: PlanStudy, parameters: Parameters) -> Drawings:
     }
 
 
-def _figure(found: PlanStudy, what: str, height_in: float) -> Figure:
-    figure = empty_figure(height_in)
-    title = textwrap.shorten(f'{what}: {found.planned.name}', TITLE_LENGTH, placeholder=' ...')
-    figure.suptitle(title, fontsize=12, parse_math=False)
-    return figure
-
-
 def virtual_master(found: PlanStudy) -> Figure:
     """The virtual master is the distance over time; at that distance the slaves x, y, z are the position (Fig. 6.2)."""
     s = found.samples
-    figure = _figure(found, 'Virtual master and slaves', 6.6)
+    figure = figure_of_program('Virtual master and slaves', found.planned.name, 6.6)
     grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.0))
     master = figure.add_subplot(grid[:, 0])
     slaves = [figure.add_subplot(grid[0, 1])]
@@ -97,7 +87,7 @@ def virtual_master(found: PlanStudy) -> Figure:
         axes.axvline(distance, **LIMIT)
         axes.plot(distance, values[here], 'o', color=NORM_COLOUR, markersize=6, zorder=5)
         axes.set_ylabel(f'{"xyz"[n]} (mm)')
-        _keep_span(axes, 1.0)
+        keep_span([axes], 1.0)
     panel_title(slaves[0], 'slaves: position over the distance')
     speed.plot(MM * s.distance_m, s.speed_m_s, color=INK, **LINE)
     speed.axvline(distance, **LIMIT)
@@ -114,7 +104,7 @@ def virtual_master(found: PlanStudy) -> Figure:
 def position_and_velocity(found: PlanStudy) -> Figure:
     """Position and velocity path: distance, speed, acceleration and jerk of the TCP over time (Fig. 6.3)."""
     s = found.samples
-    figure = _figure(found, 'Position and velocity path', 7.2)
+    figure = figure_of_program('Position and velocity path', found.planned.name, 7.2)
     panels = list(figure.subplots(4, 1, sharex=True))
     _mark_moves(found, panels)
     panels[0].plot(s.time_s, MM * s.distance_m, color=INK, **LINE)
@@ -131,7 +121,6 @@ def position_and_velocity(found: PlanStudy) -> Figure:
         axes.plot(s.time_s, -limit, **LIMIT)
     labels = ['distance (mm)', 'speed (m/s)', 'acceleration (m/s$^2$)', 'jerk (m/s$^3$)']
     finish_over_time(panels, labels, TIME_LABEL)
-    figure.align_ylabels()
     _legend_below(figure, panels[2])
     return figure
 
@@ -143,7 +132,7 @@ def path_points(found: PlanStudy) -> Figure:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     s = found.samples
-    figure = _figure(found, 'Points of the path', 6.2)
+    figure = figure_of_program('Points of the path', found.planned.name, 6.2)
     axes = path_axes(figure, 0.08, 0.86)
     axes.set_position((-0.05, 0.08, 1.0, 0.86))  # the labels of z need room
     points = MM * s.position_m
@@ -183,7 +172,7 @@ def over_path(found: PlanStudy) -> Figure:
     """Speed, acceleration, jerk and curvature over the distance along the path."""
     s = found.samples
     distance = MM * s.distance_m
-    figure = _figure(found, 'Over the path', 7.2)
+    figure = figure_of_program('Over the path', found.planned.name, 7.2)
     panels = list(figure.subplots(4, 1, sharex=True))
     for row in found.rows[1:] if len(found.rows) <= MOVES_MARKED else ():
         begin = MM * float(s.distance_m[np.searchsorted(s.move, row.number - 1)])
@@ -199,17 +188,16 @@ def over_path(found: PlanStudy) -> Figure:
         axes.plot(distance, limit, **LIMIT)
         axes.set_ylim(bottom=0.0)
     panels[3].plot(distance, s.curvature_1_m, color=NORM_COLOUR, **LINE)
-    _keep_span(panels[3], 0.1)
+    keep_span([panels[3]], 0.1)
     labels = ['TCP speed (m/s)', 'TCP acceleration\n(m/s$^2$)', 'TCP jerk (m/s$^3$)', 'curvature (1/m)']
     finish_over_time(panels, labels, 'distance along the path (mm)')
-    figure.align_ylabels()
     return figure
 
 
 def motors(found: PlanStudy, parameters: Parameters) -> Figure:
     """Arm angles, motor speeds and motor torques with friction, beside their limits."""
     s, motor, k = found.samples, parameters.motor, parameters.kinematics
-    figure = _figure(found, 'Arms and motors', 6.8)
+    figure = figure_of_program('Arms and motors', found.planned.name, 6.8)
     panels = list(figure.subplots(3, 1, sharex=True))
     _mark_moves(found, panels)
     peak = motor.torque_constant_n_m_a * motor.peak_current_a
@@ -231,7 +219,6 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
     panel_title(
         panels[2], 'dashed: limit (peak current), dotted: nominal current, where they are near', color=MUTED
     )
-    figure.align_ylabels()
     return figure
 
 
@@ -248,7 +235,7 @@ def limits(found: PlanStudy) -> Figure:
     from matplotlib.patches import Patch
 
     s = found.samples
-    figure = _figure(found, 'What limits the plan', 5.6)
+    figure = figure_of_program('What limits the plan', found.planned.name, 5.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(6, 1))
     _mark_moves(found, [upper])
     for quantity, values in s.used.items():
@@ -287,13 +274,6 @@ def _mark_moves(found: PlanStudy, panels: Sequence[Axes]) -> None:
     for row in found.rows[1::2]:
         for axes in panels:
             axes.axvspan(row.start_s, row.start_s + row.duration_s, color='#F3F3F3', linewidth=0.0, zorder=0)
-
-
-def _keep_span(axes: Axes, least: float) -> None:
-    low, high = axes.get_ylim()
-    if high - low < least:
-        middle = 0.5 * (low + high)
-        axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)
 
 
 def _legend_below(figure: Figure, axes: Axes) -> None:

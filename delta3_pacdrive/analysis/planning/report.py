@@ -1,20 +1,14 @@
 """A plan in numbers and in words: what is planned of each move, and what limits it."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.planning.study import Quantity
+from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Use
 from delta3_pacdrive.analysis.report_folder import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Use
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters
 
 RPM, MM = 60.0 / math.tau, 1e3
 NAME_LENGTH = 30

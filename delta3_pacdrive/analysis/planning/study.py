@@ -1,17 +1,13 @@
 """A plan over time and move by move: data only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from delta3_pacdrive.motion.program_planner import Planned
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.numerics.types import Floats
 
 
 class Quantity(StrEnum):

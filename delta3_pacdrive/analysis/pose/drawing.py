@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Kinematics
 
 MM = 1e3
 VIEW_DEG = (20.0, -72.0)  # elevation, azimuth of the eye

@@ -1,22 +1,15 @@
 """A pose from its point or from its arm angles."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.analysis.pose.study import Margin, Pose, Solution
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.motion.capability import capability
 from delta3_pacdrive.motion.limits import Bound, arm_bounds, workspace_bounds
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 SAME_RAD = 1e-7  # difference of angles that are one solution; near a serial singularity two of them meet
 KEYS = (

@@ -19,16 +19,15 @@ from delta3_pacdrive.analysis.figure_style import (
 from delta3_pacdrive.analysis.pose import drawing
 from delta3_pacdrive.analysis.pose.evaluation import elbows
 from delta3_pacdrive.analysis.pose.report import point_text
+from delta3_pacdrive.analysis.pose.study import Pose
+from delta3_pacdrive.analysis.report_folder import Drawings
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
-
-    from delta3_pacdrive.analysis.pose.study import Pose
-    from delta3_pacdrive.analysis.report_folder import Drawings
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
 
 MM = 1e3
 INK, PALE = '#222222', '#B0B0B0'

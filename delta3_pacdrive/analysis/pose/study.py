@@ -1,13 +1,9 @@
 """What is known of one pose: data only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from delta3_pacdrive.motion.capability import Capability
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.motion.capability import Capability
+from delta3_pacdrive.numerics.types import Floats
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,15 @@ together, undo the zigzag, add up as often as ``order`` says, multiply by ``reso
 stands for nothing: a cycle that the recording lacks.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 LARGEST = 2**31 - 1
 NOTHING = -(2**31)

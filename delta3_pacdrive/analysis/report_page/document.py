@@ -5,26 +5,19 @@ to its time. ``signals`` of a run are packed as ``columns`` says, one row for ea
 ``period_s``. ``differences`` are later runs minus the first one, on the cycles of that.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
-from delta3_pacdrive.analysis.run_comparison import resampled
-from delta3_pacdrive.analysis.runs import named, tcp_speed
+from delta3_pacdrive.analysis.run_comparison import Comparison, resampled
+from delta3_pacdrive.analysis.runs import Run, named, tcp_speed
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.scene import parts
 from delta3_pacdrive.scene.poses import frames
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from delta3_pacdrive.analysis.run_comparison import Comparison
-    from delta3_pacdrive.analysis.runs import Run
-    from delta3_pacdrive.numerics.types import Floats
 
 VERSION = 1
 

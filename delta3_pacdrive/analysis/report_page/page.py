@@ -4,27 +4,20 @@
 licences stand in ``assets/LICENSES.txt`` and in the page.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
+from collections.abc import Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page.document import report_document
 from delta3_pacdrive.analysis.report_page.tables import sections
 from delta3_pacdrive.analysis.run_comparison import compare
-from delta3_pacdrive.analysis.runs import named
+from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.errors import ReportError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.runs import Run
 
 LONGEST_S = 300.0  # of all runs together
 BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # of a page, and more for each second of a run

@@ -1,15 +1,11 @@
 """The plots of a page: which signals stand together, in which unit people read them."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 AXES, XYZ = ('axis 1', 'axis 2', 'axis 3'), ('x', 'y', 'z')
 ACTUAL, COMMAND, TRUE = 'actual', 'command', 'true'

@@ -1,23 +1,17 @@
 """Tables of a page as HTML: moves, statistics, what differs, where everything comes from. They read without scripts."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page.document import signals_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES
 from delta3_pacdrive.analysis.run_comparison import BY_START, Comparison, move_figures
-from delta3_pacdrive.analysis.runs import named
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.runs import Run
+from delta3_pacdrive.analysis.runs import Run, named
 
 NOTHING = '&ndash;'
 MOVES_SHOWN = 400  # rows of the table of moves

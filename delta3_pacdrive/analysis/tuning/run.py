@@ -1,14 +1,13 @@
 """One tuning from its settings to its folder: loops before and after, workspace, program, sweep, recording."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
-from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.analysis.tuning import effect, figures, measured_response, report, settings
 from delta3_pacdrive.analysis.tuning.analysis import (
     EXCHANGED,
@@ -38,7 +37,7 @@ SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the tr
 
 
 @dataclass
-class Study:
+class Study(studies.Study):
     """The study is a tuning in a folder.
 
     Raises
@@ -49,9 +48,6 @@ class Study:
     """
 
     settings: Settings
-    folder: Path
-    command: str
-    on_progress: OnProgress
     robot: Parameters = field(init=False)
     operation: OperatingPoint = field(init=False)
     program: Program = field(init=False)  # that shows the effect

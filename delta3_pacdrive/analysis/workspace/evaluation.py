@@ -1,24 +1,19 @@
 """Grids of positions and what the robot can do there."""
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.analysis.workspace.study import Extreme, Grid, Quantity, Results, Settings, Slice
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.motion.capability import OUT_OF_REACH, REACHED, Capability, capability
 from delta3_pacdrive.motion.limits import arm_bounds
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from delta3_pacdrive.numerics.types import Floats
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
 POSES_MAX = 20_000_000  # of a volume: 2 GB of results
 SLICE_POINTS = 241  # along the longer side of a slice

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.analysis.figure_style import MUTED, empty_figure, panel_title
+from delta3_pacdrive.analysis.report_folder import Drawings
 from delta3_pacdrive.analysis.workspace.evaluation import LIMITS, QUANTITIES
+from delta3_pacdrive.analysis.workspace.study import Grid, Quantity, Results, Slice
 from delta3_pacdrive.motion.capability import REACHED
+from delta3_pacdrive.parameters import Parameters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from delta3_pacdrive.analysis.report_folder import Drawings
-    from delta3_pacdrive.analysis.workspace.study import Grid, Quantity, Results, Slice
-    from delta3_pacdrive.parameters import Parameters
 
 MM = 1e3
 COLUMNS = 3  # of panels

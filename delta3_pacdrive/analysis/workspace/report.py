@@ -1,23 +1,18 @@
 """Maps of the workspace in numbers and in words, and the files that hold the volume."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.workspace.evaluation import LIMITS, QUANTITIES
+from delta3_pacdrive.analysis.workspace.study import Extreme, Grid, Quantity, Results, Settings
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.motion.capability import REACHED
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from delta3_pacdrive.analysis.workspace.study import Extreme, Grid, Quantity, Results, Settings
-    from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters
 
 JSON_UNITS = {'': '', 'm': '_m', 'm/s': '_m_s', 'm/s2': '_m_s2', 'm/rad': '_m_rad', 'kg': '_kg'}
 MM = 1e3

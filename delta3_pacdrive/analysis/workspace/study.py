@@ -1,15 +1,11 @@
 """Maps of the workspace: what is asked, and what is found; data only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.types import Floats
 
 
 @dataclass(frozen=True)
