@@ -3,7 +3,9 @@
 Its topics and services are those of ``TASK`` in ``ros.interfaces``; what it decides is in
 ``controller.robot_controller``. MDT: ``command_sender``; AT: ``at_receiver``; values of every cycle: ``task_outputs``;
 plans: ``planner_link``; services and control: ``operator_services``; states and outputs: ``robot_outputs``; service
-channel: ``service_requests``. Here they are put together, and the controller acts through it.
+channel: ``service_requests``.
+
+It is longer than other nodes because it puts all of these together, and is the port through which the controller acts.
 """
 
 import time
@@ -75,12 +77,7 @@ class TransformationTaskNode(PollingNode):
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters)
         self._receiver = AtReceiver(
-            self,
-            clock,
-            factor > 0.0,
-            controller.cycles.statistics,
-            controller.cycles.take,
-            controller.greeted,
+            self, clock, factor > 0.0, self._cycles.statistics, self._cycles.take, controller.greeted
         )
         offer_service_requests(self, controller.services)
         self._injection = FaultInjection(self, controller, cycle_time_s)
