@@ -256,10 +256,12 @@ def _notes(trace: Trace) -> tuple[str, ...]:
         notes.append(f'The program was given up: {meta["stopped"]}')
     if meta.get('cut'):
         notes.append(f'The recording is not whole: {meta["cut"]}')
-    for topic, count in dict(meta.get('lost') or {}).items():
-        notes.append(f'{count} messages of {topic} are missing')
-    for topic, count in dict(meta.get('refused') or {}).items():
-        notes.append(f'{count} messages of {topic} were not well formed')
+    for key, what in (('lost', 'are missing'), ('refused', 'were not well formed')):
+        if counts := dict(meta.get(key) or {}):
+            topic = max(counts, key=lambda name: counts[name])
+            notes.append(
+                f'{sum(counts.values())} messages of {len(counts)} topics {what}, most of {topic}: {counts[topic]}'
+            )
     if (starts := meta.get('starts', ())) and len(starts) > 1:
         notes.append(
             f'The recording holds {len(starts)} programs; times count from the start of the first one'

@@ -36,9 +36,10 @@ def output_changes(plan: Plan) -> list[dict[str, Any]]:
 def _changes(move: Move) -> list[dict[str, Any]]:
     if not len(move.events):
         return []
-    # what lies behind the end happens at the end
-    places = np.minimum(move.events[:, 0], move.length_m)
-    times = master_at_distances(places, move.master)[:, 0].tolist()
+    places = move.events[:, 0]
+    times = master_at_distances(places.clip(0.0, move.length_m), move.master)[:, 0]
+    # who stands passes its place at once; what lies behind the end happens at the end
+    times = np.where(places <= 0.0, 0.0, np.where(places > move.length_m, move.duration_s, times)).tolist()
     return [
         {
             'time_s': time_s,

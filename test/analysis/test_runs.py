@@ -152,6 +152,12 @@ def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
     ]
 
 
+def test_messages_that_are_missing_or_spoilt_are_told_in_one_note(tmp_path):
+    meta = META | {'lost': {'sercos/mdt': 3, 'tcp/error': 5}}
+    run = runs.load(str(record(tmp_path / 'lossy', messages(), meta)))
+    assert run.notes == ('8 messages of 2 topics are missing, most of tcp/error: 5',)
+
+
 def test_a_bag_of_signals_alone_is_shown_without_moves(tmp_path):
     run = runs.load(str(record(tmp_path / 'bare', messages())))
     assert (run.moves, run.marks, run.knows_start) == ((), (), False)
