@@ -96,12 +96,17 @@ def digest(path: Path) -> str:
     return total.hexdigest()[:16]
 
 
+def json_text(document: Any) -> str:
+    """Return a document as the text of a file."""
+    return json.dumps(document, indent=1, allow_nan=False) + '\n'
+
+
 def write_json(document: Any, path: Path) -> Path:
     """Write a document so that a reader sees the old one or the new one, never half of it; raises ReportError."""
     with excused(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix('.partial')
-        partial.write_text(json.dumps(document, indent=1, allow_nan=False) + '\n', encoding='utf-8')
+        partial.write_text(json_text(document), encoding='utf-8')
         partial.replace(path)
     return path
 

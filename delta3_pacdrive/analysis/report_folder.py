@@ -1,7 +1,7 @@
 """One way to leave results behind: a folder of tables, figures and a summary, and a page that shows all of them.
 
-Every file tells where it comes from. The page is HTML without scripts, its links are relative: it reads offline, and
-also where the folder has been moved to.
+Every file tells where it comes from. The page (``index_page``) holds pictures and tables itself, so that it can be sent
+alone.
 """
 
 from __future__ import annotations
@@ -10,16 +10,15 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from delta3_pacdrive.analysis.figure_style import add_foot, save
-from delta3_pacdrive.analysis.provenance import Provenance, excused, write_json, write_table
+from delta3_pacdrive.analysis.index_page import IndexPage, offered
+from delta3_pacdrive.analysis.provenance import Provenance, excused, json_text, write_json, write_table
 from delta3_pacdrive.errors import FigureError
 from delta3_pacdrive.numerics.types import Floats
 
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
 Drawings = Mapping[str, Callable[[], 'Figure']]
 
 SUMMARY, INDEX = 'report.json', 'index.html'
-ROWS_SHOWN = 12  # of a table, on the page
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class ReportFolder:
     def __init__(self, path: Path, provenance: Provenance) -> None:
         self.path, self.provenance = path, provenance
         self._files: list[Path] = []
-        self._sections: list[str] = []
+        self._page = IndexPage()
 
     @property
     def files(self) -> list[str]:
@@ -92,22 +90,14 @@ class ReportFolder:
     def add(self, path: Path) -> None:
         """Take in a file of the folder that somebody else has written."""
         self._files.append(path)
-        self._sections.append(f'<h2>{_link(path)}</h2>')
+        self._page.add_file(path)
 
     def table(self, table: Table) -> Path:
         """Write a table as CSV; raises ReportError."""
         rows = [['' if cell is None or cell != cell else cell for cell in row] for row in table.rows]
         path = write_table(self.path / table.name, table.header, rows, self.provenance)
-        shown = [table.header, *rows[:ROWS_SHOWN]]
-        lines = ''.join(f'<tr>{"".join(f"<td>{_cell(cell)}</td>" for cell in row)}</tr>\n' for row in shown)
-        count = (
-            f'{len(rows)} rows' if len(rows) <= ROWS_SHOWN else f'the first {ROWS_SHOWN} of {len(rows)} rows'
-        )
         self._files.append(path)
-        self._sections.append(
-            f'<details><summary>{_link(path)}</summary>\n<p>{count}</p>\n'
-            f'<div class="wide"><table>\n{lines}</table></div></details>'
-        )
+        self._page.add_table(path, table.header, rows)
         return path
 
     def figures(self, drawings: Drawings, with_foot: bool = False) -> list[Path]:
@@ -124,10 +114,7 @@ class ReportFolder:
                 self.path.mkdir(parents=True, exist_ok=True)
                 save(figure, path, self.provenance.lines())
             paths.append(path)
-            self._sections.append(
-                f'<figure><a href="{quote(name)}"><img src="{quote(name)}" alt="{escape(name)}"></a>\n'
-                f'<figcaption><b>{_title(figure)}</b> {escape(_caption(draw))}</figcaption></figure>'
-            )
+            self._page.add_figure(path, _title(figure), _caption(draw))
         self._files += paths
         return paths
 
@@ -161,30 +148,17 @@ class ReportFolder:
         path = self.path / SUMMARY
         origin = {'ok': True, 'provenance': self.provenance.lines()}
         document = origin | document | {'files': [str(path), *self.files]}
-        self.page(title, text, _link(path))
-        write_json(document, path)
+        self.page(title, text, offered(path, json_text(document).encode()))
+        write_json(document, path)  # the last of all: who finds it finds everything
         return document
 
     def page(self, title: str, text: Iterable[str] = (), more: str = '') -> None:
         """Write the page that shows what is in the folder; raises ReportError."""
-        lines = self.provenance.lines()
-        origin = ''.join(
-            f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>\n'
-            for name, value in lines.items()
-            if name != 'command'
-        )
-        told = escape('\n'.join(text)).strip('\n')
-        body = '\n'.join(
-            [
-                f'<h1>{escape(title)}</h1>\n<p><code>{escape(lines["command"])}</code></p>',
-                f'<pre>{told}</pre>' if told else '',
-                *self._sections,
-                f'<h2>How this came about</h2>\n<table>\n{origin}</table>\n<p>{more}</p>',
-            ]
-        )
+        told = '\n'.join(text).strip('\n')
+        whole = self._page.html(title, self.provenance.lines(), told, more)
         self.make()
         with excused(f'cannot write to {self.path}'):
-            (self.path / INDEX).write_text(PAGE.format(title=escape(title), body=body), encoding='utf-8')
+            (self.path / INDEX).write_text(whole, encoding='utf-8')
 
     def make(self) -> None:
         """Make the folder before anything is computed for it; raises ReportError."""
@@ -199,36 +173,10 @@ class ReportFolder:
                     path.unlink()
 
 
-PAGE = """\
-<!DOCTYPE html>
-<html lang="en">
-<meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{title}</title>
-<style>
-body {{ font-family: sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; color: #222 }}
-pre, code, td {{ font-size: 90% }} pre, .wide {{ overflow-x: auto }} pre {{ background: #f4f4f4; padding: 1em }}
-figure {{ margin: 2em 0 }} img {{ max-width: 100%; border: 1px solid #ddd }} figcaption {{ color: #444 }}
-table {{ border-collapse: collapse }} td {{ border: 1px solid #ddd; padding: .2em .5em }} details {{ margin: 1em 0 }}
-</style>
-<body>
-{body}
-</body>
-</html>
-"""
-
-
-def _link(path: Path) -> str:
-    return f'<a href="{quote(path.name)}">{escape(path.name)}</a>'
-
-
-def _cell(cell: Any) -> str:
-    return escape(f'{cell:.6g}' if isinstance(cell, float) else str(cell))
-
-
 def _title(figure: Figure) -> str:
     """Return the title of a figure without the marks of its formulas."""
     text = re.sub(r'\$(.*?)\$', lambda found: re.sub(r'\\mathrm|[{}\\]', '', found[1]), figure.get_suptitle())
-    return escape(text.strip().rstrip('.')) + '.' if text.strip() else ''
+    return text.strip().rstrip('.') + '.' if text.strip() else ''
 
 
 def _caption(draw: Any) -> str:

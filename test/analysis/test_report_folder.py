@@ -1,7 +1,7 @@
 """Facts about what a study leaves behind: every file tells where it comes from, a page shows all of them."""
 
+import base64
 import json
-import re
 from html import unescape
 from html.parser import HTMLParser
 
@@ -62,11 +62,23 @@ def page(left):
     return Page((left[0] / 'index.html').read_text(encoding='utf-8'))
 
 
-def test_the_page_links_every_file_by_its_name_alone(left, page):
+def test_the_page_holds_every_file_itself(left, page):
     assert page.open == []
-    names = {path.name for path in left[0].iterdir()}
-    assert {re.sub('%20', ' ', link) for link in page.links} == names - {'index.html'}
-    assert not any('/' in link or ':' in link for link in page.links)
+    held = {base64.b64decode(link.partition('base64,')[2]) for link in page.links}
+    names = {path.name for path in left[0].iterdir()} - {'index.html'}
+    assert held == {(left[0] / name).read_bytes() for name in names}
+    assert all(link.startswith('data:') for link in page.links)
+
+
+def test_a_file_that_is_too_large_for_the_page_is_a_link_by_its_name_alone(tmp_path):
+    folder = ReportFolder(tmp_path, ORIGIN)
+    large = tmp_path / 'a large one.csv'
+    large.write_bytes(b'0' * 600_000)
+    folder.add(large)
+    folder.page('A study')
+    text = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    assert Page(text).links == ['a%20large%20one.csv']
+    assert '(0.6 MB, beside this page)' in text
 
 
 def test_the_page_tells_command_text_captions_and_provenance(page):
