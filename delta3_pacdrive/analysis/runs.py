@@ -11,8 +11,12 @@ import numpy as np
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import bag_events, run_signals
 from delta3_pacdrive.analysis.inputs import is_recording, noted
+from delta3_pacdrive.analysis.planning.evaluation import study
+from delta3_pacdrive.analysis.planning.report import limited_text
 from delta3_pacdrive.errors import ParameterError, TraceError
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
@@ -174,7 +178,28 @@ def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters]:
     robot = core.load(source)
     program = programs.load(text, robot.motion)
     simulation.load_kernels(robot)
-    return simulation.run(program, robot), simulation.placed(robot, program)
+    trace, placed = simulation.run(program, robot), simulation.placed(robot, program)
+    note_limits(trace, program, placed)
+    return trace, placed
+
+
+def note_limits(trace: Trace, program: Program, robot: Parameters) -> None:
+    """Note in the ``meta`` of a simulation what keeps each of its moves from being faster.
+
+    Parameters
+    ----------
+    trace
+        Of the simulation.
+    program
+        That was simulated.
+    robot
+        Parameters of the robot that stands where the program starts.
+
+    """
+    rows = study(program_planner.plan(program, robot.motion.home_m, robot), robot).rows
+    for n, move in enumerate(trace.meta['moves']):
+        # rounds are the same but for the way into the first one
+        move['limited_by'] = limited_text(rows[n % len(rows)])
 
 
 def _robot_of(trace: Trace, source: str | None) -> tuple[Parameters, str]:

@@ -37,6 +37,9 @@ def run(options: Options) -> int:
     wall = time.perf_counter() - started
     inputs = [f'{options.program} {digest(programs.find(options.program))}']
     if options.trace:
+        from delta3_pacdrive.analysis.runs import note_limits
+
+        note_limits(trace, program, simulation.placed(robot, program))
         origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
         trace.meta['provenance'] = origin.lines()
         trace_file.save(trace, options.trace)

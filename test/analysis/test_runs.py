@@ -109,10 +109,20 @@ def test_a_program_tells_moves_outputs_and_its_start(program):
     assert run.changed_parameters() == {'motion.home_m': ((0.0, 0.0, -0.78), (0.0, 0.0, -0.75))}
 
 
+def test_a_program_tells_what_limits_each_of_its_moves_in_every_round(program):
+    path = program.with_name('twice.yaml')
+    path.write_text(PROGRAM + '  - move_l: {to_m: [0.0, 0.0, -0.78]}\nrepeat: 2\n', encoding='utf-8')
+    limits = [move.limited_by for move in runs.load(str(path)).moves]
+    assert limits[1] == 'time given'
+    assert all('TCP' in limits[n] for n in (0, 2))
+    assert limits[3:] == limits[:3]
+
+
 def test_a_trace_tells_what_its_simulation_told(program, tmp_path, robot):
     loaded = programs.load(program, robot.motion)
     changed = robot.replace(drive__position_gain_rad_s_rad=150.0)
     trace = simulation.run(loaded, changed)
+    runs.note_limits(trace, loaded, simulation.placed(changed, loaded))
     for name in ('a.npz', 'a.csv'):
         trace_file.save(trace, tmp_path / name)
         run, other = runs.load(str(tmp_path / name)), runs.load(str(program))

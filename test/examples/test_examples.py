@@ -64,6 +64,18 @@ def test_map_of_the_workspace(run):
     assert 'TCP acceleration' in text
 
 
+def test_compare_two_runs(run, tmp_path):
+    told, lines = run('compare_two_runs', 'two.html')
+    (correlation,), (rms, largest), (true_rms, true_largest), *moves, (megabytes,) = lines
+    assert 0.999 < correlation < 1.0
+    assert 0.0 < rms < largest < true_largest < 3.0  # what encoders do not see is more than what they see
+    assert rms < true_rms
+    assert [move[0] for move in moves] == list(range(1, len(moves) + 1))
+    assert all(0.95 * nominal < built < 1.5 * nominal for _, nominal, built, *_ in moves)
+    assert 'limited by TCP' in told
+    assert megabytes == pytest.approx((tmp_path / 'two.html').stat().st_size / 1e6, abs=0.05)
+
+
 def test_simulate_and_plot(run, tmp_path):
     _, ((cycles, period_ms, *_), (error_mm,), (current, nominal)) = run('simulate_and_plot', 'run.png')
     figures = d3.simulate('experiment1').meta['figures']

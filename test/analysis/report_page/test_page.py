@@ -137,6 +137,15 @@ def test_a_page_of_two_runs_holds_their_difference(one, other, both):
     assert [run['name'] for run in document['runs']] == ['packaging', 'packaging (rich)']
 
 
+def test_a_run_that_is_aligned_by_its_motion_stands_at_the_time_of_the_first(one):
+    from dataclasses import replace
+
+    later = replace(one, part=replace(one.part, time_s=one.part.time_s + 0.25))
+    first, second = document_of(page.page([one, later], ORIGIN, by_correlation=True))['runs']
+    assert second['first_s'] == pytest.approx(first['first_s'])
+    assert second['moves'][1][2] == pytest.approx(first['moves'][1][2] - 0.25)  # its own moves are not later
+
+
 def test_every_signal_has_a_plot(text):
     document = document_of(text)
     shown = {signal['name'] for plot in document['plots'] for signal in plot['signals']}
