@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive.analysis.derived_signals import added
 from delta3_pacdrive.analysis.figure_style import (
     AXIS_COLOURS,
     DASHED,
@@ -20,13 +21,14 @@ from delta3_pacdrive.analysis.figure_style import (
     figure_of_program,
     finish_over_time,
     keep_span,
+    legend_above,
     panel_title,
 )
 from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.run_signals import ZOOM_S, busiest, derivatives, positive, program_part, slope
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS, columns_of
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -63,6 +65,7 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
         A file cannot be written.
 
     """
+    trace = added(trace)
     drawings = {
         f'{make.__name__}.png': partial(make, trace)
         for make, subject in FIGURES.items()
@@ -170,10 +173,40 @@ def following_error(trace: Trace) -> Figure:
     return _three_panels(run, 'Following error of the arms', labels, errors, least=1e-3, same_scale=True)
 
 
+def master(trace: Trace) -> Figure:
+    """Virtual master of the command: distance, speed and acceleration along the path (Fig. 6.2, 6.3)."""
+    run = program_part(trace)
+    figure = figure_of_program('Virtual master', run.meta.get('program'), 6.0)
+    panels = figure.subplots(3, 1, sharex=True)
+    _dress(run, panels, ['distance (mm)', 'speed (m/s)', 'acceleration (m/s$^2$)'])
+    values = run['master'] * [1e3, 1.0, 1.0]
+    for axes, column in zip(panels, values.T, strict=True):
+        axes.plot(run.time_s, column, color=NORM_COLOUR, **ACTUAL)
+    keep_span(panels, 1e-2)
+    return figure
+
+
+def tcp_speed(trace: Trace) -> Figure:
+    """Speed and acceleration of the TCP in space, commanded and actual: norms."""
+    run = program_part(trace)
+    command = derivatives(run['tcp_command'], positive(run, 'cycle_time_s'))
+    figure = figure_of_program('TCP speed and acceleration', run.meta.get('program'), 5.2)
+    panels = figure.subplots(2, 1, sharex=True)
+    _dress(run, panels, ['speed (m/s)', 'acceleration (m/s$^2$)'])
+    for axes, actual, wanted in zip(
+        panels, (run['tcp_velocity'], run['tcp_acceleration']), command, strict=True
+    ):
+        axes.plot(run.time_s, np.linalg.norm(actual, axis=1), label='actual', color=AXIS_COLOURS[0], **ACTUAL)
+        axes.plot(run.time_s, np.linalg.norm(wanted, axis=1), label='command', **COMMAND)
+    keep_span(panels, 1e-2)
+    legend_above(panels[0])
+    return figure
+
+
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
-    unit, meaning = (SIGNALS | TRUE_SIGNALS)[signal]
-    labels = [f'{name} ({unit})' for name in ('xyz' if signal.startswith('tcp_') else '123')]
+    unit, meaning = (SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS)[signal]
+    labels = [f'{name} ({of_column})' for name, of_column in columns_of(signal, unit)]
     run = program_part(trace)
     return _three_panels(run, meaning, labels, run[signal])
 
@@ -188,6 +221,8 @@ FIGURES: dict[Callable[[Trace], Figure], str] = {
     tcp_components: 'tcp_actual',
     tcp_error_norm: 'tcp_error',
     following_error: 'following_error',
+    master: 'master',
+    tcp_speed: 'tcp_velocity',
 }
 
 

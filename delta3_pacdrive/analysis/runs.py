@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.analysis import bag_events, run_signals
+from delta3_pacdrive.analysis import bag_events, derived_signals, run_signals
 from delta3_pacdrive.analysis.inputs import is_recording, noted
 from delta3_pacdrive.analysis.planning.evaluation import study
 from delta3_pacdrive.analysis.planning.report import limited_text
@@ -159,7 +159,7 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         robot, note = _robot_of(trace, source)
         kind = 'bag' if Path(text).is_dir() else 'trace'
         story = bag_events.read(Path(text), trace) if kind == 'bag' else trace.meta
-    part = run_signals.program_part(_shown(trace, from_s, to_s))
+    part = run_signals.program_part(_shown(derived_signals.added(trace), from_s, to_s))
     try:
         moves, marks = _moves(story, part), _marks(story, part)
     except (KeyError, TypeError, ValueError):

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, argument, option
 from delta3_pacdrive.cli.run_options import WindowOptions
-from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
+
+KNOWN = SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
 
 
 def _signals(text: str) -> list[str]:
     names = [name.strip() for name in text.split(',') if name.strip()]
     for name in names:
-        if name not in SIGNALS | TRUE_SIGNALS:
-            raise argparse.ArgumentTypeError(
-                f'{name!r} is no signal, expected some of {", ".join(SIGNALS | TRUE_SIGNALS)}'
-            )
+        if name not in KNOWN:
+            raise argparse.ArgumentTypeError(f'{name!r} is no signal, expected some of {", ".join(KNOWN)}')
     if not names:
         raise argparse.ArgumentTypeError('it names no signal')
     return list(dict.fromkeys(names))
@@ -35,7 +35,7 @@ class Options(WindowOptions):
     recording: str = argument('rosbag2 folder or trace (.npz, .csv)')
     output: str = option('folder for the pictures and their data', 'DIR', default='figures')
     signals: list[str] | None = option(
-        'draw and write these only, such as current,tcp_error: ' + ', '.join(SIGNALS | TRUE_SIGNALS),
+        'draw and write these only, such as current,tcp_error: ' + ', '.join(KNOWN),
         'NAMES',
         type=_signals,
     )
@@ -43,13 +43,13 @@ class Options(WindowOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis import run_figures, run_signals
+    from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.recording import trace_file
 
-    trace = trace_file.load(options.recording)
+    trace = derived_signals.added(trace_file.load(options.recording))
     period, starts = trace.meta.get('cycle_time_s'), trace.meta.get('starts', [])
     if len(starts) > 1 and period:
         told = ', '.join(f'{(start - trace.meta["start_cycle"]) * period:g}' for start in starts)

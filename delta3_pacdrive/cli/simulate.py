@@ -20,6 +20,7 @@ def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis import derived_signals
     from delta3_pacdrive.analysis.provenance import Provenance, digest
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import arrival
@@ -42,7 +43,7 @@ def run(options: Options) -> int:
         note_limits(trace, program, simulation.placed(robot, program))
         origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
         trace.meta['provenance'] = origin.lines()
-        trace_file.save(trace, options.trace)
+        trace_file.save(derived_signals.added(trace), options.trace)
     stopped, figures = trace.meta['stopped'], trace.meta['figures']
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')

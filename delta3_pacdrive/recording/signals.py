@@ -19,3 +19,19 @@ TRUE_SIGNALS = {
     'arm_angle': ('rad', 'true arm angle, behind the gear'),
     'tcp_true': ('m', 'true TCP, of the arms as they are built'),
 }
+# what is computed from the others; of the master each column has its own unit
+DERIVED_SIGNALS = {
+    'master': (
+        'm, m/s, m/s2',
+        'virtual master of the command: distance s, speed v, acceleration a along the path (6)',
+    ),
+    'tcp_velocity': ('m/s', 'velocity of the actual TCP'),
+    'tcp_acceleration': ('m/s2', 'acceleration of the actual TCP'),
+}
+
+
+def columns_of(name: str, unit: str) -> list[tuple[str, str]]:
+    """Return name and unit of each column of a signal."""
+    names = 'sva' if name == 'master' else 'xyz' if name.startswith('tcp_') else '123'
+    units = unit.split(', ')
+    return list(zip(names, units if len(units) == len(names) else units * len(names), strict=True))

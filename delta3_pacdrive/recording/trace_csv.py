@@ -4,7 +4,7 @@
     time [s],motor_position_1 [rad],motor_position_2 [rad],motor_position_3 [rad],current_1 [A], ...
     0.000,0.0125,0.0125,0.0125,0.2811, ...
 
-A signal has three columns: its name and ``_1 _2 _3`` for the axes, or ``_x _y _z`` for positions of the TCP. Names and
+A signal has three columns: its name and ``_1 _2 _3`` for the axes, or ``_x _y _z`` for the TCP. Names and
 units are those of ``QUANTITIES``; a reader also takes the units of ``UNITS`` and turns them into SI. Times increase.
 """
 
@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.errors import TraceError, shown
-from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording import signals
+from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace, reason, told
 
 if TYPE_CHECKING:
@@ -35,8 +36,7 @@ MEASURED = {
     'current_added': ('A', 'excitation in the current set point'),
     'tcp_measured': ('m', 'TCP by an external measurement, for example a laser tracker, in the frame base'),
 }
-QUANTITIES = SIGNALS | TRUE_SIGNALS | MEASURED
-CARTESIAN = ('tcp_command', 'tcp_actual', 'tcp_error', 'tcp_true', 'tcp_measured')
+QUANTITIES = SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED
 # unit in a file: (SI unit, factor)
 UNITS = {
     's': ('s', 1.0),
@@ -53,14 +53,16 @@ UNITS = {
     'mm': ('m', 1e-3),
     'V': ('V', 1.0),
     'N m': ('N m', 1.0),
+    'm/s': ('m/s', 1.0),
+    'mm/s': ('m/s', 1e-3),
+    'm/s2': ('m/s2', 1.0),
 }
 SIZE_MAX_BYTES = 1 << 30
 
 
 def columns_of(name: str) -> list[str]:
     """Header of the three columns of a signal."""
-    unit = QUANTITIES[name][0]
-    return [f'{name}_{suffix} [{unit}]' for suffix in _suffixes(name)]
+    return [f'{name}_{suffix} [{unit}]' for suffix, unit in signals.columns_of(name, QUANTITIES[name][0])]
 
 
 def write(trace: Trace, path: str | Path) -> Path:
@@ -139,15 +141,11 @@ def _without_comments(lines: Iterable[str], path: Path, meta: dict[str, Any]) ->
                 raise TraceError(f'the line of meta data in {path} is no JSON object') from None
 
 
-def _suffixes(name: str) -> str:
-    return 'xyz' if name in CARTESIAN else '123'
-
-
 def _places(header: list[str], path: Path) -> tuple[dict[str, list[int]], list[float]]:
     """Return the columns of each signal and the factor of each column."""
     known = {'time': ('time', 's', 0)}
-    for name, (unit, _) in QUANTITIES.items():
-        for i, suffix in enumerate(_suffixes(name)):
+    for name, (units, _) in QUANTITIES.items():
+        for i, (suffix, unit) in enumerate(signals.columns_of(name, units)):
             known[f'{name}_{suffix}'] = (name, unit, i)
     places: dict[str, list[int]] = {}
     factors = []

@@ -26,6 +26,8 @@ PROMISED = {
     'tcp_components.png',
     'tcp_error_norm.png',
     'following_error.png',
+    'master.png',
+    'tcp_speed.png',
 }
 
 

@@ -22,6 +22,9 @@ MEANING = {
     'mm': ('tcp_actual', 'xyz', 0.0015),
     'V': ('phase_voltage', '123', 1.5),
     'N m': ('coupling_torque', '123', 1.5),
+    'm/s': ('tcp_velocity', 'xyz', 1.5),
+    'mm/s': ('tcp_velocity', 'xyz', 0.0015),
+    'm/s2': ('tcp_acceleration', 'xyz', 1.5),
 }
 
 

@@ -65,6 +65,11 @@ def signals_of(run: Run) -> dict[str, Floats]:
     found = {name: values for name, values in run.part.signals.items() if name in QUANTITIES}
     if 'tcp_actual' in found:
         found['tcp_speed'] = tcp_speed(run.part, run.period_s)
+    if 'tcp_acceleration' in run.part.signals:
+        found['tcp_acceleration_norm'] = np.linalg.norm(run.part['tcp_acceleration'], axis=1, keepdims=True)
+    if 'master' in run.part.signals:
+        for n, name in enumerate(('distance', 'speed', 'acceleration')):
+            found[f'master_{name}'] = run.part['master'][:, n : n + 1]
     if 'tcp_error' in found:
         found['tcp_error_norm'] = np.linalg.norm(found['tcp_error'], axis=1, keepdims=True)
     return found

@@ -14,6 +14,10 @@ DEG = math.degrees(1.0)
 DERIVED = {
     'tcp_speed': ('m/s', 'speed of the actual TCP'),
     'tcp_error_norm': ('m', 'norm of the TCP error'),
+    'master_distance': ('m', 'distance of the virtual master: of the command along its path'),
+    'master_speed': ('m/s', 'speed of the virtual master'),
+    'master_acceleration': ('m/s2', 'acceleration of the virtual master'),
+    'tcp_acceleration_norm': ('m/s2', 'acceleration of the actual TCP, norm'),
 }
 QUANTITIES = SIGNALS | TRUE_SIGNALS | DERIVED
 
@@ -68,7 +72,19 @@ class Plot:
 
 
 PLOTS = (
-    Plot('TCP speed', 'm/s', 1.0, (('tcp_speed', ACTUAL),), ('speed',)),
+    Plot('TCP speed', 'm/s', 1.0, (('tcp_speed', ACTUAL), ('master_speed', COMMAND)), ('speed',)),
+    Plot(
+        'TCP acceleration, norm',
+        'm/s2',
+        1.0,
+        (('tcp_acceleration_norm', ACTUAL),),
+        ('acceleration',),
+        shown=False,
+    ),
+    Plot('Virtual master, distance', 'mm', 1e3, (('master_distance', COMMAND),), ('s',), shown=False),
+    Plot(
+        'Virtual master, acceleration', 'm/s2', 1.0, (('master_acceleration', COMMAND),), ('a',), shown=False
+    ),
     Plot('TCP error', 'mm', 1e3, (('tcp_error', ACTUAL),), XYZ),
     Plot('TCP error, norm', 'mm', 1e3, (('tcp_error_norm', ACTUAL),), ('norm',), shown=False),
     Plot('Current', 'A', 1.0, (('current', ACTUAL),), AXES),

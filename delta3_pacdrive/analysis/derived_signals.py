@@ -1,0 +1,70 @@
+"""Signals that are computed from those of a run: the virtual master, velocity and acceleration of the TCP.
+
+The master is the distance that the command has gone along its path (6). It is known where the command is, in
+recordings as in simulations, and goes on from move to move.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.analysis.run_signals import SLOPE_S, derivatives, positive
+from delta3_pacdrive.recording.trace import Trace
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.numerics.types import Floats
+
+
+def added(trace: Trace) -> Trace:
+    """Return a trace with the signals of ``DERIVED_SIGNALS`` that it does not hold, but can tell.
+
+    Raises
+    ------
+    TraceError
+        The trace does not tell its cycle time.
+
+    """
+    return Trace(trace.time_s, trace.signals | (derived(trace) if len(trace.time_s) else {}), trace.meta)
+
+
+def derived(trace: Trace) -> dict[str, Floats]:
+    """Return the derived signals that a trace does not hold, each of shape (cycles, 3); cycles it lacks are bridged."""
+    period = positive(trace, 'cycle_time_s')
+    cycles = np.rint(trace.time_s / period).astype(np.int64)
+    rows = cycles - cycles[0]
+    found = {}
+    if 'tcp_command' in trace.signals and 'master' not in trace.signals:
+        start = int(np.clip((trace.meta.get('start_cycle') or 0) - cycles[0], 0, rows[-1]))
+        found['master'] = _master(_without_gaps(trace['tcp_command'], rows), period, start)[rows]
+    if 'tcp_actual' in trace.signals:
+        place = _without_gaps(trace['tcp_actual'], rows)
+        wide = max(1, round(SLOPE_S / period))
+        found['tcp_velocity'] = _derivatives(place, period, 1)[0][rows]
+        found['tcp_acceleration'] = _derivatives(place, period, wide)[1][rows]
+    return {name: values for name, values in found.items() if name not in trace.signals}
+
+
+def _master(command: Floats, period_s: float, start: int) -> Floats:
+    """Distance [m] since the row of the start, speed and acceleration along the path, shape (n, 3)."""
+    steps = np.linalg.norm(np.diff(command, axis=0), axis=1)
+    distance = np.concatenate([[0.0], np.cumsum(steps)])
+    distance -= distance[start]
+    speed, acceleration = _derivatives(distance[:, None], period_s, 1)
+    return np.column_stack([distance, speed, acceleration])
+
+
+def _without_gaps(values: Floats, rows: NDArray[np.int64]) -> Floats:
+    """Put values on every cycle, straight through those that are missing."""
+    every = np.arange(rows[-1] + 1)
+    return np.column_stack([np.interp(every, rows, column) for column in values.T])
+
+
+def _derivatives(values: Floats, period_s: float, half: int) -> tuple[Floats, Floats]:
+    """First and second derivative; before the begin and behind the end the robot stands."""
+    padded = np.pad(values, ((half, half), (0, 0)), mode='edge')
+    first, second = derivatives(padded, period_s, half)
+    return first[half:-half], second[half:-half]
