@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 # options that take the name of a program: completion offers those that are packaged
-PROGRAMS = ('program', 'file', 'inputs', 'values')
+PROGRAMS = ('program', 'file', 'inputs', 'values', 'run')
 
 
 def argument(help_text: str, *, default: Any = MISSING, only: Sequence[str] = (), **more: Any) -> Any:

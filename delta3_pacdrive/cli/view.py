@@ -20,8 +20,10 @@ NICENESS = 5  # behind the robot, where both are ordinary processes
 class Options(NodeOptions):
     """Options of the command."""
 
-    recording: str = argument(
-        'trace (.npz, .csv) or rosbag2 folder to be played; without it a robot that is up', default=''
+    run: str = argument(
+        'trace (.npz, .csv) or bag to be played, or a program to be simulated; without it a robot that is up',
+        default='',
+        metavar='RUN',
     )
     host: str = option('address at which the page is served', 'ADDRESS', default=serving.HOST)
     port: int | None = option(
@@ -29,7 +31,7 @@ class Options(NodeOptions):
     )
     control: bool = flag('let people operate the robot on a page that is served to other machines as well')
     parameters: str | None = option(
-        'parameter file of the recorded robot instead of the packaged one, or rich', 'FILE'
+        'parameter file for a program, or for a recording that does not tell its own', 'FILE'
     )
     dark: bool = flag('begin with a dark page')
     open: bool = flag('open the page in the browser of this desktop')
@@ -39,23 +41,23 @@ class Options(NodeOptions):
         """Return why options do not fit one another; empty if they do."""
         if refusal := serving.refusal('--port', self.port):
             return refusal
-        if self.recording:
+        if self.run:
             for name, given in (
                 ('--control', self.control),
                 ('--wait', self.wait),
                 ('--namespace', self.namespace != '/'),
             ):
                 if given:
-                    return f'{name} is for a robot that is up, not for a recording'
+                    return f'{name} is for a robot that is up'
         elif self.parameters:
-            return '--parameters is for a recording: a robot that is up tells its own'
+            return '--parameters is for a program or a recording: a robot that is up tells its own'
         return ''
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     options.port = serving.choose(options.host, options.port)
-    return _play(options) if options.recording else _watch(options)
+    return _play(options) if options.run else _watch(options)
 
 
 def _watch(options: Options) -> int:
@@ -83,23 +85,16 @@ def _watch(options: Options) -> int:
 
 
 def _play(options: Options) -> int:
-    """Show a recording."""
-    from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.recording import trace_file
+    """Show a run."""
+    from delta3_pacdrive.analysis import runs
     from delta3_pacdrive.view import playback
 
-    trace = trace_file.load(options.recording)
-    parameters = core.load(options.parameters)
-    film = playback.Film(trace, parameters)
-    if (checksum := trace.meta.get('checksum', parameters.checksum)) != parameters.checksum:
-        print(
-            f'note: {options.recording} is of a robot with parameters {checksum}, shown are lengths and limits of '
-            f'{parameters.checksum}; --parameters FILE names others',
-            file=sys.stderr,
-        )
-    page = _page(options, parameters, Path(options.recording).name)
+    film = playback.Film(runs.load(options.run, options.parameters))
+    if film.run.robot_note:
+        print(f'note: {film.run.robot_note}', file=sys.stderr)
+    page = _page(options, film.robot, Path(options.run).name)
     try:
-        playback.run(page, film, str(trace.meta.get('program') or Path(options.recording).stem))
+        playback.run(page, film)
     finally:
         page.close()
     return 0

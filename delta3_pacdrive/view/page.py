@@ -7,26 +7,25 @@ import contextlib
 import io
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
 from delta3_pacdrive.view.history import History
-from delta3_pacdrive.view.plots import Plots, row_of
+from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
 from delta3_pacdrive.view.serving import address, require_free, require_viser, taken
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
 PICTURES_HZ = 33.0
 READ_S, PLOT_S = 0.1, 0.25  # between two updates of what is read, and of plots and the path travelled
 FLASH_S = 0.4
-HISTORY_S = 60.0
-PATH_POINTS = 900
+HISTORY_S = 30.0  # of the path travelled; plots show as much at most
 GHOST_FAR_M = 0.4  # a ghost goes no further away, however much its error is magnified
 GHOST_NEAR_M = 5e-4  # nearer it would only tint the robot
 GHOSTS = ('command', 'true', 'none')
@@ -51,6 +50,9 @@ class Page:
         Where the page is.
     wishes
         What was asked for and not yet carried out, the oldest first.
+    rows
+        Returns what is plotted of the last seconds, the path travelled among it, as ``plots.rows_of`` has it; by
+        default what was shown.
 
     """
 
@@ -68,7 +70,8 @@ class Page:
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
         self._tcp_m: Floats | None = None
-        self._travelled = History(PATH_POINTS, 3)
+        self._history = History(round(HISTORY_S * PICTURES_HZ), COLUMNS)
+        self.rows: Callable[[float], Floats] = self._history.last
         self._read_s = self._plot_s = 0.0
         self._facts = Facts()
         gui = self.server.gui
@@ -79,7 +82,7 @@ class Page:
         self._bars = gui.add_html('')
         self.middle = gui.add_folder(None)
         self._add_looks(gui)
-        self._plots = Plots(gui, round(HISTORY_S * PICTURES_HZ))
+        self._plots = Plots(gui)
         self.use(parameters)
 
     def use(self, parameters: Parameters) -> None:
@@ -123,7 +126,7 @@ class Page:
         figure.travelled.visible = boxes['travelled path'].value
         for handle in (*figure.labels, *figure.axes):
             handle.visible = boxes['labels'].value
-        self._plots.seconds = float(self._window.value)
+        self._seconds = float(self._window.value)
         self.server.gui.configure_theme(
             control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE,
             dark_mode=self._dark.value,
@@ -152,27 +155,27 @@ class Page:
 
     def forget(self) -> None:
         """Begin the plots and the path travelled anew."""
-        self._plots.history.clear()
-        self._travelled.clear()
+        self._history.clear()
 
     def plan(self, points_m: Floats) -> None:
         """Show the path that is planned, shape (n, 3)."""
         self._figure.planned.points = segments(points_m).astype(np.float32)
 
-    def remember(self, instant: Instant) -> tuple[Floats, Floats]:
-        """Take an instant into plots and path without drawing it; return TCP and error of the TCP [m], (3,) each."""
-        angles = np.stack([instant.theta_rad, instant.theta_rad + instant.lag_rad])
-        tcp, command = kinematics.forward(angles, self._parameters, unreachable='nan')
-        if np.isfinite(tcp).all():
-            self._plots.history.add(instant.time_s, row_of(instant, tcp, command - tcp))
-            self._travelled.add(instant.time_s, tcp)
-        return tcp, command - tcp
-
     def show(self, instant: Instant) -> None:
         """Show the robot at an instant."""
-        tcp, error = self.remember(instant)
-        if not np.isfinite(tcp).all():
+        (row,) = rows_of(
+            np.array([instant.time_s]),
+            instant.theta_rad[None],
+            instant.lag_rad[None],
+            instant.torque_n_m[None],
+            instant.current_a[None],
+            np.array([instant.speed_m_s]),
+            self._parameters,
+        )
+        if not np.isfinite(row).all():
             return
+        self._history.add(row[0], row[1:])
+        tcp, error = 1e-3 * row[TCP], 1e-3 * row[ERROR]
         self._tcp_m = tcp
         if not self.watched:
             return
@@ -186,9 +189,10 @@ class Page:
             self._flash(now)
             if now - self._plot_s >= PLOT_S:
                 self._plot_s = now
-                self._plots.draw()
-                rows = self._travelled.last()
-                self._figure.travelled.points = segments(rows[:, 1:]).astype(np.float32)
+                rows = self.rows(HISTORY_S)
+                self._figure.travelled.points = segments(1e-3 * rows[:, TCP]).astype(np.float32)
+                if len(rows):
+                    self._plots.draw(rows[np.searchsorted(rows[:, 0], rows[-1, 0] - self._seconds) :])
 
     def _ghost_of(self, instant: Instant, tcp: Floats, error: Floats) -> Floats | None:
         """Return where the ghost is: as far away as its error, magnified."""

@@ -6,19 +6,20 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import interrupts, kinematics
+from delta3_pacdrive.analysis.runs import FAULT, Run
 from delta3_pacdrive.drive.state_machine import overload_after
 from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
-from delta3_pacdrive.view.values import Facts, Instant
+from delta3_pacdrive.view.plots import rows_of
+from delta3_pacdrive.view.values import AXES, Facts, Instant
 
 PICTURE_S = 1.0 / PICTURES_HZ
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 SLIDER_S = 0.1  # between two updates of the slider while it plays
 PLAN_POINTS = 2000
-HISTORY_S, REFILL = 30.0, 600  # what plots show of the time before a jump, and in how many rows
+ROWS_MAX = 1500  # of plots: more than there are pixels
 NEEDED = ('motor_position',)
 
 
@@ -52,14 +53,12 @@ class Clock:
 
 
 class Film:
-    """A recording gives instants by their time.
+    """A run gives instants by their time, and what there is to read.
 
     Parameters
     ----------
-    trace
-        The recording.
-    parameters
-        Of the robot, whose lengths it does not tell.
+    run
+        A recording, or a program that was simulated.
 
     Raises
     ------
@@ -68,44 +67,86 @@ class Film:
 
     """
 
-    def __init__(self, trace: Trace, parameters: Parameters) -> None:
+    def __init__(self, run: Run) -> None:
+        trace, robot = run.part, run.robot
         if absent := [name for name in NEEDED if name not in trace.signals]:
             raise TraceError(
-                f'the recording cannot be shown without {", ".join(absent)} (topics sercos/at/axis1 to axis3), '
-                f'it has only {", ".join(trace.signals) or "no signals"}'
+                f'{run.name} cannot be shown without {", ".join(absent)} (topics sercos/at/axis1 to axis3): it has '
+                f'only {", ".join(trace.signals) or "no signals"}'
             )
-        self.trace, self._parameters = trace, parameters
-        self.time_s = trace.time_s
-        ratio = float(trace.meta.get('gear_ratio', parameters.dynamics.gear_ratio))
-        self._theta = trace['motor_position'] / ratio
+        self.run, self.robot, self.time_s = run, robot, trace.time_s
+        self._signals = trace.signals
+        self._theta = trace['motor_position'] / robot.dynamics.gear_ratio
         nothing = np.zeros_like(self._theta)
         self._lag = trace.signals.get('following_error', nothing)
         self._current = trace.signals.get('current', nothing)
         self._true = trace.signals.get('tcp_true')
-        self._tcp = kinematics.forward(self._theta, parameters, unreachable='nan')
+        self._tcp = kinematics.forward(self._theta, robot, unreachable='nan')
         self._speed = np.zeros(len(self.time_s))
         if len(self.time_s) > 1:
             self._speed = np.linalg.norm(np.gradient(self._tcp, self.time_s, axis=0), axis=1)
-        period = float(trace.meta.get('cycle_time_s', parameters.bus.cycle_time_s))
-        limit, nominal = parameters.drive.overload_time_s, parameters.motor.nominal_current_a
-        self._overload = overload_of(self._current / nominal, period) / limit
+        nominal, limit = robot.motor.nominal_current_a, robot.drive.overload_time_s
+        self._overload = overload_of(self._current / nominal, run.period_s) / limit
+        torque = robot.motor.torque_constant_n_m_a * self._current
+        self._rows = rows_of(self.time_s, self._theta, self._lag, torque, self._current, self._speed, robot)
+        self._rows = self._rows[np.isfinite(self._rows).all(axis=1)]
 
     def row(self, time_s: float) -> int:
         """Return the number of the cycle that is shown at a time."""
         return int(np.clip(np.searchsorted(self.time_s, time_s, side='right') - 1, 0, len(self.time_s) - 1))
 
+    def before(self, time_s: float, seconds: float) -> Floats:
+        """Return what is plotted of the seconds before a time, no more rows than anybody sees."""
+        first, end = np.searchsorted(self._rows[:, 0], [time_s - seconds, time_s + 0.5 * self.run.period_s])
+        # the same rows are left out whatever the time is: curves would tremble else
+        step = max(1, int(min(seconds, np.ptp(self.time_s)) / self.run.period_s) // ROWS_MAX)
+        return np.asarray(self._rows[first - first % step : end : step])
+
     def at(self, row: int) -> Instant:
         """Return the instant of a cycle."""
-        constant = self._parameters.motor.torque_constant_n_m_a
         current = self._current[row]
         return Instant(
-            float(self.time_s[row]), self._theta[row], self._lag[row], constant * current, current,
-            self._overload[row], float(self._speed[row]), None if self._true is None else self._true[row],
-        )  # fmt: skip
+            float(self.time_s[row]),
+            self._theta[row],
+            self._lag[row],
+            self.robot.motor.torque_constant_n_m_a * current,
+            current,
+            self._overload[row],
+            float(self._speed[row]),
+            None if self._true is None else self._true[row],
+        )
+
+    def facts(self, row: int, state: str, speed: float) -> Facts:
+        """Return what there is to read in a cycle, while it is played at a speed or stands."""
+        run, time_s = self.run, float(self.time_s[row])
+        begun = [move for move in run.moves if move.start_s <= time_s]
+        fault = next(
+            (mark.text for mark in reversed(run.marks) if mark.kind == FAULT and mark.time_s <= time_s), ''
+        )
+        payload_kg = self.robot.dynamics.payload_mass_kg
+        on: dict[str, bool] = {}
+        for change in run.outputs:
+            if change['time_s'] <= time_s:
+                on[change['name']] = bool(change['value'])
+                payload_kg = payload_kg if change['payload_kg'] is None else float(change['payload_kg'])
+        return Facts(
+            state,
+            recording=run.title,
+            cycle=round(time_s / run.period_s),
+            bus_time_s=time_s,
+            override=speed,
+            fault=fault,
+            sources=tuple(axis for axis in AXES if axis in fault),
+            move=max(len(begun) - 1, 0),
+            moves=len(run.moves),
+            remaining_s=max(float(self.time_s[-1]) - time_s, 0.0),
+            payload_kg=payload_kg,
+            outputs=sum(1 << number for number, name in enumerate(OUTPUTS) if on.get(name)),
+        )
 
     def path(self) -> Floats:
         """Return points of the path that was commanded, else of that which was travelled [m], shape (n, 3)."""
-        points = self.trace.signals.get('tcp_command', self._tcp)
+        points = self._signals.get('tcp_command', self._tcp)
         points = points[np.isfinite(points).all(axis=1)]
         return np.asarray(points[:: max(1, len(points) // PLAN_POINTS)])
 
@@ -144,17 +185,14 @@ class Player:
         Shows it.
     film
         The recording.
-    name
-        Of the recording.
 
     """
 
-    def __init__(self, page: Page, film: Film, name: str) -> None:
-        self._page, self._film, self._name = page, film, name
+    def __init__(self, page: Page, film: Film) -> None:
+        self._page, self._film = page, film
         first, last = float(film.time_s[0]), float(film.time_s[-1])
         self.clock = Clock(first, last)
         self._stopping = False
-        self._shown = -1
         self._slid_s = 0.0
         gui: Any = page.server.gui
         with page.top:
@@ -166,6 +204,7 @@ class Player:
         buttons.on_click(lambda event: self._press(event.target.value))
         speed.on_update(lambda _: setattr(self.clock, 'speed', float(speed.value)))
         again.on_update(lambda _: setattr(self.clock, 'again', again.value))
+        page.rows = lambda seconds: film.before(self.clock.time_s, seconds)
         page.plan(film.path())
 
     def _slide(self, event: Any) -> None:
@@ -201,37 +240,16 @@ class Player:
 
     def _draw(self, now: float) -> None:
         row = self._film.row(self.clock.time_s)
-        if row == self._shown and not self._page.watched:
-            return
-        if row < self._shown or row > self._shown + self._film.row(self.clock.first_s + 1.0):
-            self._refill(row)
-        self._shown = row
         self._page.show(self._film.at(row))
         if now - self._slid_s >= SLIDER_S:
             self._slid_s = now
             self._slider.value = round(self.clock.time_s, 3)
-            self._page.read(self._facts(row))
-
-    def _refill(self, row: int) -> None:
-        """Begin the plots anew with what was before this cycle."""
-        self._page.forget()
-        first = self._film.row(float(self._film.time_s[row]) - HISTORY_S)
-        for n in range(first, row, max(1, (row - first) // REFILL)):
-            self._page.remember(self._film.at(n))
-
-    def _facts(self, row: int) -> Facts:
-        meta = self._film.trace.meta
-        period = float(meta.get('cycle_time_s', 1e-3))
-        time_s = float(self._film.time_s[row])
-        fault = str(meta.get('stopped') or '') if row == len(self._film.time_s) - 1 else ''
-        return Facts(
-            'playing' if self.clock.playing else 'paused', phase=self._name, cycle=round(time_s / period),
-            bus_time_s=time_s, override=self.clock.speed, fault=fault,
-        )  # fmt: skip
+            state = 'playing' if self.clock.playing else 'paused'
+            self._page.read(self._film.facts(row, state, self.clock.speed))
 
 
-def run(page: Page, film: Film, name: str) -> None:
+def run(page: Page, film: Film) -> None:
     """Show a recording until a signal asks for the end."""
-    player = Player(page, film, name)
+    player = Player(page, film)
     with interrupts.answered_by(player.stop):
         player.run()

@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.view.history import History
-from delta3_pacdrive.view.values import AXES, Instant
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.view.values import AXES
 
 COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b')
 LINE = '#868e96'  # of axes and grids: it can be read on white and on black
 WIDTH, HEIGHT = 470, 130
-SECONDS = (2.0, 5.0, 10.0, 30.0)
 # name: first column, names of the series, unit
 _XYZ = ('x', 'y', 'z')
 PLOTS = {
@@ -24,49 +24,72 @@ PLOTS = {
     'speed': (18, ('TCP',), 'm/s'),
 }
 COLUMNS = 19
+ERROR, TCP = slice(1, 4), slice(13, 16)  # of a row with its time [mm]
 
 
-def row_of(instant: Instant, tcp_m: Floats, error_m: Floats) -> Floats:
-    """Return the numbers that are plotted of an instant, with the place and the error of the TCP [m]."""
-    return np.concatenate(
+def rows_of(
+    time_s: Floats,
+    theta_rad: Floats,
+    lag_rad: Floats,
+    torque_n_m: Floats,
+    current_a: Floats,
+    speed_m_s: Floats,
+    parameters: Parameters,
+) -> Floats:
+    """Return what is plotted of instants.
+
+    Parameters
+    ----------
+    time_s, speed_m_s
+        Bus time [s] and speed of the TCP [m/s], shape (n,).
+    theta_rad, lag_rad, torque_n_m, current_a
+        As ``Instant`` has them, shape (n, 3).
+    parameters
+        Of the robot.
+
+    Returns
+    -------
+    Floats
+        Times, then the columns of ``PLOTS``, shape (n, 1 + COLUMNS); nan where the arms close no chain.
+
+    """
+    tcp = kinematics.forward(theta_rad, parameters, unreachable='nan')
+    error = kinematics.forward(theta_rad + lag_rad, parameters, unreachable='nan') - tcp
+    return np.column_stack(
         [
-            1e3 * error_m,
-            1e3 * np.degrees(instant.lag_rad),
-            instant.torque_n_m,
-            instant.current_a,
-            1e3 * tcp_m,
-            np.degrees(instant.theta_rad),
-            [instant.speed_m_s],
+            time_s,
+            1e3 * error,
+            1e3 * np.degrees(lag_rad),
+            torque_n_m,
+            current_a,
+            1e3 * tcp,
+            np.degrees(theta_rad),
+            speed_m_s,
         ]
     )
 
 
 class Plots:
-    """A tab for each kind of signal, fed from one history.
+    """A tab for each kind of signal.
 
     Parameters
     ----------
     gui
         Of the viser server.
-    rows
-        Rows that are kept.
 
     """
 
-    def __init__(self, gui: Any, rows: int) -> None:
-        self.history = History(rows, COLUMNS)
-        self.seconds = 10.0
+    def __init__(self, gui: Any) -> None:
         self._charts: dict[str, Any] = {}
         panel = gui.add_panel()
         for name, (_, series, unit) in PLOTS.items():
             with panel.add_tab(name):
-                self._charts[name] = _chart(gui, series, f'{name} [{unit}]')
+                self._charts[name] = _chart(gui, series, unit)
         panel.float(x=10, y=-10, width=WIDTH, height=HEIGHT + 100)
         self._newest_s = np.nan
 
-    def draw(self) -> None:
-        """Send the newest rows to the browsers."""
-        rows = self.history.last(self.seconds)
+    def draw(self, rows: Floats) -> None:
+        """Send rows to the browsers, as ``rows_of`` makes them."""
         if len(rows) < 2 or rows[-1, 0] == self._newest_s:
             return
         self._newest_s = rows[-1, 0]

@@ -9,7 +9,15 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 
 GREEN, AMBER, RED, GREY, BLUE = '#2f9e5b', '#e08a00', '#d92d3a', '#868e96', '#3a86ff'
-STATE_COLOURS = {'idle': GREEN, 'moving': BLUE, 'stopping': AMBER, 'stopped': AMBER, 'error': RED}
+STATE_COLOURS = {
+    'idle': GREEN,
+    'moving': BLUE,
+    'stopping': AMBER,
+    'stopped': AMBER,
+    'error': RED,
+    'playing': BLUE,
+}
+UNDER_WAY = ('moving', 'stopping', 'stopped', 'playing', 'paused')
 DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'FAULT': RED}
 HIGH, TOO_HIGH = 0.6, 0.9  # of a limit, from which a bar is amber and red
 
@@ -51,8 +59,28 @@ def status(facts: Facts, tcp_m: Floats | None) -> str:
     if not facts.state:
         waiting = html.escape(facts.waiting or 'waiting for a robot')
         return _boxed(f'{chip("no robot", GREY)} <span style="opacity:.75">{waiting}</span>')
+    rows = _of_recording(facts) if facts.recording else _of_robot(facts)
+    if tcp_m is not None:
+        x, y, z = (1e3 * tcp_m).tolist()
+        rows.append(_pairs(('TCP', f'{x:.2f}, {y:.2f}, {z:.2f} mm')))
+    if facts.moves and facts.state in UNDER_WAY:
+        rows.append(
+            _pairs(('move', f'{facts.move + 1} of {facts.moves}'), ('left', f'{facts.remaining_s:.1f} s'))
+        )
+    outputs = ' '.join(str(n) for n in range(8) if facts.outputs >> n & 1)
+    queue = () if facts.recording else (('queue', f'{facts.queue}'),)
+    rows.append(_pairs(*queue, ('outputs', outputs or 'none'), ('payload', f'{facts.payload_kg:g} kg')))
+    if facts.operator:
+        rows.append(_pairs(('control', html.escape(facts.operator))))
+    rows += [html.escape(text) for text in (facts.working, facts.waiting) if text]
+    if facts.fault:
+        rows.append(alarm(facts.fault))
+    return _boxed('<br>'.join(rows))
+
+
+def _of_robot(facts: Facts) -> list[str]:
     torque = chip('torque on', GREEN) if facts.in_torque else chip('torque off', GREY)
-    rows = [
+    return [
         f'{chip(facts.state, STATE_COLOURS.get(facts.state, GREY))} {torque} {chip(facts.phase, GREY)}',
         _pairs(
             ('cycle', f'{facts.cycle}'),
@@ -60,24 +88,19 @@ def status(facts: Facts, tcp_m: Floats | None) -> str:
             ('override', f'{100.0 * facts.override:.0f} %'),
             ('overruns', f'{facts.overruns}'),
             ('lost AT', f'{facts.lost_telegrams}'),
-            ('payload', f'{facts.payload_kg:g} kg'),
         ),
     ]
-    if tcp_m is not None:
-        x, y, z = (1e3 * tcp_m).tolist()
-        rows.append(_pairs(('TCP', f'{x:.2f}, {y:.2f}, {z:.2f} mm')))
-    if facts.moves and facts.state in ('moving', 'stopping', 'stopped'):
-        rows.append(
-            _pairs(('move', f'{facts.move + 1} of {facts.moves}'), ('left', f'{facts.remaining_s:.1f} s'))
-        )
-    outputs = ' '.join(str(n) for n in range(8) if facts.outputs >> n & 1)
-    rows.append(_pairs(('queue', f'{facts.queue}'), ('outputs', outputs or 'none')))
-    if facts.operator:
-        rows.append(_pairs(('control', html.escape(facts.operator))))
-    rows += [html.escape(text) for text in (facts.working, facts.waiting) if text]
-    if facts.fault:
-        rows.append(alarm(facts.fault))
-    return _boxed('<br>'.join(rows))
+
+
+def _of_recording(facts: Facts) -> list[str]:
+    return [
+        f'{chip(facts.state, STATE_COLOURS.get(facts.state, GREY))} <b>{html.escape(facts.recording)}</b>',
+        _pairs(
+            ('cycle', f'{facts.cycle}'),
+            ('time', f'{facts.bus_time_s:.3f} s'),
+            ('speed', f'{facts.override:g}'),
+        ),
+    ]
 
 
 def alarm(sentence: str) -> str:

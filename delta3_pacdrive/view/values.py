@@ -83,6 +83,8 @@ class Facts:
         Moves in the queue, and what is being planned.
     operator
         Who has control of the robot.
+    recording
+        Its title, if this is one; ``override`` is the speed at which it is played then.
     payload_kg, outputs
         What it carries, and its digital outputs as bits.
 
@@ -107,6 +109,7 @@ class Facts:
     queue: int = 0
     working: str = ''
     operator: str = ''
+    recording: str = ''
     payload_kg: float = 0.0
     outputs: int = 0
 

@@ -1,0 +1,192 @@
+"""Facts about the page, in a real browser, fed with plain values."""
+
+import time
+from io import BytesIO
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+
+from browser import Visit
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.view.jog import BEATS_HZ, SILENT_S
+from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+
+pytest.importorskip('viser', reason='the page needs the extra "view"')
+
+from delta3_pacdrive.view.page import Page  # it needs no viser before it is made
+from delta3_pacdrive.view.serving import HOST, choose
+
+WAIT_S = 60.0  # a browser without a graphics card, on a machine that has other things to do
+WIDTH, HEIGHT = 1280, 800
+MARK_M = 0.02
+PLACES = ((0.0, 0.0, -0.75), (0.25, 0.1, -0.85), (-0.3, 0.05, -0.8), (0.1, -0.35, -0.9), (-0.15, 0.3, -0.72))
+
+
+def instant_at(place, robot, time_s=1.0, lag=(0.0, 0.0, 0.0)):
+    return Instant(time_s, kinematics.inverse(np.array(place), robot), np.array(lag))
+
+
+def wait_for(condition, what, seconds=WAIT_S):
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f'not within {seconds:g} s: {what}'
+        time.sleep(0.02)
+    return found
+
+
+@pytest.fixture(scope='module')
+def page(robot):
+    """Return a page with controls."""
+    made = Page(robot, HOST, choose(HOST, None), 'a robot of the tests')
+    made.add_controls()
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.fixture(scope='module')
+def visit(page, browser):
+    """Return a visit of the page in a browser."""
+    with Visit(browser, page.url, WIDTH, HEIGHT) as made:
+        wait_for(lambda: page.watched, 'the browser connects')
+        yield made
+
+
+def seen_at(client, point_m):
+    """Return where a point is in the picture of a browser [pixels]."""
+    camera = client.camera
+    seen = Rotation.from_quat(np.roll(camera.wxyz, -1)).inv().apply(point_m - camera.position)
+    height = camera.image_height
+    focal = 0.5 * height / np.tan(0.5 * camera.fov)
+    return np.array([0.5 * camera.image_width, 0.5 * height]) + focal * seen[:2] / seen[2]
+
+
+def mark_in(picture):
+    """Return the middle of the largest magenta spot in a picture [pixels], None if there is none."""
+    red, green, blue = (picture[..., n].astype(float) for n in range(3))
+    spots, count = ndimage.label((red > 1.4 * green) & (blue > 1.4 * green) & (red > 90.0))
+    sizes = np.bincount(spots.ravel())[1:]
+    if not count or sizes.max() < 20:
+        return None
+    return np.flip(ndimage.center_of_mass(spots == 1 + sizes.argmax())) + 0.5
+
+
+def test_the_plate_is_where_forward_kinematics_says(page, visit, robot):
+    below = np.array([0.0, 0.0, -0.06])  # the plate, where nothing is in front of it
+    mark = page.server.scene.add_icosphere(
+        '/robot/plate/mark', MARK_M, color=(255, 0, 255), position=below, cast_shadow=False
+    )
+    (client,) = page.server.get_clients().values()
+    for n, place in enumerate(PLACES):
+        instant = instant_at(place, robot, 1.0 + n)
+        page.show(instant)
+        tcp = kinematics.forward(instant.theta_rad, robot)
+        deadline = time.monotonic() + WAIT_S
+        while True:  # the picture may be one of a moment ago
+            png = visit.page.screenshot(timeout=1e3 * WAIT_S)
+            found, expected = mark_in(255 * plt.imread(BytesIO(png))), seen_at(client, tcp + below)
+            if found is not None and np.abs(found - expected).max() <= 2.0:
+                break
+            assert time.monotonic() < deadline, (place, found, expected)
+    mark.remove()
+
+
+def test_the_page_asks_nobody_but_its_own_server_for_anything(page, visit, robot):
+    page.show(instant_at(PLACES[0], robot))
+    page.read(Facts('idle', True, True, 'CP4', 17))
+    visit.page.get_by_text('idle', exact=True).wait_for()
+    own = page.url.partition('//')[2]
+    foreign = [url for url in visit.requests if own not in url and not url.startswith(('data:', 'blob:'))]
+    assert foreign == []
+
+
+def test_what_there_is_to_read_is_on_the_page(page, visit, robot):
+    drives = (DriveFacts('ENABLED', 'free'), DriveFacts('FAULT', 'held'), DriveFacts('READY', 'held'))
+    sentence = 'axis2: following error over its limit (8111)'
+    facts = Facts(
+        'error', True, False, 'CP4', 4711, 4.711, 0.8, 3, 2, fault=sentence, sources=('axis2',), drives=drives
+    )
+    page.read(facts)
+    page.show(instant_at(PLACES[1], robot, 4.7, (1e-4, -2e-4, 0.0)))
+    for text in ('error', 'CP4', '4711', '80 %', 'brake free', 'fault'):
+        visit.page.get_by_text(text, exact=True).first.wait_for()
+    assert visit.page.get_by_role('alert').filter(has_text='axis2').inner_text() == sentence
+
+
+def test_a_click_is_a_wish_and_its_answer_is_shown(page, visit):
+    for button, action in (('Hold', 'hold'), ('EMERGENCY STOP', 'emergency_stop'), ('Enable', 'enable')):
+        visit.page.get_by_role('button', name=button, exact=True).click()
+        wait_for(lambda: page.wishes, f'the wish of {button}')
+        assert page.wishes.popleft().action == action
+    page.tell('the robot is idle: only what moves can be held', refused=True)
+    visit.page.get_by_text('only what moves can be held').first.wait_for()
+
+
+def test_a_button_that_is_held_beats_until_it_is_let_go(page, visit):
+    visit.page.get_by_role('tab', name='Jog').click()
+    button = visit.page.get_by_role('button', name='hold +x')
+    button.scroll_into_view_if_needed()
+    box = button.bounding_box()
+    visit.page.mouse.move(box['x'] + box['width'] / 2, box['y'] + box['height'] / 2)
+    visit.page.mouse.down()
+    wait_for(lambda: len(page.wishes) >= 10, 'ten beats')
+    visit.page.mouse.up()
+    time.sleep(SILENT_S)
+    page.wishes.clear()
+    time.sleep(10.0 / BEATS_HZ)
+    assert not page.wishes
+
+
+def test_points_are_taught_by_name_and_stand_there_as_yaml(page, visit):
+    visit.page.get_by_role('tab', name='Teach').click()
+    visit.page.get_by_role('button', name='Teach this point').click()
+    wait_for(lambda: page.wishes, 'the wish')
+    assert (page.wishes[0].action, page.wishes.popleft().text) == ('teach', 'p1')
+    page.controls.teach('p1', (0.1, -0.25, -0.8))
+    page.controls.teach('over: it', (0.0, 0.0, -0.75))
+    visit.page.get_by_text('"p1": [0.100000, -0.250000, -0.800000]').wait_for()
+    visit.page.get_by_text('"over: it": [0.000000, 0.000000, -0.750000]').wait_for()
+
+
+def test_two_browsers_see_the_same_and_one_may_go(page, visit, browser, robot):
+    with Visit(browser, page.url, 390, 844) as other:
+        wait_for(lambda: len(page.server.get_clients()) == 2, 'the second browser')
+        page.read(Facts('moving', phase='CP4', cycle=2222))
+        page.show(instant_at(PLACES[2], robot))
+        visit.page.get_by_text('2222', exact=True).wait_for()
+        other.page.get_by_text('2222', exact=True).wait_for(state='attached')
+    wait_for(lambda: len(page.server.get_clients()) == 1, 'the second browser has gone')
+    page.read(Facts('idle', phase='CP4', cycle=3333))
+    page.show(instant_at(PLACES[2], robot, 2.0))
+    visit.page.get_by_text('3333', exact=True).wait_for()
+    assert page.watched
+
+
+def test_the_page_connects_again_when_it_is_served_again(robot, browser):
+    first = Page(robot, HOST, choose(HOST, None), 'one')
+    with Visit(browser, first.url, WIDTH, HEIGHT) as visit:
+        wait_for(lambda: first.watched, 'the browser connects')
+        first.close()
+        again = Page(robot, HOST, int(first.url.rpartition(':')[2]), 'another one')
+        try:
+            wait_for(lambda: again.watched, 'the browser has found the new page')
+            again.read(Facts('idle', phase='CP4', cycle=77))
+            again.show(instant_at(PLACES[0], robot))
+            visit.page.get_by_text('77', exact=True).wait_for()
+        finally:
+            again.close()
+
+
+def test_a_page_that_nobody_may_operate_has_no_buttons(robot, browser):
+    page = Page(robot, HOST, choose(HOST, None), 'only to look at')
+    try:
+        page.note('This page only shows the robot.')
+        with Visit(browser, page.url, WIDTH, HEIGHT) as visit:
+            visit.page.get_by_text('This page only shows the robot.').wait_for()
+            assert visit.page.get_by_text('EMERGENCY STOP').count() == 0
+    finally:
+        page.close()

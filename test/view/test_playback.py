@@ -1,0 +1,94 @@
+"""Facts about the playing of recordings, without a browser."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.view.playback import SPEEDS, Clock, Film, overload_of
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory, robot):
+    """Return a run of a program with a fault, from its trace."""
+    text = """
+        moves:
+        - output: {name: gripper, value: true, payload_kg: 0.4}
+        - move_l: {to_m: [0.2, 0.1, -0.82]}
+        - move_l: {to_m: [-0.2, 0.0, -0.8]}
+        faults:
+        - {fault: overload, axis: axis2, torque_n_m: 40.0, after_s: 0.4, for_s: 0.5}
+    """
+    folder = tmp_path_factory.mktemp('run')
+    (folder / 'p.yaml').write_text(text)
+    trace = simulation.run(program_file.load(folder / 'p.yaml', robot.motion), robot)
+    trace.save(folder / 'p.npz')
+    return runs.load(str(folder / 'p.npz'))
+
+
+def test_the_clock_runs_at_its_speed_and_begins_again():
+    clock = Clock(1.0, 3.0)
+    for speed in SPEEDS:
+        clock.seek(1.5)
+        clock.speed = speed
+        clock.advance(0.25)
+        assert clock.time_s == pytest.approx(1.5 + 0.25 * speed)
+    clock.advance(10.0)
+    assert (clock.time_s, clock.playing) == (1.0, True)
+
+
+def test_a_clock_that_does_not_begin_again_stands_at_the_end():
+    clock = Clock(0.0, 2.0)
+    clock.again = False
+    clock.advance(5.0)
+    assert (clock.time_s, clock.playing) == (2.0, False)
+    clock.advance(1.0)
+    assert clock.time_s == 2.0
+    clock.play()
+    assert (clock.time_s, clock.playing) == (0.0, True)
+    clock.seek(-4.0)
+    assert clock.time_s == 0.0
+
+
+def test_an_instant_is_that_of_its_cycle(run, robot):
+    film = Film(run)
+    for row in (0, 250, len(film.time_s) - 1):
+        instant = film.at(row)
+        assert film.row(instant.time_s) == row
+        assert film.row(instant.time_s + 0.9 * run.period_s) == row
+        tcp = kinematics.forward(instant.theta_rad, robot)
+        assert tcp == pytest.approx(run.part['tcp_actual'][row], abs=1e-9)
+        assert instant.true_m == pytest.approx(run.part['tcp_true'][row])
+        assert instant.torque_n_m == pytest.approx(
+            run.part['current'][row] * robot.motor.torque_constant_n_m_a
+        )
+
+
+def test_what_there_is_to_read_is_that_of_its_time(run):
+    film = Film(run)
+    first = film.facts(0, 'playing', 1.0)
+    assert (first.moves, first.fault) == (len(run.moves), '')
+    middle = film.facts(film.row(0.1), 'playing', 0.5)
+    assert (middle.outputs, middle.payload_kg, middle.override) == (1, 0.4, 0.5)
+    last = film.facts(len(film.time_s) - 1, 'paused', 1.0)
+    assert 'axis2' in last.fault
+    assert last.sources == ('axis2',)
+
+
+def test_a_recording_without_positions_is_refused(run):
+    trace = Trace(run.part.time_s, {'current': run.part['current']}, run.part.meta)
+    bare = runs.Run(**{name: getattr(run, name) for name in run.__dataclass_fields__} | {'part': trace})
+    with pytest.raises(TraceError, match=r'cannot be shown without motor_position .* it has only current$'):
+        Film(bare)
+
+
+def test_the_load_of_a_recording_is_that_which_the_drives_count(robot):
+    rng = np.random.default_rng(5)
+    ratio = rng.uniform(0.0, 3.0, (400, 3))
+    found = overload_of(ratio, 1e-3)
+    for axis in range(3):
+        sums = np.concatenate([[0.0], np.cumsum((ratio[:, axis] ** 2 - 1.0) * 1e-3)])
+        assert found[:, axis] == pytest.approx((sums - np.minimum.accumulate(sums))[1:], abs=1e-12)

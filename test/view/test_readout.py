@@ -1,0 +1,60 @@
+"""Facts about what there is to read beside the picture."""
+
+import numpy as np
+
+from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+
+HOSTILE = '<script>alert(1)</script> & "more"'
+SAFE = '&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;more&quot;'
+
+
+def test_texts_of_others_are_shown_and_not_carried_out():
+    facts = Facts('moving', fault=HOSTILE, operator=HOSTILE, working=HOSTILE, phase=HOSTILE, waiting=HOSTILE)
+    shown = readout.status(facts, None)
+    assert '<script' not in shown
+    assert shown.count(SAFE) == 5
+    drives = (DriveFacts(HOSTILE, HOSTILE, (HOSTILE,)),) * 3
+    bars = readout.bars(Instant(0.0, np.zeros(3)), drives, readout.Scales(1.0, 1.0, 1.0))
+    assert '<script' not in bars
+    assert '<script' not in readout.answers([(HOSTILE, True)])
+    assert '<script' not in readout.copied(HOSTILE, HOSTILE)
+    assert '<script' not in readout.status(Facts(waiting=HOSTILE), None)
+
+
+def test_the_bars_tell_the_numbers_of_each_axis(robot):
+    instant = Instant(
+        1.0,
+        np.zeros(3),
+        np.radians([0.001, -0.002, 0.003]),
+        np.array([1.0, -2.0, 0.5]),
+        np.array([2.0, -4.0, 1.0]),
+        np.array([0.0, 0.5, 0.95]),
+    )
+    drives = (
+        DriveFacts('ENABLED', 'free'),
+        DriveFacts('FAULT', 'held'),
+        DriveFacts('READY', 'held', ('hot',)),
+    )
+    shown = readout.bars(instant, drives, readout.Scales.of(robot))
+    for text in (
+        '-2.00 N m',
+        '-4.00 A',
+        '-0.0020 deg',
+        '50 %',
+        '95 %',
+        'enabled',
+        'fault',
+        'brake held',
+        'hot',
+    ):
+        assert text in shown
+    assert readout.RED in shown  # a load of 95 % and a fault
+
+
+def test_a_page_without_a_robot_says_so_and_a_fault_is_an_alert():
+    assert 'no robot' in readout.status(Facts(waiting='no word of a robot in namespace /'), None)
+    shown = readout.status(Facts('error', phase='CP4', fault='axis2: too hot'), np.array([0.1, 0.2, -0.8]))
+    assert 'role="alert"' in shown
+    assert 'axis2: too hot' in shown
+    assert '100.00, 200.00, -800.00 mm' in shown

@@ -1,0 +1,56 @@
+"""Facts about where the page is served."""
+
+import socket
+
+import pytest
+
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.view import serving
+
+pytest.importorskip('viser', reason='the page needs the extra "view"')
+
+
+@pytest.fixture
+def taken():
+    with socket.socket() as other:
+        other.bind((serving.HOST, 0))
+        other.listen()
+        yield other.getsockname()[1]
+
+
+def test_a_port_that_is_taken_is_refused_in_one_sentence(taken):
+    with pytest.raises(
+        RunError, match=f'^cannot serve the page on port {taken} of .*: Address already in use$'
+    ):
+        serving.choose(serving.HOST, taken)
+
+
+def test_a_port_that_nobody_asked_for_is_one_that_is_free():
+    with socket.socket() as other:
+        try:
+            other.bind((serving.HOST, serving.PORT))
+            other.listen()
+        except OSError:
+            pass  # somebody else has it, which is as well
+        assert serving.PORT < serving.choose(serving.HOST, None) < serving.PORT + serving.PORTS
+
+
+def test_an_address_that_is_not_ours_is_refused():
+    with pytest.raises(RunError, match='cannot serve the page'):
+        serving.choose('192.0.2.1', 8000)
+    with pytest.raises(RunError, match='cannot serve the page'):
+        serving.choose('no.such.host.invalid', 8000)
+
+
+@pytest.mark.parametrize(
+    ('host', 'here'),
+    [('127.0.0.1', True), ('localhost', True), ('::1', True), ('0.0.0.0', False), ('10.0.0.1', False)],
+)
+def test_only_the_loopback_is_this_machine(host, here):
+    assert serving.is_here(host) is here
+
+
+def test_a_browser_is_told_an_address_that_it_can_reach():
+    assert serving.address('127.0.0.1', 80) == 'http://127.0.0.1:80'
+    assert serving.address('0.0.0.0', 81) == 'http://localhost:81'
+    assert serving.address('::1', 82) == 'http://[::1]:82'
