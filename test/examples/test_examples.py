@@ -44,6 +44,17 @@ def test_every_example_is_shown_in_the_documentation():
     assert sorted(shown) == sorted(path.stem for path in EXAMPLES.glob('*.py'))
 
 
+def test_parts_in_motion(run):
+    _, ((cycles, rods), (low, high), (radius,), (swing, limit)) = run('parts_in_motion')
+    assert (rods, limit) == (6, 45.0)
+    assert cycles > 1000
+    robot = d3.load_parameters()
+    assert -robot.kinematics.upper_arm_length_m < low < high < robot.kinematics.upper_arm_length_m
+    assert 0.1 < radius < 0.6
+    # the largest swing of a rod is that of the farthest place beside its arm
+    assert 0.0 < np.sin(np.radians(swing)) <= (radius + 1e-3) / robot.kinematics.forearm_length_m
+
+
 def test_kinematics_of_a_grid(run):
     _, ((points, _, reached), (error,), (low, high), (best, worst)) = run('kinematics_of_a_grid')
     assert 0.5 * points < reached < points
