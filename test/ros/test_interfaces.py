@@ -39,7 +39,8 @@ def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     shared_graph.add(RobotVisualizationNode)
     for topic in (MARKERS, CLOCK):
         shared_graph.listen(topic.type, topic.name)
-    shared_graph.spin_for(1.0)
+    shared_graph.spin_until(lambda: shared_graph.listener.count_publishers(CLOCK.name), 'bus time')
+    shared_graph.spin_for(0.5)
     return shared_graph
 
 

@@ -1,0 +1,79 @@
+"""Facts about the markers themselves: what a line of the error says, what is shown of long paths and of no place."""
+
+import numpy as np
+import pytest
+from visualization_msgs.msg import Marker
+
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.motion import program_file, program_planner
+from delta3_pacdrive.ros.robot_markers import POINTS_MAX, RobotMarkers
+
+ROBOT = parameters.load()
+HOME = np.array(ROBOT.motion.home_m)
+MAGNIFICATION = 250.0
+
+
+@pytest.fixture
+def markers() -> RobotMarkers:
+    return RobotMarkers(ROBOT, MAGNIFICATION)
+
+
+def places(line: Marker) -> np.ndarray:
+    return np.array([[point.x, point.y, point.z] for point in line.points])
+
+
+def test_the_line_of_the_error_leads_from_the_tcp_to_where_it_should_be_magnified(
+    markers: RobotMarkers,
+) -> None:
+    error = np.array([1e-4, -2e-4, 3e-5])
+    command, line = markers.error(HOME, HOME + error, error)
+    assert places(line) == pytest.approx(np.array([HOME, HOME + MAGNIFICATION * error]))
+    assert [command.pose.position.x, command.pose.position.y] == pytest.approx((HOME + error)[:2])
+
+
+def test_a_place_where_the_arms_cannot_be_is_not_shown(markers: RobotMarkers) -> None:
+    assert markers.robot(np.full(3, np.nan)) == []
+    assert markers.robot(kinematics.inverse(HOME, ROBOT))
+
+
+def test_every_marker_has_a_name_and_a_number_of_its_own(markers: RobotMarkers) -> None:
+    theta = kinematics.inverse(HOME, ROBOT)
+    everything = [
+        *markers.still(),
+        *markers.robot(theta),
+        *markers.travelled(),
+        *markers.error(HOME, HOME, HOME),
+    ]
+    names = [(marker.ns, marker.id) for marker in everything]
+    assert len(names) == len(set(names)) > 40
+    for marker in everything:
+        q = marker.pose.orientation
+        assert np.linalg.norm([q.x, q.y, q.z, q.w]) == pytest.approx(1.0)
+
+
+def test_a_path_of_one_point_is_none_and_a_long_one_loses_its_beginning(markers: RobotMarkers) -> None:
+    markers.travel(HOME)
+    assert markers.travelled()[0].action == Marker.DELETE
+    for step in range(POINTS_MAX + 10):
+        markers.travel(np.add(HOME, [0.0, 0.0, -3e-3 * step]))
+        markers.travel(np.add(HOME, [0.0, 0.0, -3e-3 * step - 1e-4]))  # too near to be a new place
+    (line,) = markers.travelled()
+    assert line.action == Marker.ADD
+    assert len(line.points) == POINTS_MAX
+    assert np.diff(places(line)[:, 2]) == pytest.approx(-3e-3)
+    markers.travel(np.full(3, np.nan))
+    assert len(markers.travelled()[0].points) == POINTS_MAX
+
+
+def test_a_plan_of_thousands_of_moves_is_drawn_with_fewer_points(markers: RobotMarkers) -> None:
+    corners = [[0.2, 0.0, -0.8], [0.0, 0.2, -0.8]]
+    program = {'moves': [{'move_l': {'to_m': corner}} for corner in corners]}
+    planned = program_planner.plan(program_file.parse(program, ROBOT.motion), HOME, ROBOT)
+    for number in range(2000):
+        markers.plan(planned.plan.moves[min(number, 1)], number)
+    line = markers.still()[-1]
+    assert 0 < len(line.points) <= POINTS_MAX
+    markers.plan(planned.plan.moves[0], 0)  # another plan begins
+    drawn = places(markers.still()[-1])
+    assert drawn[-1] == pytest.approx(corners[0])
+    assert drawn[0] == pytest.approx(HOME, abs=1e-6)
