@@ -234,7 +234,7 @@ def _shown(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
 
 def _moves(story: Mapping[str, Any], part: Trace) -> tuple[DrivenMove, ...]:
     """Return the moves that were begun within the part that is shown, the last one cut where the run ends."""
-    first, last = float(part.time_s[0]), float(part.time_s[-1])
+    first, last, stop = float(part.time_s[0]), float(part.time_s[-1]), _stop_s(part)
     found = [
         DrivenMove(
             n,
@@ -246,7 +246,7 @@ def _moves(story: Mapping[str, Any], part: Trace) -> tuple[DrivenMove, ...]:
         )
         for n, row in enumerate(story.get('moves', ()), start=1)
     ]
-    return tuple(move for move in found if move.end_s > first and move.start_s < last)
+    return tuple(move for move in found if move.end_s > first and move.start_s < min(last, stop))
 
 
 def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
@@ -261,8 +261,20 @@ def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
         if math.isfinite(lasting):
             marks.append(Mark(after + lasting, EVENT, f'over: {row["text"]}'))
     marks += [Mark(float(row['time_s']), FAULT, str(row['text'])) for row in story.get('trips', ())]
+    stop = _stop_s(part)
+    marks = [mark for mark in marks if mark.kind != OUTPUT or mark.time_s <= stop]
+    if math.isfinite(stop):
+        marks.append(Mark(stop, FAULT, f'stop: {part.meta["stopped"]}'))
     within = [mark for mark in marks if part.time_s[0] <= mark.time_s <= part.time_s[-1]]
     return tuple(sorted(within, key=lambda mark: mark.time_s))
+
+
+def _stop_s(part: Trace) -> float:
+    """Return when a simulation began to stop for a fault; inf if it did not, or does not tell."""
+    start, cycle = part.meta.get('start_cycle'), part.meta.get('stop_cycle')
+    if not part.meta.get('stopped') or start is None or cycle is None:
+        return math.inf
+    return float((cycle - start) * run_signals.positive(part, 'cycle_time_s'))
 
 
 def _output_text(row: Mapping[str, Any]) -> str:

@@ -132,6 +132,8 @@ class SimulatedOperation:
     ----------
     stopped
         Why the program was given up, empty while it was not.
+    stop_cycle
+        First bus cycle of the stop, ``NEVER`` without one.
 
     Raises
     ------
@@ -154,7 +156,7 @@ class SimulatedOperation:
         self._axes = AxisMonitor(parameters)
         self._controller = ControllerCycle(task, self._axes, parameters)
         self._signals = np.empty((len(NAMES), task.last_cycle + 1, 3))
-        self.stopped = ''
+        self.stopped, self.stop_cycle = '', NEVER
 
     @property
     def lost(self) -> int:
@@ -252,7 +254,8 @@ class SimulatedOperation:
                 self._stop(emergency_stop(cycle))
 
     def _stop(self, stop: Stop, cause: str = '') -> None:
-        self.stopped = self.stopped or f'{stop.fault}{cause}'
+        if not self.stopped:
+            self.stopped, self.stop_cycle = f'{stop.fault}{cause}', stop.first
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:

@@ -178,7 +178,13 @@ def test_a_run_that_a_fault_stops_is_shown_beyond_the_stop(program, robot):
     path = program.with_name('stopped.yaml')
     path.write_text(PROGRAM + 'faults: [{fault: emergency_stop, after_s: 0.02}]\n', encoding='utf-8')
     run = runs.load(str(path))
-    assert [mark.text for mark in run.marks if mark.kind == 'fault'] == ['injected: emergency_stop']
+    told = [(mark.time_s, mark.text) for mark in run.marks if mark.kind == 'fault']
+    assert told == [
+        (pytest.approx(0.02), 'injected: emergency_stop'),
+        (pytest.approx(0.02), f'stop: {run.whole.meta["stopped"]}'),
+    ]
+    assert [move.number for move in run.moves] == [1]  # what comes behind the stop is not driven
+    assert all(mark.kind != 'output' for mark in run.marks)
     assert any('The program was given up' in note for note in run.notes)
     moving = np.flatnonzero(np.diff(run.whole['motor_command'], axis=0).any(axis=1))
     stood = moving[-1] * 1e-3 - run.whole.meta['start_cycle'] * 1e-3
