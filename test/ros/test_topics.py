@@ -1,5 +1,6 @@
 """Facts about what a robot publishes: every topic against the telegrams that it is made of, and who hears it."""
 
+import io
 import json
 import math
 from typing import Any
@@ -17,6 +18,7 @@ from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.scene.joints import joint_motion
+from delta3_pacdrive.scene.parts import RODS
 from delta3_pacdrive.scene.urdf import urdf
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import JOINTS
@@ -140,6 +142,22 @@ def test_latecomers_hear_the_urdf_of_the_robot(driven: Driven) -> None:
     heard = driven.graph.listen(String, 'robot_description', LATCHED)
     driven.graph.spin_until(lambda: heard, 'the description')
     assert heard[0].data == urdf(ROBOT)
+
+
+def test_the_tree_of_the_description_closes_with_the_joint_states(driven: Driven) -> None:
+    """What a stock robot_state_publisher makes of both, by a reader of URDF that is not ours."""
+    yourdfpy = pytest.importorskip('yourdfpy', reason='the reader of URDF, yourdfpy, is not installed')
+    described = driven.graph.listen(String, 'robot_description', LATCHED)
+    driven.graph.spin_until(lambda: described, 'the description')
+    model = yourdfpy.URDF.load(io.BytesIO(described[0].data.encode()), load_meshes=False)
+    messages = [m for m in driven.heard['joint_states'] if m.header.stamp.sec >= 0]
+    for message in messages[:: max(1, len(messages) // 20)]:
+        model.update_cfg(dict(zip(message.name, message.position, strict=True)))
+        for rod in RODS:
+            end, joint = (
+                model.get_transform(name, 'base')[:3, 3] for name in (f'forearm{rod}_end', f'plate_{rod}')
+            )
+            assert np.abs(end - joint).max() < 1e-9
 
 
 def test_phase_currents_are_those_of_torque_and_angle(driven: Driven) -> None:
