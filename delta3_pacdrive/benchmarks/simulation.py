@@ -16,6 +16,7 @@ from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.benchmarks.case import program_file
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.capability import capability
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import Plant
@@ -71,6 +72,7 @@ def measure_kinematics() -> dict[str, Any]:
         'forward': lambda: kinematics.forward(theta, k),
         'jacobian': lambda: kinematics.jacobian(theta, points, k),
         'singularity': lambda: kinematics.singularity(theta, points, k),
+        'capability': lambda: capability(points, robot),
     }
     result: dict[str, Any] = {'poses': POSES, 'poses_per_s': {}}
     for name, action in actions.items():

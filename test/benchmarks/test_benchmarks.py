@@ -21,7 +21,7 @@ def run(capsys, *arguments):
 def test_array_kinematics_come_back_to_where_they_began(capsys):
     result = run(capsys, 'kinematics')
     assert result['round_trip_max_m'] < 2e-15
-    assert set(result['poses_per_s']) == {'inverse', 'forward', 'jacobian', 'singularity'}
+    assert set(result['poses_per_s']) == {'inverse', 'forward', 'jacobian', 'singularity', 'capability'}
 
 
 def test_mujoco_moves_the_same_mechanism_to_the_same_place(capsys):

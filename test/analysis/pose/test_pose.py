@@ -53,6 +53,9 @@ def test_a_solution_given_as_angles_is_found_again_by_its_number(number, robot):
     assert closure_m(theta, pose.point_m, robot) < CLOSED_M
     assert pose.number == number or np.linalg.norm(pose.mirror_m - point) < CLOSED_M
     assert pose.is_reachable == (number == 0)
+    if pose.number:
+        assert 'with the elbow inward' in pose.refusals[-1]
+        assert pose.capability is None
 
 
 def test_both_intersections_of_the_spheres_close_the_loops(robot):
