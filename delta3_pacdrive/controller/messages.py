@@ -179,6 +179,36 @@ class Request(_Message):
     text: str = ''
     caps: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    @property
+    def identity(self) -> str:
+        """What the request is known by in ``unit_robot/requests``; no other request has it."""
+        return f'{self.operator or self.receiver}-{self.number}'
+
+
+@dataclass(frozen=True)
+class RequestReport(_Message):
+    """What has become of a request for moves, ``unit_robot/requests``.
+
+    Attributes
+    ----------
+    id
+        Of the request.
+    state
+        planning, queued, running, done, refused, or aborted.
+    statements, remaining
+        Number of its statements, and of those that are still to be driven; of a repeated program those of a round.
+    code, sentence
+        Why it was refused or aborted; empty else.
+
+    """
+
+    id: str
+    state: str
+    statements: int
+    remaining: int
+    code: str
+    sentence: str
+
 
 @dataclass(frozen=True)
 class Reply(_Refusing):

@@ -28,18 +28,21 @@ from delta3_pacdrive.controller.program_run import (
     RunState,
 )
 from delta3_pacdrive.controller.request_queue import RequestQueue
+from delta3_pacdrive.controller.request_tracker import RequestTracker
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.resume import way_back
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
 NO_CAPS = (0.0, 0.0, 0.0)
+PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
-ACTIONS = ('program', 'start', 'resume', 'clear', 'override', 'withdraw')
+ACTIONS = ('program', 'move', 'start', 'resume', 'clear', 'override', 'withdraw')
 
 
 class Planner:
@@ -70,8 +73,9 @@ class Planner:
         program: Program | None,
         newest_cycle: Callable[[], int],
     ) -> None:
-        self._robot, self._identity = parameters, identity
+        self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
         self.actions: list[planner_actions.Action] = []
+        self._tracker = RequestTracker(lambda report: self.actions.append(planner_actions.Reported(report)))
         self._now_s = 0.0
         self._task = TaskStatus()
         self._profiles = Numbering()
@@ -133,7 +137,8 @@ class Planner:
         if anew:
             self._begin_session()
         elif before is not None and status.losses != before.losses and not self._starts_by_itself:
-            self._queue.clear()  # its operator has lost control
+            # its operator has lost control
+            self._empty(Reason(Code.CONTROL, 'its operator has lost control'))
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
@@ -153,7 +158,7 @@ class Planner:
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
         if self._run.waits or self._change.waits:
-            self._reply(Reason(Code.BUS, 'the bus was phased up anew meanwhile'))
+            self._reply(PHASED_UP)
         self._change.happen(ChangeEvent.PHASE_UP)
         if self._run.waits or self.motion != MotionState.ERROR:
             self._happen(RunEvent.PHASE_UP)
@@ -191,17 +196,44 @@ class Planner:
         return True
 
     def _happen(self, event: RunEvent) -> None:
+        before, ended = self._run.state, self._has_come_to_its_end
         self.actions.extend(self._run.happen(event))
+        if before is RunState.RUNNING and self._run.state is not RunState.RUNNING:
+            if event in (RunEvent.END, RunEvent.LOCATE) and ended:
+                self._tracker.end()
+            elif event is RunEvent.FAIL:
+                self._tracker.give_up(self._refusal or Reason(Code.FAULT, 'a fault has stopped the robot'))
+            else:
+                lost = event is RunEvent.PHASE_UP
+                self._tracker.give_up(PHASED_UP if lost else Reason(Code.STATE, 'the program was given up'))
+
+    @property
+    def _has_come_to_its_end(self) -> bool:
+        """Whether a program that does not run any more was driven to its end, not given up."""
+        timeline, status = self._run.timeline, self.status
+        if timeline is None or timeline.profile is None or status is None:
+            return True
+        return not timeline.profile.held and status.cycle >= timeline.end_cycle
+
+    def _empty(self, reason: Reason) -> None:
+        """Forget what is in the queue."""
+        self._queue.clear()
+        self._tracker.empty(reason)
 
     def _end_order(self, reason: Reason | None) -> None:
         """Answer whoever waits for the verdict on an order."""
         if reason is not None and reason.code == Code.FOREIGN and (again := self._run.renumber()):
             self.actions.extend(again)
             return
+        order, request = self._run.order, self._serving
         if reason is None:
             self._queue.clear()
+            self._tracker.give_up(Reason(Code.STATE, 'another program was started'))
+            if order is not None and order.queued is not None:
+                if order.own and request is not None:
+                    self._tracker.queue(request.identity, order.own)
+                self._tracker.start(order.queued.ends)
         self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
-        order = self._run.order
         self._reply(reason or (order.sentence if order else ''))
 
     def _revoke_order(self, reason: Reason) -> None:
@@ -232,7 +264,16 @@ class Planner:
             self._revoke_order(silence)
         if self._change.waits and now_s - self._change.since_s > VERDICT_S:
             self._end_change(silence)
+        self._track()
         self._go_on()
+
+    def _track(self) -> None:
+        """Tell how far the program is."""
+        timeline = self._run.timeline
+        cycle = self._newest_cycle()
+        if self._run.state is RunState.RUNNING and timeline is not None and timeline.start_cycle <= cycle:
+            now = timeline.at(cycle)
+            self._tracker.reach(now.number, now.distance_m)
 
     def _withdraw(self, request: Request) -> None:
         """Give up the request of the same operator whose number is the text."""
@@ -286,8 +327,12 @@ class Planner:
 
     def _serve(self, request: Request) -> None:
         match request.action:
-            case 'program':
-                self._work(self._require_rest(), self._take_planned, request.text, request.caps)
+            case 'program' | 'move':
+                wrapped = request.action == 'move'
+                then = self._take_moves if wrapped else self._take_planned
+                here = self._require_rest()
+                self._tracker.begin(request.identity)
+                self._work(here, then, request.text, request.caps, wrapped)
             case 'plan' if request.operator == '':
                 self._work(self._require_rest(), self._take_planned)
             case 'start':
@@ -297,7 +342,7 @@ class Planner:
             case 'override':
                 self._tell(self._override.ask(request.text, self.motion, self._now_s))
             case 'clear':
-                self._queue.clear()
+                self._empty(Reason(Code.STATE, 'the queue was emptied'))
                 self._happen(RunEvent.CLEAR)
                 self._reply('the queue is empty')
             case _:
@@ -310,6 +355,8 @@ class Planner:
         request, self._serving = self._serving, None
         if request is not None:
             reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
+            if reason is not None:
+                self._tracker.refuse(request.identity, reason)
             self.actions.append(planner_actions.Replied(request, reason, sentence))
 
     def _tell(self, outcome: planner_actions.Changed | Reason | str) -> None:
@@ -334,12 +381,17 @@ class Planner:
     # planning ---------------------------------------------------------------------------------------------------------
 
     def _work(
-        self, here: Floats, then: Callable[[Result], None], text: str = '', caps: Caps = NO_CAPS
+        self,
+        here: Floats,
+        then: Callable[[Result], None],
+        text: str = '',
+        caps: Caps = NO_CAPS,
+        wrapped: bool = False,
     ) -> None:
         """Let the queue, and a text behind it, be planned."""
         self._jobs += 1
         x, y, z = here.tolist()
-        job = Job(self._jobs, self._queue.program, text, caps, (x, y, z))
+        job = Job(self._jobs, self._queue.program, text, caps, (x, y, z), wrapped)
         self._job = job, then
         self.actions.append(planner_actions.Working(job))
 
@@ -365,11 +417,26 @@ class Planner:
         planned = result.planned
         if planned is None:
             return
+        if self._serving is not None and result.statements:
+            self._tracker.queue(self._serving.identity, result.statements)
+        self._reply(self._planned_sentence(planned))
+
+    def _planned_sentence(self, planned: Planned) -> str:
         sentence = f'planned "{planned.name}": {len(planned.plan)} moves, {planned.plan.duration_s:.3f} s'
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
         if self._refusal is not None:
             sentence += f'; it cannot start yet: {self._refusal}'
-        self._reply(sentence)
+        return sentence
+
+    def _take_moves(self, result: Result) -> None:
+        """Take moves that may start by themselves; if they cannot, the queue is as before."""
+        if not result.starts:
+            self._take_planned(result)
+            return
+        self._require_rest()
+        self._require_readiness()
+        if result.program is not None and result.planned is not None:
+            self._launch(-1, result.program, result.planned, result.statements)
 
     # running ----------------------------------------------------------------------------------------------------------
 
@@ -384,7 +451,7 @@ class Planner:
         elif self.listened_to and self._refusal is None:
             self._starts_by_itself = False
             self._serving = own
-            self._launch(self._robot.motion.start_cycle)
+            self._launch_queue(self._robot.motion.start_cycle)
 
     def _keep_own(self, result: Result) -> None:
         """Keep the plan of the program that starts by itself, until it can."""
@@ -402,7 +469,7 @@ class Planner:
         if self._queue.planned is None:
             self._work(here, self._launch_planned)
         else:
-            self._launch(-1)
+            self._launch_queue(-1)
 
     def _require_readiness(self) -> None:
         """Refuse what the transformation task would refuse anyway."""
@@ -414,19 +481,23 @@ class Planner:
     def _launch_planned(self, result: Result) -> None:
         self._queue.put(result.program, result.planned)
         self._require_rest()
-        self._launch(-1)
+        self._launch_queue(-1)
 
-    def _launch(self, cycle: int) -> None:
+    def _launch_queue(self, cycle: int) -> None:
         """Order what is in the queue; it leaves the queue when it is accepted."""
         program, planned = self._queue.program, self._queue.planned
-        if program is None or planned is None:
-            return
+        if program is not None and planned is not None:
+            self._launch(cycle, program, planned)
+
+    def _launch(self, cycle: int, program: Program, planned: Planned, own: int = 0) -> None:
+        """Order a program, the last statements of which may be those of the request that is served."""
         override = min(self.override, planned.override_max)
         moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / override:.3f} s'
         sentence = f'started "{planned.name}": {moves}'
-        self._send(
-            Order(planned.plan, program.faults, cycle, override, planned.override_max, program, sentence)
-        )
+        if own:
+            sentence += ''.join(f'; {notice}' for notice in planned.notices)
+        order = Order(planned.plan, program.faults, cycle, override, planned.override_max, program, sentence)
+        self._send(replace(order, queued=planned, own=own))
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))

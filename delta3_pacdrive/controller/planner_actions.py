@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.messages import Request, RequestReport
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.planning_job import Job
 from delta3_pacdrive.errors import Reason
@@ -60,10 +60,17 @@ class Replied:
 
 
 @dataclass(frozen=True)
+class Reported:
+    """Something has become of the moves of a request."""
+
+    report: RequestReport
+
+
+@dataclass(frozen=True)
 class Mirrored:
     """The motion is in a state."""
 
     state: MotionState
 
 
-Action = Ordered | Revoked | Changed | Working | Cancelled | Replied | Mirrored
+Action = Ordered | Revoked | Changed | Working | Cancelled | Replied | Reported | Mirrored

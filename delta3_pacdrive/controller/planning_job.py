@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, shown
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
@@ -31,6 +32,8 @@ class Job:
         Largest speed, acceleration and jerk of the text's moves; 0: no cap.
     here_m
         Where the robot stands.
+    wrapped
+        Whether the text may also be a single statement, or a list of them, and say whether it starts by itself.
 
     """
 
@@ -39,16 +42,34 @@ class Job:
     text: str
     caps: Caps
     here_m: Point
+    wrapped: bool = False
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a job: a program and its plan, or why there is none."""
+    """What became of a job: a program and its plan, or why there is none.
+
+    Attributes
+    ----------
+    number
+        Of the job.
+    program, planned
+        The queue with the text behind it, and its plan.
+    reason
+        Why there is none.
+    statements
+        How many of them are those of the text.
+    starts
+        Whether the text is to be driven without being started.
+
+    """
 
     number: int
     program: Program | None
     planned: Planned | None
     reason: Reason | None = None
+    statements: int = 0
+    starts: bool = False
 
 
 class CancelledError(ProgramError):
@@ -58,28 +79,57 @@ class CancelledError(ProgramError):
 def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> Result:
     """Do a job; ``progress`` is called with statements done and of all, and raises CancelledError to end it."""
     try:
-        program = job.queue
+        program, statements, starts = job.queue, 0, False
         if job.text:
-            program = _appended(job.queue, _read(job, robot))
+            more, starts = _read(job, robot)
+            program, statements = _appended(job.queue, more), len(more.statements)
         if program is None:
             raise ProgramError('no moves are in the queue')
         planned = program_planner.plan(
             program, job.here_m, robot, returning=True, open_end=True, progress=progress
         )
-        return Result(job.number, program, planned)
+        return Result(job.number, program, planned, None, statements, starts)
     except CancelledError as error:
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
     except Delta3Error as error:
         return Result(job.number, None, None, Reason.of(error))
 
 
-def _read(job: Job, robot: Parameters) -> Program:
+def _read(job: Job, robot: Parameters) -> tuple[Program, bool]:
+    """Return the program of the text, and whether it starts by itself."""
+    starts = job.wrapped
     if job.text in programs.packaged_names():
         document = yaml_file.read(programs.find(job.text), 'program file', ProgramError)
     else:
         document = yaml_file.parse(job.text, 'the program', ProgramError)
+        if job.wrapped:
+            document, starts = _unwrapped(document)
     program = programs.parse(document, robot.motion)
-    return program_planner.capped(program, job.caps) if any(job.caps) else program
+    return program_planner.capped(program, job.caps) if any(job.caps) else program, starts
+
+
+def _unwrapped(document: Any) -> tuple[Any, bool]:
+    """Return a statement, a list of them, or a program as a program, and whether it starts by itself."""
+    if isinstance(document, list):
+        return {'moves': document}, True
+    if isinstance(document, str):
+        names = ', '.join(programs.packaged_names())
+        raise ProgramError(
+            f'{shown(document)} is no packaged program, expected one of {names}, or moves in YAML'
+        )
+    if not isinstance(document, dict):
+        return document, True
+    starts = document.pop('start', True)
+    if not isinstance(starts, bool):
+        raise ProgramError(f'start is {shown(starts)}, but must be true or false')
+    if 'program' in document:
+        if len(document) > 1 or document['program'] not in programs.packaged_names():
+            names = ', '.join(programs.packaged_names())
+            raise ProgramError(f'program, beside start, must be the name of a packaged program: {names}')
+        return yaml_file.read(programs.find(document['program']), 'program file', ProgramError), starts
+    if len(document) == 1 and next(iter(document)) in programs.STATEMENTS:
+        return {'moves': [document]}, starts
+    return document, starts
 
 
 def _appended(queue: Program | None, more: Program) -> Program:

@@ -12,6 +12,7 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned
 
 LEAP, LEAPS_MAX = (
     1000,
@@ -94,6 +95,10 @@ class Order:
         What all of it is, should it be started again.
     sentence
         Answer to whoever asked for it, once it was accepted.
+    queued
+        What the planner knows of a program out of its queue, None for one that goes on after a fault.
+    own
+        How many statements at its end are those of whoever asked for it, and were not in the queue before.
 
     """
 
@@ -104,6 +109,8 @@ class Order:
     override_max: float
     program: Program | None
     sentence: str
+    queued: Planned | None = None
+    own: int = 0
 
 
 class OrderNumbers:

@@ -55,6 +55,8 @@ class PlannedMove:
         Where on it which limits of the TCP hold; none where the program tells the time.
     notices
         Sentences about what is not as the program has it.
+    statements
+        Numbers of the statements that it is made of, and where on it each ends [m].
 
     """
 
@@ -63,6 +65,7 @@ class PlannedMove:
     name: str
     stretches: Stretches = ()
     notices: list[str] = field(default_factory=list)
+    statements: tuple[tuple[int, float], ...] = ()
 
 
 def event_rows(events: Sequence[Event]) -> Floats:

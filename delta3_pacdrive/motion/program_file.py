@@ -65,6 +65,7 @@ REACH_M = 10.0
 LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 NAME_MAX = 100
+STATEMENTS = ('move_l', 'move_c', 'move_sb', 'cubic', 'dwell', 'output')
 FAULTS_MAX = 1000
 _NAME = line_of_text(NAME_MAX)
 Read = Callable[[Any, str], Any]

@@ -51,6 +51,15 @@ class Planned:
         Of each different move, where on it which limits of the TCP hold: ends [m] and limits.
     rate
         At which all moves are driven for the rms current's sake, 1 = as each was planned.
+    loads
+        What each different move, as it is driven, asks of the motors.
+    ends
+        For each statement, in the last round, the number of the move in the plan with which it ends, and where on that
+        [m]; None for an output.
+    open_from
+        First statement of the last move, if that has a blend with a move that may follow; else None.
+    payload_kg
+        Payload behind the last move.
 
     """
 
@@ -63,6 +72,10 @@ class Planned:
     names: tuple[str, ...]
     stretches: tuple[Stretches, ...]
     rate: float
+    loads: tuple[ThermalLoad, ...]
+    ends: tuple[tuple[int, float] | None, ...]
+    open_from: int | None
+    payload_kg: float
 
 
 def plan(
@@ -97,6 +110,7 @@ def plan(
     planned: list[PlannedMove] = []
     order: list[int] = []
     open_notices: list[str] = []
+    open_from: int | None = None
     known: dict[tuple[tuple[float, ...], float], tuple[list[int], Floats, float]] = {}
     for round_number in range(program.repeat):
         # rounds that begin a rounding error apart are the same
@@ -108,13 +122,28 @@ def plan(
             for move in round_.planned():
                 numbers.append(len(planned))
                 planned.append(move)
-            open_notices = round_.notices
+            open_notices, open_from = round_.notices, round_.open_from
             known[key] = numbers, round_.here, round_.payload
         numbers, here, payload = known[key]
         order.extend(numbers)
         if len(order) > MOVES_MAX:
             raise ProgramError(f'the program has more than {MOVES_MAX} moves')
-    return _whole(program, planned, order, parameters, open_notices)
+    last_round = len(order) - len(numbers)
+    ends: list[tuple[int, float] | None] = [None] * len(program.statements)
+    for n, number in enumerate(numbers):
+        for statement, distance in planned[number].statements:
+            ends[statement] = last_round + n, distance
+    tail = _Tail(tuple(ends), open_from, payload)
+    return _whole(program, planned, order, parameters, open_notices, tail)
+
+
+@dataclass(frozen=True)
+class _Tail:
+    """Where the statements of a plan end, and what may follow behind the last."""
+
+    ends: tuple[tuple[int, float] | None, ...]
+    open_from: int | None
+    payload_kg: float
 
 
 def capped(program: Program, caps: tuple[float, float, float]) -> Program:
@@ -144,6 +173,7 @@ def _whole(
     order: list[int],
     parameters: Parameters,
     open_notices: list[str],
+    tail: _Tail,
 ) -> Planned:
     """Check what only the whole program shows, the rms current, and put the plan together."""
     counts = np.bincount(order, minlength=len(planned))
@@ -185,6 +215,10 @@ def _whole(
         tuple(move.name for move in planned),
         tuple(move.stretches for move in planned),
         rate,
+        tuple(move.load if rate == 1.0 else move.load.slowed(1.0 / rate) for move in planned),
+        tail.ends,
+        tail.open_from,
+        tail.payload_kg,
     )
 
 

@@ -66,6 +66,7 @@ class RoundPlanner:
         self._pending: list[tuple[int, Output]] = []  # outputs, with the number of segments before them
         self._cubics: list[tuple[Curve, int, str]] = []
         self._cubic_velocity: Floats = np.zeros(3)
+        self.open_from: int | None = None  # first statement of a last move that a blend keeps open
 
     def planned(self) -> list[PlannedMove]:
         """Plan all statements; raises ProgramError that names those that cannot be planned, up to ten.
@@ -123,6 +124,7 @@ class RoundPlanner:
             self.notices.append(
                 f'{last.name}: blend_m waits for a move that follows; without one it ends exactly'
             )
+            self.open_from = self._segments[0].number - sum(1 for count, _ in self._pending if not count)
         self._end_move()
         if self._pending and not self._failed:
             self._attach_behind_the_last()
@@ -133,7 +135,7 @@ class RoundPlanner:
             return
         self._broken = False
         if isinstance(statement, Dwell):
-            self._dwell(statement.time_s, where)
+            self._dwell(statement.time_s, number, where)
         elif isinstance(statement, Cubic):
             self._take_cubic(statement, number, where)
         else:
@@ -178,11 +180,13 @@ class RoundPlanner:
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(number, name):
             planned = plan_cubic(curve, self.payload, name, self._parameters, returning)
-        self._append(planned, events)
+        places = tuple((one, planned.move.length_m) for _, one, _ in sequence)
+        self._append(replace(planned, statements=places), events)
 
-    def _dwell(self, time_s: float, name: str) -> None:
+    def _dwell(self, time_s: float, number: int, name: str) -> None:
         events = self._take_outputs(0.0)
-        self._append(plan_dwell(self.here, time_s, self.payload, name, self._parameters), events)
+        planned = plan_dwell(self.here, time_s, self.payload, name, self._parameters)
+        self._append(replace(planned, statements=((number, 0.0),)), events)
 
     def _end_move(self) -> None:
         """Join the segments with their blends, and time and check the move that they make."""
@@ -199,7 +203,8 @@ class RoundPlanner:
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(segments[0].number, name_of(segments)):
             planned = plan_move(segments, curve, stretches, events, payload, self._parameters, returning)
-        self._planned.append(planned)
+        places = tuple((one.number, end) for one, end in zip(segments, ends, strict=True))
+        self._planned.append(replace(planned, statements=places))
 
     def _event(
         self, output: Output, count: int, ends: list[float], curve: Curve, segments: list[PathSegment]

@@ -46,7 +46,7 @@ class FaultInjection:
         self._node, self._controller, self._cycle_time_s = node, controller, cycle_time_s
         self.accepted = 0
         self._schedule = FAULT_SCHEDULE.publisher(node)
-        INJECT_FAULT.server(node, self._on_request)
+        INJECT_FAULT.servers(node, self._on_request)
 
     def _on_request(
         self, request: AddDiagnostics.Request, response: AddDiagnostics.Response

@@ -380,6 +380,11 @@ QUEUE = Topic(
     'JSON: moves in the queue, their time, the override, what is being planned, why the newest request was refused, '
     'as a sentence and a code', CHANGE, recorded=True,
 )
+REQUESTS = Topic(
+    'unit_robot/requests', String, REQUEST, (PLANNER,), (),
+    'JSON: id of a request for moves, its state (planning, queued, running, done, refused, aborted), its statements, '
+    'how many of them are still to be driven; code and sentence of a refusal', CHANGE, recorded=True,
+)
 MOVE_L = Topic(
     'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE
 )
@@ -452,13 +457,22 @@ class Service:
         """Name of the type, as the middleware has it."""
         return f'{self.type.__module__.split(".")[0]}/srv/{self.type.__name__}'
 
-    def server(self, node: Node, serve: Callable[[Any, Any], Any]) -> Server:
-        """Create the server."""
-        return node.create_service(self.type, self.name, serve)
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names under which it is offered: its own, and the same under that of the node."""
+        return (self.name,) if '/' in self.name else (self.name, f'{self.node}/{self.name}')
 
-    def deferred_server(self, node: Node, ask: Callable[[Any, Tell], None]) -> Server:
-        """Create a server that answers when what was asked for has happened."""
-        return create_deferred_service(node, self.type, self.name, ask)
+    def servers(self, node: Node, serve: Callable[[Any, Any], Any]) -> list[Server]:
+        """Create the servers, one for each name."""
+        return [node.create_service(self.type, name, serve) for name in self._names_at(node)]
+
+    def deferred_servers(self, node: Node, ask: Callable[[Any, Tell], None]) -> list[Server]:
+        """Create servers that answer when what was asked for has happened."""
+        return [create_deferred_service(node, self.type, name, ask) for name in self._names_at(node)]
+
+    def _names_at(self, node: Node) -> tuple[str, ...]:
+        """Names at a node, which may have been given another one."""
+        return tuple(name.replace(f'{self.node}/', f'{node.get_name()}/') for name in self.names)
 
     def client(self, node: Node) -> Client:
         """Create a client."""
@@ -466,6 +480,14 @@ class Service:
 
 
 START = Service('start', Trigger, PLANNER, 'start what is in the queue', needs_control=True)
+MOVE = Service(
+    'unit_robot/move',
+    AddDiagnostics,
+    PLANNER,
+    'drive a move, a list of moves or a program, written as YAML in `load_namespace`; the answer is JSON: id, code, '
+    'sentence',
+    needs_control=True,
+)
 RESUME = Service('resume', Trigger, PLANNER, 'go on after a hold', needs_control=True)
 CLEAR = Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True)
 ENABLE = Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True)

@@ -82,8 +82,8 @@ class OperatorServices:
             (interfaces.EMERGENCY_STOP, messages.EMERGENCY_STOP),
             (interfaces.RESET, messages.RESET),
         ):
-            service.deferred_server(node, partial(self._serve, action))
-        interfaces.ENABLE.deferred_server(node, self._on_enable)
+            service.deferred_servers(node, partial(self._serve, action))
+        interfaces.ENABLE.deferred_servers(node, self._on_enable)
 
     def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
         self._do('', action, '', tell)

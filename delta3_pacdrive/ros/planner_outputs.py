@@ -67,6 +67,8 @@ class PlannerOutputs:
                     self._change.publish(self._numbered(COURSE, number, profile.to_array()))
                 case planner_actions.Replied(request, reason, sentence):
                     self._operators.reply(request, reason, sentence)
+                case planner_actions.Reported(report):
+                    self._operators.report(report)
                 case planner_actions.Mirrored(state):
                     self._state.publish(String(data=str(state)))
         if actions:

@@ -5,21 +5,23 @@ In: ``unit_robot/program`` (String: YAML, or the name of a packaged program), ``
 ``unit_robot/override`` (Float64, percent), and ``unit_robot/request`` (String, JSON: the same, of operators who say who
 they are). Out: ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: the answer
 to a request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned, why
-the newest request was refused). Services:
-``start``, ``resume``, ``clear``.
+the newest request was refused), ``unit_robot/requests`` (JSON: what becomes of the moves of each request). Services:
+``start``, ``resume``, ``clear``, and ``unit_robot/move`` (moves in YAML, answered with an id).
 """
 
 import json
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from diagnostic_msgs.srv import AddDiagnostics
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.controller.messages import QueueReport, Request
+from delta3_pacdrive.controller.messages import QueueReport, Request, RequestReport
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.errors import Code, Reason, TelegramError
 from delta3_pacdrive.ros import interfaces, move_messages
@@ -79,15 +81,21 @@ class PlannerServices:
             (interfaces.OVERRIDE, lambda message: self._ask('override', repr(message.data))),
         ):
             topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)
+        self._requests = interfaces.REQUESTS.publisher(node)
         for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
-            service.deferred_server(node, partial(self._serve, service.name))
+            service.deferred_servers(node, partial(self._serve, service.name))
+        interfaces.MOVE.deferred_servers(node, self._move)
 
     # requests ---------------------------------------------------------------------------------------------------------
 
     def _ask(self, action: str, text: str = '', tell: Tell | None = None) -> None:
         """Pass on the request of a client that has no identity."""
+        self._pass_on(self._request(action, text), tell)
+
+    def _request(self, action: str, text: str = '') -> Request:
+        """Return the request of a client that has no identity."""
         self._anonymous += 1
-        self._pass_on(Request(self._identity, '', self._anonymous, 0, action, text), tell)
+        return Request(self._identity, '', self._anonymous, 0, action, text)
 
     def _pass_on(self, request: Request, tell: Tell | None = None) -> None:
         self._asked[id(request)] = request, tell
@@ -96,6 +104,24 @@ class PlannerServices:
 
     def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
         self._ask(action, tell=tell)
+
+    def _move(self, request: AddDiagnostics.Request, tell: Tell) -> None:
+        """Pass on moves whose answer tells by which id they are known."""
+        text = request.load_namespace
+        asked = self._request('move', text)
+
+        def answer(reason: Reason | None, sentence: str) -> None:
+            code, said = (str(reason.code), reason.sentence) if reason else ('', sentence)
+            told = json.dumps({'id': asked.identity, 'code': code, 'sentence': said})
+            tell(reason and replace(reason, sentence=told), told)
+
+        if len(text.encode()) > PROGRAM_BYTES_MAX:
+            size = f'the request has {len(text.encode())} bytes, the limit is {PROGRAM_BYTES_MAX}'
+            answer(Reason(Code.CONTENT, size), '')
+        elif not text.strip():
+            answer(Reason(Code.CONTENT, 'the request is empty: it needs moves, or the name of a program'), '')
+        else:
+            self._pass_on(asked, answer)
 
     def _enqueue(self, statement: Callable[[Any], move_messages.Statement]) -> Callable[[Any], None]:
         return lambda message: self._ask('program', json.dumps({'moves': [statement(message)]}))
@@ -128,6 +154,10 @@ class PlannerServices:
             self._log.error(reason.sentence)
             self._answer.publish(String(data=f'refused: {reason.sentence}'))
         self.tell_queue()
+
+    def report(self, report: RequestReport) -> None:
+        """Tell what has become of the moves of a request."""
+        self._requests.publish(String(data=report.to_json()))
 
     def _refuse(self, sentence: str) -> None:
         self._say(Reason(Code.CONTENT, sentence), '')
