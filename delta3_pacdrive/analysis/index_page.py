@@ -30,7 +30,7 @@ class IndexPage:
 
     def add_file(self, path: Path) -> None:
         """Take in a file; raises ReportError."""
-        self._sections.append(f'<h2>{offered(path)}</h2>')
+        self._sections.append(f'<p>{offered(path)}</p>')
 
     def add_table(self, path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         """Take in a table that was written to a file; raises ReportError."""
