@@ -16,7 +16,6 @@ from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_actions import Said
 from delta3_pacdrive.controller.robot_state import RobotState
-from delta3_pacdrive.controller.task_arrays import FOLLOWING_ERROR, TCP_ACTUAL
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
@@ -275,7 +274,7 @@ class RobotController:
             'operator': operator.name if operator else '',
             'operator_identity': operator.identity if operator else '',
             'control': self.control.changes,
-            'tcp_m': (task.answer[TCP_ACTUAL] if answered else state.tcp_m).tolist(),
+            'tcp_m': (task.answer['tcp_actual'] if answered else state.tcp_m).tolist(),
             'cycles': answered,
             'bus_time_s': answered * cycle_time,
             'wall_time_s': cycles.last_answer_s - (self._start_s or 0.0),
@@ -288,7 +287,7 @@ class RobotController:
             'rate': 1.0 if task.profile is None else task.profile.override,
             'outputs': task.outputs,
             'payload_kg': task.payload,
-            'following_error_rad': max(abs(value) for value in task.answer[FOLLOWING_ERROR].tolist()),
+            'following_error_rad': max(abs(value) for value in task.answer['following_error'].tolist()),
             'overruns': cycles.scheduler.overruns,
             'slip_s': cycles.scheduler.slip_s,
             'lost_telegrams': cycles.answers.lost,

@@ -25,6 +25,7 @@ from delta3_pacdrive.kinematics import GEOMETRY, arm_angles, plate_position
 from delta3_pacdrive.motion.execution import profile_at
 from delta3_pacdrive.motion.plan import plan_path_at
 from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.increments import on_grid
@@ -45,7 +46,7 @@ STATE = np.dtype(
         ('tcp', 'f8', (3,)),  # commanded [m]
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
-        # actual arm angles of the two cycles before; what needs the past gets its first value in Transformation.locate
+        # actual arm angles of the two cycles before; what needs the past gets its first value in stand_at
         ('theta_before', 'f8', (3,)),
         ('theta_before_that', 'f8', (3,)),
         # figures of the run, from the start of the program to SETTLE_CYCLES after its end
@@ -71,9 +72,17 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
 }
 CONSTANTS = np.dtype([(name, 'f8') for name in _CONSTANTS], align=True)
 
-# columns of the answer of one cycle
-THETA, TCP_ACTUAL, TCP_COMMAND, FOLLOWING_ERROR, TCP_ERROR = (slice(3 * n, 3 * n + 3) for n in range(5))
-ANSWER_COLUMNS = TCP_ERROR.stop
+# what the answers of one cycle give; a topic of ros.interfaces may name a field, which it then tells in every cycle
+ANSWER = np.dtype(
+    [
+        ('theta', 'f8', (3,)),  # actual arm angles [rad]
+        ('tcp_actual', 'f8', (3,)),  # by forward kinematics [m]
+        ('tcp_command', 'f8', (3,)),  # of the same cycle [m]
+        ('following_error', 'f8', (3,)),  # of each arm [rad], dead time removed
+        ('tcp_error', 'f8', (3,)),  # [m], set-point delay removed
+    ],
+    align=True,
+)
 
 TASK = np.dtype(
     [
@@ -81,7 +90,7 @@ TASK = np.dtype(
         ('constants', CONSTANTS),
         ('geometry', GEOMETRY),
         ('motors', 'f8', (3,)),  # motor commands [rad]
-        ('answer', 'f8', (ANSWER_COLUMNS,)),  # of the last cycle that was evaluated
+        ('answer', ANSWER),  # of the last cycle that was evaluated
     ],
     align=True,
 )
@@ -92,6 +101,15 @@ def task_constants(parameters: Parameters) -> NDArray[Any]:
     constants = np.zeros(1, CONSTANTS)
     constants[0] = tuple(value(parameters) for value in _CONSTANTS.values())
     return constants
+
+
+def stand_at(theta: Floats, tcp: Floats, state: np.void) -> None:
+    """Give all of a ``STATE`` that keeps the past its first value: the robot has always stood there.
+
+    ``theta`` [rad] are the actual arm angles, ``tcp`` [m] is their place, shapes (3,).
+    """
+    state['tcp'] = state['tcp_history'] = tcp
+    state['theta_history'] = state['theta_before'] = state['theta_before_that'] = theta
 
 
 @kernel
@@ -153,15 +171,15 @@ def answer_cycle(cycle, positions, torques, task):
     older = max(cycle - int(whole) - 1, 0) % HISTORY
     error_square = 0.0
     for i in range(3):
-        out[i] = theta[i]
-        out[3 + i] = p[i]
-        out[6 + i] = s.tcp_history[row, i]
+        out.theta[i] = theta[i]
+        out.tcp_actual[i] = p[i]
+        out.tcp_command[i] = s.tcp_history[row, i]
         before = s.theta_before[i]
         extrapolated = before + c.extrapolation * (before - s.theta_before_that[i])
-        out[9 + i] = s.theta_history[row, i] - extrapolated
+        out.following_error[i] = s.theta_history[row, i] - extrapolated
         due = (1.0 - share) * s.tcp_history[newer, i] + share * s.tcp_history[older, i]
-        out[12 + i] = due - p[i]
-        error_square += out[12 + i] * out[12 + i]
+        out.tcp_error[i] = due - p[i]
+        error_square += out.tcp_error[i] * out.tcp_error[i]
         s.theta_before_that[i] = before
         s.theta_before[i] = theta[i]
     if s.start_cycle <= cycle < s.end_cycle + SETTLE_CYCLES:
@@ -172,5 +190,5 @@ def answer_cycle(cycle, positions, torques, task):
             current = torques[i] / c.torque_constant
             s.current_peak[i] = max(s.current_peak[i], abs(current))
             s.current_square_sum[i] += current * current
-            s.following_error_max = max(s.following_error_max, abs(out[9 + i]))
+            s.following_error_max = max(s.following_error_max, abs(out.following_error[i]))
             s.final_tcp[i] = p[i]

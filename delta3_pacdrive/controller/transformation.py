@@ -17,6 +17,7 @@ from delta3_pacdrive.controller.task_arrays import (
     TASK,
     answer_cycle,
     command_cycle,
+    stand_at,
     task_constants,
 )
 from delta3_pacdrive.errors import ProgramError, RunError
@@ -56,7 +57,8 @@ class Transformation:
     Attributes
     ----------
     record, state, motors, answer
-        Arrays of the compiled code: one record ``TASK``, its state, its commands [rad], the answers of a cycle.
+        Arrays of the compiled code: one record ``TASK``, its state, its commands [rad], what the answers of a cycle
+        give (``ANSWER``).
     timeline, loaded
         The program in bus time, and whether it is loaded.
     next_cycle
@@ -72,7 +74,7 @@ class Transformation:
         record['constants'], record['geometry'] = task_constants(parameters), geometry(parameters.kinematics)
         self.state: NDArray[Any] = record['state']
         self.motors: Floats = record['motors'][0]
-        self.answer: Floats = record['answer'][0]
+        self.answer: np.void = record['answer'][0]
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
         self.timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
@@ -86,10 +88,7 @@ class Transformation:
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
         theta, tcp = self._place(motor_positions_rad)
-        state = self.state[0]
-        state['tcp'] = tcp
-        state['tcp_history'], state['theta_history'] = tcp, theta
-        state['theta_before'] = state['theta_before_that'] = theta
+        stand_at(theta, tcp, self.state[0])
         return tcp
 
     def distance_m(self, motor_positions_rad: ArrayLike) -> float:
@@ -262,8 +261,8 @@ class Transformation:
         """Note that compiled code has given the commands of the cycles before this one."""
         self.next_cycle = cycle
 
-    def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> Floats:
-        """Evaluate the answers of a cycle, in order; columns ``THETA`` ... ``TCP_ERROR`` of the result."""
+    def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> np.void:
+        """Evaluate the answers of a cycle, in order; return what they give (``ANSWER``)."""
         answer_cycle(cycle, positions_rad, torques_n_m, self.record)
         return self.answer
 

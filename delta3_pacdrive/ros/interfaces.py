@@ -5,12 +5,12 @@ Names are relative; a name with ``axisN`` stands for three topics.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import AddDiagnostics
-from geometry_msgs.msg import PointStamped, Vector3Stamped
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Path
 from rclpy.client import Client
 from rclpy.node import Node
@@ -27,7 +27,7 @@ from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
 from delta3_pacdrive.recording.carried import CARRIED
-from delta3_pacdrive.ros import qos
+from delta3_pacdrive.ros import cdr, qos
 from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.sercos import telegrams
@@ -117,6 +117,8 @@ class Topic:
         Whether a second writer keeps the bus in CP0.
     recorded
         Whether it is part of a recording.
+    answer
+        Field of ``controller.task_arrays.ANSWER`` that it tells in every cycle, empty if it tells none.
 
     """
 
@@ -131,6 +133,7 @@ class Topic:
     telegrams: tuple[Telegram, ...] = ()
     one_writer: bool = False
     recorded: bool = False
+    answer: str = ''
 
     def of(self, axis: str = '') -> str:
         """Return the name of the topic (of an axis)."""
@@ -224,17 +227,17 @@ _BASE = BASE_FRAME.decode()
 
 
 def _telegram(
-    content: str,
     telegram: Telegram,
-    kind: type,
+    content: str,
     readers: tuple[str, ...] = (),
     rate: str = CYCLE,
-    recorded: bool = True,
+    recorded: bool = False,
+    answer: str = '',
 ) -> Topic:
-    """Return what the transformation task tells of every cycle."""
-    delivery = CYCLIC_NEWEST if PLANNER in readers else CYCLIC
-    ends = (TASK,), readers
-    return Topic(telegram.topic, kind, delivery, *ends, content, rate, _BASE, (telegram,), recorded=recorded)
+    """Return a row of what the transformation task tells of every cycle."""
+    delivery, kind = CYCLIC_NEWEST if PLANNER in readers else CYCLIC, cdr.TYPES[telegram.type]
+    row = Topic(telegram.topic, kind, delivery, (TASK,), readers, content, rate, _BASE, (telegram,))
+    return replace(row, recorded=recorded, answer=answer)
 
 
 # fmt: off
@@ -293,24 +296,28 @@ FAULT_SCHEDULE = Topic(
 
 # what the robot does
 FOLLOWING_ERROR = _telegram(
-    'following error of each arm [rad], dead time removed by linear extrapolation (7.3)',
-    telegrams.FOLLOWING_ERROR, JointState,
+    telegrams.FOLLOWING_ERROR, 'following error of each arm [rad], dead time removed by linear extrapolation (7.3)',
+    recorded=True, answer='following_error',
 )
 TCP_COMMAND = _telegram(
-    'TCP of the command [m]', telegrams.TCP_COMMAND, PointStamped, (VISUALIZATION,)
+    telegrams.TCP_COMMAND, 'TCP of the command [m]', (VISUALIZATION,), recorded=True, answer='tcp_command',
 )
-TCP_ACTUAL = _telegram('TCP by forward kinematics of the actual angles [m]', telegrams.TCP_ACTUAL, PointStamped)
+TCP_ACTUAL = _telegram(
+    telegrams.TCP_ACTUAL, 'TCP by forward kinematics of the actual angles [m]', recorded=True, answer='tcp_actual',
+)
 TCP_ERROR = _telegram(
+    telegrams.TCP_ERROR,
     'Cartesian error [m], the set-point delay of 1.75 cycles removed; the raw error is command - actual',
-    telegrams.TCP_ERROR, Vector3Stamped, (VISUALIZATION,),
+    (VISUALIZATION,), recorded=True, answer='tcp_error',
 )
 MASTER = _telegram(
-    'virtual master: distance [m], speed [m/s], number of the move', telegrams.MASTER, Vector3Stamped,
+    telegrams.MASTER, 'virtual master: distance [m], speed [m/s], number of the move', recorded=True,
 )
 JOINT_STATES = _telegram(
+    telegrams.JOINT_STATES,
     'arm angles [rad], arm speeds [rad/s], motor torques [N m]; behind them, without torques, the passive joints of '
     'the robot as the tree that `robot_description` says',
-    telegrams.JOINT_STATES, JointState, (PLANNER, VISUALIZATION), '100 Hz',
+    (PLANNER, VISUALIZATION), '100 Hz', recorded=True,
 )
 OUTPUTS = Topic(
     'outputs', JointState, LATCHED, (TASK,), (VISUALIZATION,),
@@ -439,6 +446,7 @@ RECORDER_STATE = Topic(
 
 TOPICS = tuple(item for item in list(vars().values()) if isinstance(item, Topic))
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
+ANSWER_TOPICS = tuple(topic for topic in TOPICS if topic.answer)
 ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topic.names)
 
 

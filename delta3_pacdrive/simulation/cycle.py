@@ -13,8 +13,8 @@ Arguments of the kernels here:
     Array of one record ``PLANT``.
 ``answers``
     What the AT say: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
-``evaluated``
-    The ``answer`` of a record ``TASK``, shape (15,).
+``task``
+    Array of one record ``TASK``, shape (1,).
 ``signals``
     Takes the signals in the order of ``NAMES``, shape (13, cycles, 3).
 """
@@ -66,16 +66,17 @@ def note_command(cycle, motors, plant, signals):
 
 
 @kernel
-def note_answers(cycle, answers, evaluated, signals):
+def note_answers(cycle, answers, task, signals):
     """Note what the drives answer in a bus cycle, and what the task makes of it."""
+    evaluated = task[0].answer
     for i in range(3):
         signals[MOTOR_POSITION, cycle, i] = answers[0, i]
         signals[MOTOR_SPEED, cycle, i] = answers[1, i]
         signals[CURRENT, cycle, i] = answers[2, i]
-        signals[TCP_ACTUAL, cycle, i] = evaluated[3 + i]
-        signals[TCP_COMMAND, cycle, i] = evaluated[6 + i]
-        signals[FOLLOWING_ERROR, cycle, i] = evaluated[9 + i]
-        signals[TCP_ERROR, cycle, i] = evaluated[12 + i]
+        signals[TCP_ACTUAL, cycle, i] = evaluated.tcp_actual[i]
+        signals[TCP_COMMAND, cycle, i] = evaluated.tcp_command[i]
+        signals[FOLLOWING_ERROR, cycle, i] = evaluated.following_error[i]
+        signals[TCP_ERROR, cycle, i] = evaluated.tcp_error[i]
 
 
 @kernel
@@ -112,7 +113,7 @@ def run_stretch(cycles, control, task, timeline, robot, built, currents, signals
         if before != triple(r.status):
             return k
         answer_cycle(k, r.answers[0], r.answers[2], task)
-        note_answers(k, r.answers, c.answer, signals)
+        note_answers(k, r.answers, task, signals)
     return end
 
 
@@ -238,7 +239,7 @@ class SimulatedOperation:
             self._require_torque(status, cycle)
         starts = NEVER if self.stopped else self._start
         stop = self._controller.evaluate(cycle, received, starts, bool(self.stopped))
-        note_answers(cycle, answers, self._task.answer, self._signals)
+        note_answers(cycle, answers, self._task.record, self._signals)
         if stop is not None and not self._must_succeed:
             causes = [f': {fault_text(self._robot.drives[axis].fault)}' for axis in self._axes.faulty()]
             self._stop(stop, ''.join(causes[:1]))

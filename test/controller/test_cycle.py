@@ -51,7 +51,7 @@ def test_a_command_holds_shafts_control_word_and_payload(controller, robot):
 def test_answers_of_drives_that_do_well_stop_nobody_and_are_evaluated(controller, robot):
     controller.cycle.command(0)
     assert controller.evaluate(0, starts=0) is None
-    assert controller.task.answer[3:6] == pytest.approx(robot.motion.home_m)
+    assert controller.task.answer['tcp_actual'] == pytest.approx(robot.motion.home_m)
 
 
 def test_a_fault_stops_the_robot_when_all_commands_that_are_out_are_over(controller, robot):

@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.controller.task_arrays import (
-    FOLLOWING_ERROR,
-    HISTORY,
-    SETTLE_CYCLES,
-    TCP_ACTUAL,
-    TCP_COMMAND,
-    TCP_ERROR,
-    THETA,
-)
+from delta3_pacdrive.controller.task_arrays import HISTORY, SETTLE_CYCLES
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import program_file as programs
@@ -177,8 +169,8 @@ def test_the_following_error_of_a_drive_1_75_cycles_late_is_zero_at_constant_joi
         task.state['theta_history'][0, k % HISTORY] = theta + k * rate
         answer = task.receive(k, (theta + (k - 1.75) * rate) * GEAR, np.zeros(3))
         if k >= 2:
-            assert np.abs(answer[FOLLOWING_ERROR]).max() < ROUNDING
-        assert np.abs(answer[THETA] - theta - (k - 1.75) * rate).max() < ROUNDING
+            assert np.abs(answer['following_error']).max() < ROUNDING
+        assert np.abs(answer['theta'] - theta - (k - 1.75) * rate).max() < ROUNDING
 
 
 def late_answers(robot, delay_cycles, lag=0):
@@ -211,19 +203,19 @@ def late_answers(robot, delay_cycles, lag=0):
 
 def test_the_following_error_of_a_planned_move_is_the_formula_of_7_3(robot):
     answers, reference, _ = late_answers(robot, 1.75)
-    actual = answers[:, THETA]
+    actual = answers['theta']
     expected = reference[2:] - (actual[1:-1] + 2.75 * (actual[1:-1] - actual[:-2]))
-    assert np.abs(answers[2:, FOLLOWING_ERROR] - expected).max() < ROUNDING
+    assert np.abs(answers['following_error'][2:] - expected).max() < ROUNDING
     # what is left is the acceleration over the extrapolated time: n (n + 1) / 2 cycles squared
     acceleration = np.abs(np.diff(reference, 2, axis=0)).max()
-    assert np.abs(answers[:, FOLLOWING_ERROR]).max() < 1.1 * 0.5 * 2.75 * 3.75 * acceleration
+    assert np.abs(answers['following_error']).max() < 1.1 * 0.5 * 2.75 * 3.75 * acceleration
 
 
 def test_the_tcp_error_of_a_drive_1_75_cycles_late_is_zero_with_the_delay_removed(robot):
     answers, _, task = late_answers(robot, 1.75)
     # the arms move on a chord of joint space, the TCP's command on one of its own: they differ by a T^2 / 8
-    assert np.linalg.norm(answers[:, TCP_ERROR], axis=1).max() < 40.0 * CYCLE_S**2 / 8.0
-    late = answers[:, TCP_COMMAND] - answers[:, TCP_ACTUAL]
+    assert np.linalg.norm(answers['tcp_error'], axis=1).max() < 40.0 * CYCLE_S**2 / 8.0
+    late = answers['tcp_command'] - answers['tcp_actual']
     assert np.linalg.norm(late, axis=1).max() == pytest.approx(1.75e-3 * 1.5, rel=0.01)
     assert task.figures().tcp_error_max_m < 1e-5
 
@@ -231,7 +223,7 @@ def test_the_tcp_error_of_a_drive_1_75_cycles_late_is_zero_with_the_delay_remove
 @pytest.mark.parametrize('delay', [0.75, 2.75])
 def test_another_delay_shows_as_an_error_along_the_path(delay, robot):
     answers, _, _ = late_answers(robot, delay)
-    error = np.linalg.norm(answers[:, TCP_ERROR], axis=1).max()
+    error = np.linalg.norm(answers['tcp_error'], axis=1).max()
     assert error == pytest.approx(abs(delay - 1.75) * CYCLE_S * 1.5, rel=0.02)
 
 

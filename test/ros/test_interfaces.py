@@ -8,7 +8,9 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from delta3_pacdrive.controller.task_arrays import ANSWER
 from delta3_pacdrive.ros.interfaces import (
+    ANSWER_TOPICS,
     CLOCK,
     DRIVE,
     MARKERS,
@@ -127,6 +129,14 @@ def test_a_telegram_of_the_table_is_a_message_of_its_type_and_topic() -> None:
             assert (
                 len(topic.frame.split()[0]) == len(topic.frame) or len(topic.frame) == telegram.frame_length
             )
+
+
+def test_a_topic_of_what_answers_give_has_room_for_all_of_it_in_every_cycle() -> None:
+    assert len({topic.answer for topic in ANSWER_TOPICS}) == len(ANSWER_TOPICS) >= 4
+    for topic in ANSWER_TOPICS:
+        (telegram,) = topic.telegrams
+        assert ANSWER[topic.answer].shape == (sum(telegram.lengths),), topic.name
+        assert topic.rate == 'every cycle', topic.name
 
 
 def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:

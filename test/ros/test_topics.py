@@ -26,7 +26,8 @@ from delta3_pacdrive.sercos.telegrams import JOINTS
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio
 ON_REQUEST = {'motion__start_cycle': -1}
-TRIPLES = {'tcp/command': PointStamped, 'tcp/actual': PointStamped, 'tcp/error': Vector3Stamped}
+# what is told of the TCP in every cycle
+TCP_TOPICS = {'tcp/command': PointStamped, 'tcp/actual': PointStamped, 'tcp/error': Vector3Stamped}
 # a way on which every arm turns up and down, and something is gripped
 PROGRAM = """
 moves:
@@ -56,7 +57,7 @@ class Driven:
             'sercos/mdt': JointState,
             **{f'sercos/at/{axis}': JointState for axis in DRIVES},
             'following_error': JointState,
-            **TRIPLES,
+            **TCP_TOPICS,
             'motion/master': Vector3Stamped,
             'joint_states': JointState,
         }
@@ -94,7 +95,7 @@ def driven(shared_graph: Any) -> Driven:
 
 def test_places_and_errors_belong_to_the_telegrams_of_their_stamp(driven: Driven) -> None:
     answers = driven.answers()
-    command, actual, error = (driven.rows(topic) for topic in TRIPLES)
+    command, actual, error = (driven.rows(f'tcp/{name}') for name in ('command', 'actual', 'error'))
     following = driven.rows('following_error')
     cycles = sorted(set(answers) & set(actual) & set(command) & set(error) & set(following))[20:]
     assert len(cycles) > 200

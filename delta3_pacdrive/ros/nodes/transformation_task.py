@@ -75,7 +75,7 @@ class TransformationTaskNode(PollingNode):
         self.progress, self.statistics = controller.progress, controller.totals
         self.commands = CommandSender(self, controller.services)
         self._phases = PHASE.publisher(self)
-        self._outputs = TaskOutputs(self, parameters)
+        self._outputs = TaskOutputs(self, parameters, controller)
         self._receiver = AtReceiver(
             self, clock, factor > 0.0, self._cycles.statistics, self._cycles.take, controller.greeted
         )
@@ -126,7 +126,7 @@ class TransformationTaskNode(PollingNode):
 
     def tell(self, cycle: int) -> None:
         """Tell what the answers of a bus cycle say."""
-        self._outputs.send(cycle, self.stamp(cycle), self.controller)
+        self._outputs.send(cycle, self.stamp(cycle))
 
     def change(self) -> None:
         """Carry out what the state of the robot wants done."""
