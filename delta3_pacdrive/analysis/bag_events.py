@@ -168,7 +168,7 @@ class _Story:
                     'kind': kind,
                     'start_s': self._time(first),
                     'end_s': self._time(last),
-                    'length_m': 0.0 if kind in ('dwell', 'cubic') else move.length_m,
+                    'length_m': 0.0 if kind in ('dwell', 'cubic', 'joints') else move.length_m,
                 }
             )
         return moves

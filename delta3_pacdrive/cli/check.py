@@ -129,7 +129,7 @@ def _print(result: dict[str, Any]) -> None:
         return
     print(f'{result["file"]}: good, {result["kind"]}')
     for number, move in enumerate(result.get('moves', ())):
-        length = '' if move['kind'] in ('dwell', 'cubic') else f'{move["length_m"] * 1e3:9.3f} mm'
+        length = '' if move['kind'] in ('dwell', 'cubic', 'joints') else f'{move["length_m"] * 1e3:9.3f} mm'
         print(f'{number + 1:>6}  {move["kind"]:<8} {length:>12}  {move["time_s"]:8.3f} s')
     if 'time_s' in result:
         rounds = f' in {result["repeat"]} rounds' if result['repeat'] > 1 else ''

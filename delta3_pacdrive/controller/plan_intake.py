@@ -91,7 +91,7 @@ class PlanIntake:
                 raise ProgramError(f'the plan has more than {FAULTS_MAX} faults')
             self._faults.append(Fault.from_row(row.tolist()))
             return
-        move, number, count = Move.from_array(row)
+        move, number, count = Move.from_array(row, self._robot.kinematics)
         due = len(self._builder.moves)
         if number != due:
             raise ProgramError(f'plan message {number} of {count} came where {due} was due')

@@ -116,14 +116,20 @@ def stand_at(theta: Floats, tcp: Floats, state: np.void) -> None:
 def command_cycle(cycle, task, timeline):
     """Fill the ``motors`` of the task, commands [rad] of a bus cycle; nan where the TCP is out of reach."""
     s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
+    theta, has_angles = (0.0, 0.0, 0.0), False
     if cycle >= s.start_cycle:
         time = (cycle - profile.cycle) * c.cycle_time
         number, s.master, s.master_speed, _ = profile_at(time, s.move, timeline)
         _switch_outputs(number, cycle >= s.end_cycle and profile.held == 0, tables, s)
         p = plan_path_at(s.master, number, tables)
+        has_angles = tables.moves[tables.order[number]].joints == 1
+        if has_angles:
+            theta = p
+            p = plate_position(theta, task[0].geometry)
         for axis in range(3):
             s.tcp[axis] = p[axis]
-    theta = arm_angles(triple(s.tcp), task[0].geometry)
+    if not has_angles:
+        theta = arm_angles(triple(s.tcp), task[0].geometry)
     row = cycle % HISTORY
     for i in range(3):
         s.tcp_history[row, i] = s.tcp[i]

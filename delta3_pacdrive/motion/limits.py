@@ -5,7 +5,7 @@ limit must come nearer to it, without a step back, and keep it from where it has
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, UnreachableError
+from delta3_pacdrive.motion.joint_path import tcp_samples
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
@@ -24,7 +25,7 @@ from delta3_pacdrive.motion.path_dynamics import (
     PathDynamics,
     path_coefficients,
 )
-from delta3_pacdrive.motion.plan import Move
+from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.virtual_master import sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -32,7 +33,11 @@ from delta3_pacdrive.parameters import Parameters
 ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit
 AXES = 3
 REACH_SAMPLES = 129
+SAME_ANGLE_RAD = 1e-6  # differences between the angles of a TCP and those that it was made of
 BETWEEN_SAMPLES = 0.01  # of a limit that the planner has used up between two samples
+
+
+Where = Callable[[int], str]
 
 
 @dataclass(frozen=True)
@@ -123,12 +128,15 @@ class CheckedPath:
         Where they are: on the path, shape (n,), and in space, shape (n, 3).
     returning
         Whether the path may begin beyond limits.
+    where
+        Says where a sample is, from its number; None: by distance and position.
 
     """
 
     distance_m: Floats
     position_m: Floats
     returning: bool = False
+    where: Where | None = None
 
     def require(self, *bounds: Bound) -> None:
         """Refuse a value that breaks its bound anywhere but on the way back, at its worst place: the first of them."""
@@ -147,7 +155,7 @@ class CheckedPath:
         n, *axis = (int(index) for index in np.unravel_index(worst, rising.shape))
         which = f' {axis[0] + 1}' if axis else ''
         unit = f' {bound.unit}' if bound.unit else ''
-        where = place_text(self.distance_m, self.position_m, n)
+        where = self.where(n) if self.where else place_text(self.distance_m, self.position_m, n)
         raise ProgramError(
             f'{bound.what}{which} is {bound.values.flat[worst]:.4g}{unit} {where}, the limit is {bound.limit:.4g}{unit}'
         )
@@ -171,6 +179,7 @@ def legal_coefficients(
     payloads_kg: tuple[float, ...],
     parameters: Parameters,
     returning: bool = False,
+    where: Where | None = None,
 ) -> Floats:
     """Return the ``path_coefficients`` of a path; refuse one that leaves the workspace or the range of the arms.
 
@@ -180,7 +189,7 @@ def legal_coefficients(
         It leaves them, anywhere but on the way back of a path that is ``returning``.
 
     """
-    path = CheckedPath(distance_m, samples[:, 0], returning)
+    path = CheckedPath(distance_m, samples[:, 0], returning, where)
     check_workspace(path, parameters)
     coefficients = path_coefficients(samples, payload, payloads_kg, parameters)
     check_arms(path, coefficients, parameters)
@@ -190,13 +199,52 @@ def legal_coefficients(
 def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> None:
     """Refuse a foreign move whose path leaves the workspace or the range of the arms; raises ProgramError."""
     distance = np.linspace(move.master[0, 1], move.length_m, REACH_SAMPLES)
-    path = CheckedPath(distance, sample_path(distance, move.segments)[:, 0], returning)
+    samples = sample_path(distance, move.segments)
+    if move.kind == MoveKind.JOINTS:
+
+        def where(n: int) -> str:
+            return f'at {distance[n]:.4f} s'
+
+        tcp = legal_tcp(distance, samples, where, parameters, returning)[:, 0]
+        check_workspace(CheckedPath(distance, tcp, returning, where), parameters)
+        return
+    path = CheckedPath(distance, samples[:, 0], returning)
     check_workspace(path, parameters)
     try:
         theta = kinematics.inverse(path.position_m, parameters.kinematics)
     except UnreachableError as error:
         raise ProgramError(str(error)) from None
     path.require(*_angle_bounds(theta, parameters))
+
+
+def legal_tcp(
+    time_s: Floats,
+    angles: Floats,
+    where: Where,
+    parameters: Parameters,
+    returning: bool = False,
+) -> Floats:
+    """Return the TCP of arm angles, with three derivatives each, shape (n, 4, 3).
+
+    Raises
+    ------
+    ProgramError
+        An angle is beyond its limit, the forearms do not meet, or an elbow points inward.
+
+    """
+    path = CheckedPath(time_s, angles[:, 0], returning, where)
+    path.require(*_angle_bounds(angles[:, 0], parameters))
+    samples = tcp_samples(angles, parameters.kinematics)
+    apart = np.isnan(samples).any(axis=(1, 2))
+    if apart.any():
+        raise ProgramError(f'the forearms do not meet {where(int(np.argmax(apart)))}')
+    # only one of the eight solutions is worked in
+    theta = kinematics.inverse(samples[:, 0], parameters.kinematics, unreachable='nan')
+    folded = ~(np.abs(theta - angles[:, 0]) <= SAME_ANGLE_RAD)
+    if folded.any():
+        n, axis = (int(index) for index in np.argwhere(folded)[0])
+        raise ProgramError(f'the elbow of arm {axis + 1} points inward {where(n)}')
+    return samples
 
 
 def check_speed(move: Move, override: float, parameters: Parameters) -> float:
@@ -206,7 +254,7 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     """
     times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
     master = sample_master(times, move.master)
-    samples = sample_path(master[:, 0], move.segments)
+    samples = move.sample(master[:, 0])
     payload = np.zeros(len(samples), np.int64)
     rates = path_coefficients(samples, payload, (move.payload_kg,), parameters)[:, RATE]
     speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
@@ -263,7 +311,10 @@ def require_holdable(found: Excess) -> None:
 
 
 def excess(
-    dynamics: PathDynamics, parameters: Parameters, limits: tuple[Floats, Floats, Floats] | None = None
+    dynamics: PathDynamics,
+    parameters: Parameters,
+    limits: tuple[Floats, Floats, Floats] | None = None,
+    where: Where | None = None,
 ) -> Excess:
     """Tell how far a motion exceeds the limits that it is ``compared`` with."""
     entries = compared(dynamics, parameters, limits)
@@ -271,9 +322,9 @@ def excess(
     worst = int(np.argmax(total))
     found = next(entry for entry in entries if entry.stretch[worst] == total[worst])
     bound = np.broadcast_to(found.limit, total.shape)[worst]
-    where = place_text(dynamics.distance_m, dynamics.position_m, worst)
+    place = where(worst) if where else place_text(dynamics.distance_m, dynamics.position_m, worst)
     what = f'{found.name} would be {found.value[worst]:.4g} {found.unit}'
-    return Excess(total, f'{what} {where}, the limit is {bound:.4g} {found.unit}')
+    return Excess(total, f'{what} {place}, the limit is {bound:.4g} {found.unit}')
 
 
 class Comparison(NamedTuple):

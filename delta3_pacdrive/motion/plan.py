@@ -25,11 +25,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.joint_path import tcp_samples
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, master_at, sample_master, slowest
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Kinematics
 
 VERSION = 2
 # version, number of the move, number of moves, kind, phases, segments, events, acceleration and jerk of stops, payload
@@ -52,6 +53,7 @@ MOVE = np.dtype(
         ('segments', 'i8'),
         ('first_event', 'i8'),
         ('events', 'i8'),
+        ('joints', 'i8'),  # whether its path is one of arm angles
     ],
     align=True,
 )
@@ -68,6 +70,10 @@ class MoveKind(IntEnum):
     SPLINE = 3
     BLENDED = 4  # several moves with rounded corners
     CUBIC = 5  # the path's parameter is the time, the master runs at 1 s/s (chapter 5)
+    JOINTS = 6  # as CUBIC, but the path is that of the arm angles [rad]
+
+
+TIMED = (MoveKind.CUBIC, MoveKind.JOINTS)  # the path's parameter is the time
 
 
 def _no_events() -> Floats:
@@ -86,6 +92,8 @@ class Move:
         Path pieces (m, 19) over the distance.
     events
         Rows (k, 4) in order of their distance: distance [m], number of an output (-1: none), its value, payload [kg].
+    kinematics
+        Of the robot, without which nobody knows the TCP of a path of arm angles.
     stop_acceleration, stop_jerk
         Limits of the master when it is held or speeds up again [m/s^2, m/s^3].
     payload_kg
@@ -100,6 +108,7 @@ class Move:
     stop_jerk: float = np.inf
     payload_kg: float = 0.0
     events: Floats = field(default_factory=_no_events)
+    kinematics: Kinematics | None = None
 
     @property
     def duration_s(self) -> float:
@@ -113,11 +122,23 @@ class Move:
 
     def end_m(self) -> Floats:
         """Last point of the path [m], shape (3,)."""
-        return np.asarray(sample_path([self.length_m], self.segments)[0, 0])
+        return np.asarray(self.sample([self.length_m])[0, 0])
 
     def start_m(self) -> Floats:
         """Point at which the move begins, shape (3,)."""
-        return np.asarray(sample_path([self.master[0, 1]], self.segments)[0, 0])
+        return np.asarray(self.sample([self.master[0, 1]])[0, 0])
+
+    def sample(self, distances_m: ArrayLike) -> Floats:
+        """TCP and its first three derivatives by the master at distances of shape (n,): shape (n, 4, 3).
+
+        Nan where the forearms do not meet, and for arm angles of a robot that is not known.
+        """
+        samples = sample_path(distances_m, self.segments)
+        if self.kind != MoveKind.JOINTS:
+            return samples
+        if self.kinematics is None:
+            return np.full_like(samples, np.nan)
+        return tcp_samples(samples, self.kinematics)
 
     def to_array(self, number: int, count: int) -> Floats:
         """Return the move as one row of numbers, the ``number``-th of ``count`` different ones (for a message)."""
@@ -129,8 +150,8 @@ class Move:
         )
 
     @staticmethod
-    def from_array(values: ArrayLike) -> tuple['Move', int, int]:
-        """Read back what ``to_array`` wrote: (move, number, count).
+    def from_array(values: ArrayLike, kinematics: Kinematics | None = None) -> tuple['Move', int, int]:
+        """Read back what ``to_array`` wrote: (move, number, count); ``kinematics`` are those of the robot.
 
         Raises
         ------
@@ -163,6 +184,7 @@ class Move:
             jerk or np.inf,
             payload,
             happenings.reshape(events, EVENT_COLUMNS),
+            kinematics,
         )
         move._require_continuous(what)
         return move, number, count
@@ -174,7 +196,7 @@ class Move:
             raise ProgramError(f'{what}: times or distances do not increase')
         if not (self.stop_acceleration > 0.0 and master[0, 0] == 0.0 and path[0, 0] == 0.0):
             raise ProgramError(f'{what}: it does not start at 0, or cannot be stopped')
-        runs_evenly = self.kind == MoveKind.CUBIC
+        runs_evenly = self.kind in TIMED
         if not runs_evenly and (master[0, 2] != 0.0 or master[-1, 2:].any()):
             raise ProgramError(f'{what}: its master is not at rest at both ends')
         check_phases(master, what)
@@ -184,7 +206,8 @@ class Move:
         ends = np.einsum('nap,np->na', path[:-1, 1:].reshape(-1, 3, 6), u)
         jumps = np.abs(ends - path[1:, 1::6]).max(initial=0.0)
         if not jumps <= CONTINUOUS:
-            raise ProgramError(f'{what}: its path jumps by {jumps:.3g} m')
+            unit = 'rad' if self.kind == MoveKind.JOINTS else 'm'
+            raise ProgramError(f'{what}: its path jumps by {jumps:.3g} {unit}')
         places, bits = self.events[:, 0], self.events[:, 1]
         payloads = [self.payload_kg, *self.events[self.events[:, 3] != UNCHANGED, 3].tolist()]
         for payload in payloads:
@@ -308,6 +331,7 @@ class PlanBuilder:
         self._ends.extend([[*move.start_m(), *move.end_m()]])
         row = np.zeros(1, MOVE)
         row['duration'] = move.duration_s
+        row['joints'] = move.kind == MoveKind.JOINTS
         for name, table, rows in (
             ('phase', self._phases, move.master),
             ('segment', self._segments, move.segments),
@@ -350,7 +374,7 @@ class PlanBuilder:
         """Refuse moves that do not begin where the ones before them end; raises ProgramError."""
         numbers, ends = self._checked(order), self._ends.table()
         gaps = np.linalg.norm(ends[numbers[1:], :3] - ends[numbers[:-1], 3:], axis=1)
-        if gaps.max(initial=0.0) > JOINED_M:
+        if not gaps.max(initial=0.0) <= JOINED_M:
             number = int(np.argmax(gaps)) + 1
             raise ProgramError(
                 f'move {number} of the plan begins {gaps.max() * 1e3:.3f} mm away from the end of the one before'
@@ -383,7 +407,7 @@ def plan_master_at(time, number, tables):
 
 @kernel
 def plan_path_at(s, number, tables):
-    """Position (x, y, z) at a distance on the move ``number``."""
+    """Position (x, y, z), or arm angles, at a distance on the move ``number``."""
     move = tables.moves[tables.order[number]]
     return path_at(s, tables.segments, move.first_segment, move.segments)
 
@@ -397,5 +421,5 @@ def sample_plan(plan: Plan, times_s: ArrayLike) -> tuple[Floats, Floats, NDArray
         chosen = numbers == number
         move = plan.move(int(number))
         master[chosen] = sample_master(times[chosen] - plan.tables.starts[number], move.master)
-        positions[chosen] = sample_path(master[chosen, 0], move.segments)[:, 0]
+        positions[chosen] = move.sample(master[chosen, 0])[:, 0]
     return positions, master, numbers

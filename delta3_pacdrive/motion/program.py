@@ -1,6 +1,7 @@
 """Programs as values: what statements there are, and what each says."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,7 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.limits import Limits
 
 Point = tuple[float, float, float]
+JOINT_POINTS_MAX = 1000  # of a trajectory of arm angles
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,25 @@ class Output:
     payload_kg: float | None = None
 
 
-Statement = MoveL | MoveC | MoveSB | Cubic | Dwell | Output
+@dataclass(frozen=True)
+class JointPoint:
+    """Arm angles at a time after the start; with their speeds, and with their accelerations as well, if it has them."""
+
+    time_s: float
+    angles_rad: Point
+    speeds_rad_s: Point | None = None
+    accelerations_rad_s2: Point | None = None
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Arm angles over time, from rest to rest; refused instead of slowed down."""
+
+    points: tuple[JointPoint, ...]
+    strict: ClassVar[bool] = True
+
+
+Statement = MoveL | MoveC | MoveSB | Cubic | Joints | Dwell | Output
 
 
 @dataclass(frozen=True)

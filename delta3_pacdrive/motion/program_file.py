@@ -14,6 +14,7 @@ moves:
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
 - move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
 - cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
+- joints: {points: [{time_s: 0.5, angles_rad: [0.2, 0.3, 0.2], speeds_rad_s: [0, 0, 0]}]}   # arm angles over time
 - dwell: {time_s: 0.1}
 - output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
 faults:                                                             # optional: injected faults, see faults/fault.py
@@ -43,8 +44,11 @@ from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
 from delta3_pacdrive.motion.program import (
+    JOINT_POINTS_MAX,
     Cubic,
     Dwell,
+    JointPoint,
+    Joints,
     MoveC,
     MoveL,
     MoveSB,
@@ -273,6 +277,7 @@ class _StatementReader:
                 },
                 ('duration_s', 'to_m'),
             ),
+            'joints': (Joints, {'points': ('points', self._joint_points)}, ('points',)),
             'dwell': (Dwell, {'time_s': ('time_s', _duration)}, ('time_s',)),
             'output': (
                 Output,
@@ -323,6 +328,24 @@ class _StatementReader:
         if point is None or step is None:
             return None
         return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
+
+    def _joint_points(self, points: Any, where: str) -> tuple[JointPoint, ...]:
+        if not isinstance(points, list) or not points:
+            refuse(f'{where} must be a list of at least one point')
+        if len(points) > JOINT_POINTS_MAX:
+            refuse(f'{where} has {len(points)} points, the limit is {JOINT_POINTS_MAX}')
+        return _each(points, where, self._errors, self._joint_point)
+
+    def _joint_point(self, value: Any, where: str) -> JointPoint:
+        required = ('angles_rad', 'time_s')
+        allowed = (*required, 'accelerations_rad_s2', 'speeds_rad_s')
+        fields = Section(value, where, self._errors, allowed, required)
+        return JointPoint(
+            fields.read('time_s', number_between(0.0, TIME_MAX_S), 0.0),
+            fields.read('angles_rad', lambda angles, name: _vector(angles, name, 'rad'), (0.0, 0.0, 0.0)),
+            fields.read('speeds_rad_s', lambda speeds, name: _vector(speeds, name, 'rad/s'), None),
+            fields.read('accelerations_rad_s2', lambda values, name: _vector(values, name, 'rad/s2'), None),
+        )
 
     def _through(self, points: Any, where: str) -> tuple[Target, ...]:
         if not isinstance(points, list) or not points:

@@ -14,7 +14,7 @@ from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove
-from delta3_pacdrive.motion.program import Cubic, PathMove, Program, Statement, point_text
+from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, point_text
 from delta3_pacdrive.motion.round_planner import RoundPlanner
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
@@ -152,14 +152,15 @@ def capped(program: Program, caps: tuple[float, float, float]) -> Program:
     Raises
     ------
     ProgramError
-        A cubic has its times, which no cap can keep.
+        A cubic and arm angles have their times, which no cap can keep.
 
     """
     most = Limits(*(cap or math.inf for cap in caps))
     statements: list[Statement] = []
     for n, one in enumerate(program.statements):
-        if isinstance(one, Cubic):
-            raise ProgramError(f'moves[{n}].cubic: its duration is fixed, it takes no cap of speed')
+        if isinstance(one, Cubic | Joints):
+            kind = 'cubic' if isinstance(one, Cubic) else 'joints'
+            raise ProgramError(f'moves[{n}].{kind}: its duration is fixed, it takes no cap of speed')
         if isinstance(one, PathMove):
             statements.append(replace(one, limits=one.limits.lower(most)))
         else:

@@ -9,7 +9,6 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import STANDING_M, Move, MoveKind, Plan
 from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.virtual_master import (
@@ -143,7 +142,7 @@ def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
     move = plan.move(number)
     later = [plan.move(n) for n in range(number + 1, len(plan))]
     place = float(profile.table[0, 1])
-    here = np.asarray(sample_path([place], move.segments)[0, 0])
+    here = np.asarray(move.sample([place])[0, 0])
     if len(profile.table) > 1:
         ahead = move.events[move.events[:, 0] > place] if move.kind != MoveKind.DWELL else move.events
         later.insert(0, replace(move, master=profile.table, events=ahead))

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.configuration.checked import Errors, Refusal
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
+from delta3_pacdrive.motion.joint_trajectory import plan_joints
 from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind
 from delta3_pacdrive.motion.planned_move import (
     Event,
@@ -23,6 +25,7 @@ from delta3_pacdrive.motion.planned_move import (
 from delta3_pacdrive.motion.program import (
     Cubic,
     Dwell,
+    Joints,
     MoveC,
     MoveL,
     MoveSB,
@@ -80,7 +83,7 @@ class RoundPlanner:
                 where = f'moves[{n}].{_name(statement)}'
                 with self._noted(n, where):
                     self._end_before(statement)
-                end = _end_of(statement, self.here)
+                end = self._end_of(statement)
                 with self._noted(n, where):
                     self._take(statement, n, where)
                 if self._broken:
@@ -106,7 +109,7 @@ class RoundPlanner:
         """End the move before a statement, if that does not go on with it."""
         if not isinstance(statement, Cubic | Output):
             self._end_cubics()
-        if isinstance(statement, Dwell | Cubic):
+        if isinstance(statement, Dwell | Cubic | Joints):
             if self._segments and self._segments[-1].blend_m > 0.0:
                 last = self._segments[-1]
                 raise StatementError(last.number, f'{last.name} has blend_m, which needs a move that follows')
@@ -138,6 +141,8 @@ class RoundPlanner:
             self._dwell(statement.time_s, number, where)
         elif isinstance(statement, Cubic):
             self._take_cubic(statement, number, where)
+        elif isinstance(statement, Joints):
+            self._take_joints(statement, number, where)
         else:
             self._take_segment(statement, number, where)
 
@@ -165,6 +170,24 @@ class RoundPlanner:
         curve = curves.timed_cubic(self.here, end, self._cubic_velocity, velocity, statement.duration_s)
         self._cubics.append((curve, number, name))
         self.here, self._cubic_velocity = end, velocity
+
+    def _take_joints(self, statement: Joints, number: int, name: str) -> None:
+        events = self._take_outputs(0.0)
+        returning = self._returning and not self._planned and not self._failed
+        with blamed_on(number, name):
+            planned = plan_joints(
+                statement.points, self.here, self.payload, name, self._parameters, returning
+            )
+        self._append(planned, events)
+        self.here = planned.move.end_m()
+
+    def _end_of(self, statement: Statement) -> Floats:
+        """Return where a robot stands behind a statement."""
+        if isinstance(statement, Joints):
+            angles = np.array(statement.points[-1].angles_rad)
+            end = kinematics.forward(angles, self._parameters.kinematics, unreachable='nan')
+            return self.here if np.isnan(end).any() else end
+        return _end_of(statement, self.here)
 
     def _end_cubics(self) -> None:
         """Time and check a sequence of cubics, which begins and ends at rest."""
@@ -244,7 +267,8 @@ class RoundPlanner:
 
 def _name(statement: Statement) -> str:
     return {
-        MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Cubic: 'cubic', Dwell: 'dwell', Output: 'output'
+        MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Cubic: 'cubic', Joints: 'joints', Dwell: 'dwell',
+        Output: 'output'
     }[type(statement)]  # fmt: skip
 
 
@@ -254,7 +278,7 @@ def _end_of(statement: Statement, here: Floats) -> Floats:
         for target in statement.through:
             here = _resolve(target, here)
         return here
-    return here if isinstance(statement, Dwell | Output) else _resolve(statement.to, here)
+    return here if isinstance(statement, Dwell | Joints | Output) else _resolve(statement.to, here)
 
 
 def _resolve(target: Target, here: Floats) -> Floats:

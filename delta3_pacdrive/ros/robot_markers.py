@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -99,7 +98,7 @@ class RobotMarkers:
         if number == 0:
             self._planned = []
         count = min(max(2, math.ceil(move.length_m / POINT_M)), MOVE_POINTS_MAX)
-        self._planned.append(sample_path(np.linspace(0.0, move.length_m, count), move.segments)[:, 0])
+        self._planned.append(move.sample(np.linspace(0.0, move.length_m, count))[:, 0])
         if sum(map(len, self._planned)) > 10 * POINTS_MAX:
             self._planned = [np.concatenate(self._planned)[::2]]
 

@@ -26,7 +26,6 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.motion import program_file
-from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -163,10 +162,10 @@ class Robot:
                 points = np.concatenate(self._rows) if self._rows else np.empty((0, 3))
                 self.planned = points[:PLAN_POINTS_MAX], self.planned[1] + 1
             elif len(self._rows) < PLAN_ROWS_MAX:
-                move, _, _ = Move.from_array(row)
+                move, _, _ = Move.from_array(row, self.parameters.kinematics)
                 count = MOVE_POINTS if len(move.segments) < MOVE_POINTS else 2 * len(move.segments)
                 distances = np.linspace(move.master[0, 1], move.length_m, count)
-                self._rows.append(sample_path(distances, move.segments)[:, 0])
+                self._rows.append(move.sample(distances)[:, 0])
 
     def learn(self) -> bool:
         """Ask for the parameters of the robot once in each session; whether others than before are known now."""

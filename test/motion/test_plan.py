@@ -61,6 +61,7 @@ def planned(robot):
         {'move_l': {'to_m': [0.0, -0.1, -0.8]}},
         {'cubic': {'to_m': [0.05, 0.0, -0.8], 'duration_s': 0.4, 'end_velocity_m_s': [0.2, 0.1, 0.0]}},
         {'cubic': {'to_m': [0.1, 0.1, -0.8], 'duration_s': 0.5}},
+        {'joints': {'points': [{'time_s': 1.0, 'angles_rad': [0.2, 0.1, 0.15]}]}},
     ]
     return program_planner.plan(programs.parse({'moves': moves}, robot.motion), HOME, robot).plan
 
@@ -82,7 +83,8 @@ def test_a_move_of_any_kind_survives_its_message_to_the_last_bit(robot):
     plan = planned(robot)
     assert {move.kind for move in plan.moves} == set(MoveKind)
     for number, move in enumerate(plan.moves):
-        back, n, count = Move.from_array(move.to_array(number, len(plan.moves)).tolist())
+        back, n, count = Move.from_array(move.to_array(number, len(plan.moves)).tolist(), robot.kinematics)
+        assert back.end_m().tobytes() == move.end_m().tobytes()
         assert (n, count, back.kind) == (number, len(plan.moves), move.kind)
         assert back.master.tobytes() == move.master.tobytes()
         assert back.segments.tobytes() == move.segments.tobytes()

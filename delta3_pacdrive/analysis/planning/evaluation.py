@@ -11,7 +11,6 @@ from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity
 from delta3_pacdrive.analysis.pose.evaluation import KEYS
 from delta3_pacdrive.motion.limits import arm_bounds, compared, workspace_bounds
 from delta3_pacdrive.motion.move_planner import limits_at
-from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
     SERIAL,
@@ -21,7 +20,7 @@ from delta3_pacdrive.motion.path_dynamics import (
     path_coefficients,
     timed_dynamics,
 )
-from delta3_pacdrive.motion.plan import UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.plan import TIMED, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.virtual_master import sample_master
@@ -99,7 +98,7 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     master = sample_master(times, move.master)
     # the end is reached as the last phase goes on
     master[-1, 1:] = sample_master([(1.0 - BEFORE) * move.duration_s], move.master)[0, 1:]
-    samples = sample_path(master[:, 0], move.segments)
+    samples = move.sample(master[:, 0])
     coefficients = path_coefficients(samples, *_payloads(move, master[:, 0]), parameters)
     dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
     limits = limits_at(master[:, 0], stretches) if stretches else None
@@ -168,7 +167,7 @@ def _bends(master: Floats, samples: Floats) -> dict[Quantity, NDArray[np.bool_]]
 
 def _length(part: _Part) -> float:
     """Return how far the TCP goes [m]; the parameter of a cubic is the time."""
-    if part.move.kind == MoveKind.CUBIC:
+    if part.move.kind in TIMED:
         return float(_gone(part.dynamics.tcp_speed_m_s, part.times)[-1])
     return part.move.length_m
 
@@ -245,7 +244,7 @@ def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Param
         axis, nominal = int(np.argmax(planned.rms_current_a)), parameters.motor.nominal_current_a
         rms = planned.rms_current_a[axis]
         return Use(Quantity.RMS_CURRENT, axis + 1, rms, nominal, 'A', rms / nominal, 1.0)
-    if move.kind == MoveKind.CUBIC and uses[0].used < AT_LIMIT:
+    if move.kind in TIMED and uses[0].used < AT_LIMIT:
         return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
     return uses[0]
 
@@ -298,7 +297,7 @@ def _samples(
 
 def _along_the_path(part: _Part, gone_m: float) -> Floats:
     """Return distance since the start, speed, acceleration and jerk along the path, shape (n, 4)."""
-    if part.move.kind != MoveKind.CUBIC:
+    if part.move.kind not in TIMED:
         return np.asarray(part.master + np.array([gone_m, 0.0, 0.0, 0.0]))
     v = part.master[:, 1]
     # s' = |p'|, s'' = p'.p''/|p'|, s''' = (|p''|^2 + p'.p''' - s''^2)/|p'|
@@ -343,7 +342,7 @@ def _leading(part: _Part, planned: Planned) -> NDArray[np.int64]:
     if planned.rate < 1.0:
         return np.full(shape, QUANTITIES.index(Quantity.RMS_CURRENT))
     numbers = np.array([QUANTITIES.index(one.quantity) for one in part.limiters])[part.leading]
-    if part.move.kind == MoveKind.CUBIC:
+    if part.move.kind in TIMED:
         used = np.maximum.reduce([one.used for one in part.limiters])
         return np.where(used >= AT_LIMIT, numbers, QUANTITIES.index(Quantity.TIME))
     return np.asarray(numbers)

@@ -26,7 +26,6 @@ from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
 from delta3_pacdrive.analysis.planning.evaluation import QUANTITIES
 from delta3_pacdrive.analysis.planning.study import PlanStudy
 from delta3_pacdrive.analysis.report_folder import Drawings
-from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -164,7 +163,7 @@ def _joints(found: PlanStudy) -> Floats:
     for number in dict.fromkeys(order.tolist()):
         move = plan.moves[number]
         ends = np.append(move.segments[:, 0], move.length_m)
-        places.append(sample_path(np.unique(ends.clip(0.0, move.length_m)), move.segments)[:, 0])
+        places.append(move.sample(np.unique(ends.clip(0.0, move.length_m)))[:, 0])
     return np.concatenate(places)
 
 

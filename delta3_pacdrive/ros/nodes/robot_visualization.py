@@ -141,7 +141,7 @@ class RobotVisualizationNode(PollingNode):
     def _on_plan(self, message: Float64MultiArray) -> None:
         label, row = row_of(message)
         if Origin.from_label(label).kind in MoveKind.__members__:
-            move, number, _ = Move.from_array(row)
+            move, number, _ = Move.from_array(row, self._robot.kinematics)
             self._markers.plan(move, number)
 
     def _on_outputs(self, message: JointState) -> None:

@@ -1,0 +1,224 @@
+"""Arm angles over time: points are joined as the joint_trajectory_controller of ros2_control does, then checked.
+
+Between two points a trajectory is a quintic if both have speeds and accelerations, a cubic if both have speeds, else
+a straight line. It begins where the robot stands, at rest, and ends at rest.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.joint_path import tcp_samples
+from delta3_pacdrive.motion.limits import excess, legal_coefficients, legal_tcp
+from delta3_pacdrive.motion.path import DEGREE, SEGMENT_COLUMNS, sample_path
+from delta3_pacdrive.motion.path_dynamics import PathDynamics, path_coefficients, timed_dynamics
+from delta3_pacdrive.motion.plan import Move, MoveKind
+from delta3_pacdrive.motion.planned_move import KEPT, SAMPLE_S, PlannedMove
+from delta3_pacdrive.motion.program import JointPoint
+from delta3_pacdrive.motion.thermal_load import thermal_load
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+START_TOLERANCE_RAD = (
+    1e-3  # how far a first point at time 0 may be from where the robot stands, where it begins
+)
+REST_RAD_S = 1e-6  # below it a speed at the end is rounding
+PIECE_SAMPLES_MIN, SAMPLES_MAX = 8, 60_000  # at which a piece, and all of them, are checked
+BEFORE = 1e-9  # of a piece: distance of its last sample from the point that it ends in
+NOWHERE = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class JointCourse:
+    """The course of the arm angles over time.
+
+    Attributes
+    ----------
+    times_s, angles_rad
+        Of the points, the start included: shapes (n + 1,) and (n + 1, 3).
+    segments
+        Pieces (n, 19) over the time, as those of paths.
+    first_number
+        Number of the point that it starts in; 0: before the first.
+
+    """
+
+    times_s: Floats
+    angles_rad: Floats
+    segments: Floats
+    first_number: int
+
+    @property
+    def duration_s(self) -> float:
+        """From the start to the last point [s]."""
+        return float(self.times_s[-1])
+
+    def sample_times(self) -> Floats:
+        """Return times at which it is checked: both sides of each point, and between them."""
+        step = max(SAMPLE_S, self.duration_s / SAMPLES_MAX)
+        found = []
+        for start, end in zip(self.times_s[:-1], self.times_s[1:], strict=True):
+            count = max(PIECE_SAMPLES_MIN, math.ceil((end - start) / step))
+            found.append(np.linspace(start, end - BEFORE * (end - start), count))
+        return np.concatenate([*found, self.times_s[-1:]])
+
+    def where(self, times_s: Floats) -> Callable[[int], str]:
+        """Return what says where a sample is."""
+
+        def place(n: int) -> str:
+            time = float(times_s[n])
+            number = min(int(np.searchsorted(self.times_s, time, 'left')), len(self.times_s) - 1)
+            return f'at {time:.4f} s, on the way to point {number + self.first_number}'
+
+        return place
+
+    def jumps(self) -> Floats:
+        """Jumps of the speeds in the points [rad/s], shape (n + 1, 3); it stands before and after."""
+        coefficients = self.segments[:, 1:].reshape(-1, 3, DEGREE + 1)
+        powers = np.arange(1, DEGREE + 1)
+        grown = powers * np.diff(self.times_s)[:, None] ** (powers - 1)
+        ends = np.einsum('nap,np->na', coefficients[:, :, 1:], grown)
+        still = np.zeros((1, 3))
+        after, before = np.concatenate([coefficients[:, :, 1], still]), np.concatenate([still, ends])
+        return np.asarray(after - before)
+
+
+def course(points: Sequence[JointPoint], here_rad: Floats) -> JointCourse:
+    """Join points, from where the arms stand on.
+
+    Raises
+    ------
+    ProgramError
+        Times do not increase, the first point is elsewhere, or the last one is not at rest.
+
+    """
+    knots = list(points)
+    here = (float(here_rad[0]), float(here_rad[1]), float(here_rad[2]))
+    if knots[0].time_s > 0.0:
+        knots.insert(0, JointPoint(0.0, here, NOWHERE, NOWHERE))
+    else:
+        for axis, (angle, stands) in enumerate(zip(knots[0].angles_rad, here, strict=True)):
+            if not abs(angle - stands) <= START_TOLERANCE_RAD:
+                raise ProgramError(
+                    f'point 1 at time 0 has arm {axis + 1} at {angle:.6g} rad, but it stands at {stands:.6g} rad, '
+                    f'the limit of the difference is {START_TOLERANCE_RAD:g} rad'
+                )
+        knots[0] = replace(knots[0], angles_rad=here)
+    first = 0 if len(knots) > len(points) else 1
+    times = np.array([knot.time_s for knot in knots])
+    if len(knots) < 2:
+        raise ProgramError('the only point is at time 0, and there is no other to go to')
+    if (np.diff(times) <= 0.0).any():
+        n = int(np.argmax(np.diff(times) <= 0.0))
+        raise ProgramError(
+            f'point {n + 1 + first} is at {times[n + 1]:.9g} s, not behind point {n + first} at {times[n]:.9g} s'
+        )
+    _require_rest(knots[-1], len(points))
+    segments = np.zeros((len(times) - 1, SEGMENT_COLUMNS))
+    segments[:, 0] = times[:-1]
+    for row, before, after in zip(segments, knots, knots[1:], strict=False):
+        row[1:] = _piece(before, after).ravel()
+    return JointCourse(times, np.array([knot.angles_rad for knot in knots]), segments, first)
+
+
+def _require_rest(last: JointPoint, number: int) -> None:
+    for axis, speed in enumerate(last.speeds_rad_s or NOWHERE):
+        if not abs(speed) <= REST_RAD_S:
+            raise ProgramError(
+                f'point {number}, the last one, has a speed of {speed:g} rad/s of arm {axis + 1}, but must be at rest'
+            )
+
+
+def _piece(before: JointPoint, after: JointPoint) -> Floats:
+    """Coefficients of three angles between two points in powers of the time since the first, shape (3, 6)."""
+    from scipy.interpolate import BPoly, PPoly  # takes half a second, which other programs do without
+
+    left, right = [before.angles_rad], [after.angles_rad]
+    for one, other in (
+        (before.speeds_rad_s, after.speeds_rad_s),
+        (before.accelerations_rad_s2, after.accelerations_rad_s2),
+    ):
+        if one is None or other is None:
+            break
+        left.append(one)
+        right.append(other)
+    polynomial = PPoly.from_bernstein_basis(
+        BPoly.from_derivatives([0.0, after.time_s - before.time_s], [np.array(left), np.array(right)])
+    )
+    coefficients = np.zeros((3, DEGREE + 1))
+    found = polynomial.c[::-1, 0]
+    coefficients[:, : len(found)] = found.T
+    return coefficients
+
+
+def plan_joints(
+    points: Sequence[JointPoint],
+    here_m: Floats,
+    payload_kg: float,
+    name: str,
+    parameters: Parameters,
+    returning: bool = False,
+) -> PlannedMove:
+    """Join points and check the trajectory; it is never slowed down.
+
+    Raises
+    ------
+    ProgramError
+        It breaks a limit; says which quantity, arm or motor, its value, the limit, and at which point.
+
+    """
+    path = course(points, kinematics.inverse(here_m, parameters.kinematics))
+    times = path.sample_times()
+    where = path.where(times)
+    angles = sample_path(times, path.segments)
+    samples = legal_tcp(times, angles, where, parameters, returning)
+    payload = np.zeros(len(times), np.int64)
+    coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning, where)
+    master = np.zeros((len(times), 4))
+    master[:, 0], master[:, 1] = times, 1.0
+    d = timed_dynamics(times, master, samples, coefficients, parameters)
+    found = excess(d, parameters, where=where)
+    if found.worst > KEPT:
+        raise ProgramError(found.text)
+    jumps = _jump_dynamics(path, payload_kg, parameters)
+    speeds = path.jumps()
+
+    def jump(n: int) -> str:
+        point = n + path.first_number
+        at = f'at point {point}' if point else 'at the start'
+        return f'for a jump of speed by {np.abs(speeds[n]).max():.4g} rad/s within a bus cycle {at}'
+
+    found = excess(jumps, parameters, where=jump)
+    if found.worst > KEPT:
+        raise ProgramError(f'{found.text}; between points with speeds there is no jump')
+    stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
+    move = Move(
+        MoveKind.JOINTS,
+        np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [path.duration_s, path.duration_s, 0.0, 0.0, 0.0]]),
+        path.segments,
+        stop,
+        math.inf,
+        payload_kg,
+        kinematics=parameters.kinematics,
+    )
+    load = thermal_load(d, np.gradient(times), path.duration_s, parameters)
+    # a jump grows with the override, too
+    room = thermal_load(jumps, np.zeros(len(jumps.time_s)), path.duration_s, parameters).override_max
+    return PlannedMove(move, replace(load, override_max=min(load.override_max, room)), name)
+
+
+def _jump_dynamics(path: JointCourse, payload_kg: float, parameters: Parameters) -> PathDynamics:
+    """Return what it takes to change the speeds within a bus cycle where they jump."""
+    count = len(path.times_s)
+    angles = np.zeros((count, 4, 3))
+    angles[:, 0], angles[:, 1] = path.angles_rad, path.jumps()
+    samples = tcp_samples(angles, parameters.kinematics)
+    payload = np.zeros(count, np.int64)
+    coefficients = path_coefficients(samples, payload, (payload_kg,), parameters)
+    master = np.zeros((count, 4))
+    master[:, 0], master[:, 2] = path.times_s, 1.0 / parameters.bus.cycle_time_s
+    return timed_dynamics(path.times_s, master, samples, coefficients, parameters)
