@@ -13,6 +13,22 @@ from rclpy.parameter import Parameter
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import ParameterError
 
+GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
+SHOWN = {
+    'unit_robot': ('kinematics', 'dynamics', 'motor', 'motion', 'bus', 'drive.dc_link_voltage_v'),
+    'transformation_task': (
+        'kinematics', 'motion', 'bus', *GEAR, 'dynamics.payload_mass_kg', 'motor.torque_constant_n_m_a',
+        'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s',
+    ),
+    'mc4_drive': (
+        'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
+        'dynamics.payload_mass_kg',
+    ),
+    'plant': ('kinematics', 'dynamics', 'motor', 'bus', 'rich', 'drive.current_period_s', 'motion.home_m'),
+    'recorder': (),
+    'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),
+}  # fmt: skip
+"""Groups of parameters, and single ones, that each node shows as its own; all of them count for all nodes."""
 _OF_RCLPY = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
@@ -50,10 +66,15 @@ def overrides(robot: core.Parameters, values: dict[str, Any]) -> list[Parameter]
     return [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
 
 
-def declare_robot(node: Node, writable: frozenset[str] = frozenset()) -> core.Parameters:
-    """Declare every parameter of the robot and return them checked; also refuses overrides that nobody declared.
+def shows(kind: str, name: str) -> bool:
+    """Whether a node of a kind shows a parameter of the robot."""
+    return name in SHOWN[kind] or name.partition('.')[0] in SHOWN[kind]
 
-    ``writable`` names those that may be set while the node runs.
+
+def declare_robot(node: Node, kind: str, writable: frozenset[str] = frozenset()) -> core.Parameters:
+    """Read every parameter of the robot and return them checked; also refuses overrides that nobody declared.
+
+    The node shows those of its kind. ``writable`` names those that may be set while it runs.
 
     Call it after the node's own parameters are declared.
     """
@@ -64,14 +85,20 @@ def declare_robot(node: Node, writable: frozenset[str] = frozenset()) -> core.Pa
     entries = []
     for group, cls in core.groups().items():
         for f in dataclasses.fields(cls):
-            default = defaults[f'{group}.{f.name}']
-            kind = f.type if f.type in (int, float, bool) else list
+            key = f'{group}.{f.name}'
+            default = defaults[key]
+            of_type = f.type if f.type in (int, float, bool) else list
             low, high = f.metadata['low'], f.metadata['high']
-            info = descriptor(f.metadata['description'], low, high, kind, f'{group}.{f.name}' in writable)
-            entries.append((f'{group}.{f.name}', list(default) if kind is list else default, info))
+            # what is read only cannot be hidden again
+            changeable = key in writable or not shows(kind, key)
+            info = descriptor(f.metadata['description'], low, high, of_type, changeable)
+            entries.append((key, list(default) if of_type is list else default, info))
     values = [list(value) if isinstance(value, array) else value for value in _declare_all(node, entries)]
     for name in getattr(node, '_parameter_overrides', {}):
         if not node.has_parameter(name) and not name.startswith(_OF_RCLPY):
             raise ParameterError(f'{node.get_fully_qualified_name()}: unknown parameter {name}')
-    named = {name: value for (name, _, _), value in zip(entries, values, strict=True)}
+    named = {key: value for (key, _, _), value in zip(entries, values, strict=True)}
+    for key in named:
+        if not shows(kind, key):
+            node.undeclare_parameter(key)
     return core.from_flat(named, node.get_fully_qualified_name())

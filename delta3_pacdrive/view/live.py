@@ -31,6 +31,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, discovery, interfaces, node_process
 from delta3_pacdrive.ros.numbers import row_of
+from delta3_pacdrive.ros.parameters import shows
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos import telegrams
@@ -48,6 +49,11 @@ GONE_S = 2.0  # without a browser, after which what the page has set off is held
 RELEASE_S = 0.5  # standing, after which the page gives control back
 PLAN_ROWS_MAX, PLAN_POINTS_MAX = 400, 4000  # of a plan that are drawn
 MOVE_POINTS = 24
+TELL_PARAMETERS = {
+    'plant': 'plant',
+    'mc4_drive_1': 'mc4_drive',
+    'transformation_task': 'transformation_task',
+}  # kinds
 JOG_ACCELERATION_M_S2, JOG_JERK_M_S3 = 2.0, 40.0
 # stops are free for all and wait for nothing that is under way
 URGENT = ('hold', 'abort', 'emergency_stop', 'disable')
@@ -87,9 +93,11 @@ class Robot:
         )
         self._rows: list[Floats] = []
         self._order = ('', -1)
-        self._question = operator.create_client(GetParameters, 'transformation_task/get_parameters')
-        self._names = list(core.flatten(parameters))
-        self._answer: Any = None
+        # all parameters of the robot, each of a node that shows it
+        self._questions = {
+            node: operator.create_client(GetParameters, f'{node}/get_parameters') for node in TELL_PARAMETERS
+        }
+        self._answers: dict[str, tuple[list[str], Any]] = {}  # by node: names, and what is to come
         self._asked_in = ''  # session
 
     @property
@@ -170,26 +178,33 @@ class Robot:
     def learn(self) -> bool:
         """Ask for the parameters of the robot once in each session; whether others than before are known now."""
         session = str(self.operator.progress.get('session', '')) if self.here else ''
-        if session and session != self._asked_in and self._question.service_is_ready():
+        ready = all(question.service_is_ready() for question in self._questions.values())
+        if session and session != self._asked_in and ready:
             self._asked_in = session
-            self._answer = self._question.call_async(GetParameters.Request(names=self._names))
-        if self._answer is None or not self._answer.done():
+            self._ask_for_parameters()
+        if not self._answers or not all(answer.done() for _, answer in self._answers.values()):
             return False
-        response, self._answer = self._answer.result(), None
-        values = [parameter_value_to_python(value) for value in response.values] if response else []
-        if len(values) != len(self._names):
-            return False
-        plain = {
-            name: value if isinstance(value, (bool, int, float, str)) else list(value)
-            for name, value in zip(self._names, values, strict=True)
-            if value is not None
-        }
+        answers, self._answers = self._answers, {}
+        plain: dict[str, Any] = {}
+        for names, answer in answers.values():
+            response = answer.result()
+            for name, told in zip(names, response.values if response else (), strict=False):
+                value = parameter_value_to_python(told)
+                if value is not None:
+                    plain[name] = value if isinstance(value, (bool, int, float, str)) else list(value)
         try:
             found = core.from_flat(plain)
         except Delta3Error:
             return False  # a robot of another version
         before, self.parameters = self.parameters, found
         return found.checksum != before.checksum
+
+    def _ask_for_parameters(self) -> None:
+        left = list(core.flatten(self.parameters))
+        for node, question in self._questions.items():
+            names = [name for name in left if shows(TELL_PARAMETERS[node], name)]
+            left = [name for name in left if name not in names]
+            self._answers[node] = names, question.call_async(GetParameters.Request(names=names))
 
 
 class View:

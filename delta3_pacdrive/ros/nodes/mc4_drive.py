@@ -49,7 +49,7 @@ class MC4DriveNode(RobotNode):
         number = declare(self, 'axis', 0, descriptor('number of the axis, 1 to 3', 0, len(DRIVES), int))
         if not number:
             raise ParameterError(f'{self.get_fully_qualified_name()} needs the parameter axis: 1, 2 or 3')
-        parameters = declare_robot(self, frozenset(WRITABLE))
+        parameters = declare_robot(self, 'mc4_drive', frozenset(WRITABLE))
         index, axis = number - 1, DRIVES[number - 1]
         self._cycles = Clock(parameters.bus.cycle_time_s)
         self.telegrams = telegrams = DriveTelegrams(self, parameters, index)

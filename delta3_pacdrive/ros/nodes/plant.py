@@ -34,7 +34,7 @@ class PlantNode(RobotNode):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('plant', **node_options)
-        parameters = declare_robot(self)
+        parameters = declare_robot(self, 'plant')
         self._exchanges = Clock(parameters.bus.exchange_period_s)
         self._frame = NO_SESSION  # of the shafts
         self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read

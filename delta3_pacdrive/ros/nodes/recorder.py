@@ -32,7 +32,7 @@ class RecorderNode(PollingNode):
         super().__init__('recorder', **node_options)
         folder = declare(self, 'bag', '', descriptor('folder of the new bag', 0, 0, str))
         program = declare(self, 'program', '', descriptor('name of the program, for the metadata', 0, 0, str))
-        parameters = declare_robot(self)
+        parameters = declare_robot(self, 'recorder')
         if not folder:
             raise RunError('the recorder needs a folder: parameter bag')
         self._recording = Recording(Path(folder), program, parameters)

@@ -86,7 +86,7 @@ class RobotVisualizationNode(PollingNode):
             100.0,
             descriptor('by which the line of the TCP error is longer than the error', 1.0, 1e4, float),
         )
-        self._robot = declare_robot(self)
+        self._robot = declare_robot(self, 'robot_visualization')
         self._markers = RobotMarkers(self._robot, magnification)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
         self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE)

@@ -62,7 +62,7 @@ class TransformationTaskNode(PollingNode):
         if 0.0 < factor < FACTOR_MIN:
             raise ParameterError(f'real_time_factor is {factor:g}, but must be 0 or at least {FACTOR_MIN:g}')
         wait_for_program = declare(self, 'wait_for_program', False, WAIT)
-        parameters = declare_robot(self)
+        parameters = declare_robot(self, 'transformation_task')
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
         report_s = PROGRESS_S if factor else QUICK_PROGRESS_S

@@ -43,7 +43,7 @@ class UnitRobotNode(PollingNode):
         super().__init__('unit_robot', **node_options)
         text = descriptor('program file, or the name of a packaged program; empty: none', 0, 0, str)
         path = declare(self, 'program', '', text)
-        robot = declare_robot(self)
+        robot = declare_robot(self, 'unit_robot')
         program = programs.load(path, robot.motion) if path else None
         self._participant = Participant(self, UNIT_ROBOT, robot)
         self._identity = identity = self._participant.instance

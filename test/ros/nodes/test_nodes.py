@@ -13,11 +13,13 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.parameters import flatten, load
 from delta3_pacdrive.ros.drive_parameters import WRITABLE
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.parameters import SHOWN, shows
 from delta3_pacdrive.ros.qos import LATCHED
 
 
@@ -75,14 +77,39 @@ def test_every_parameter_has_text_and_type_and_is_fixed_at_start(kind: type[Node
     names = [
         name for name in node.get_parameters_by_prefix('') if not name.startswith(('use_sim', 'start_type'))
     ]
-    assert len(names) > 60
+    assert 25 < len(names) < 90
     for name in names:
         info = node.describe_parameter(name)
         assert info.description, name
         assert info.read_only != (kind is MC4DriveNode and name in WRITABLE), name
-    assert node.describe_parameter('motor.peak_current_a').floating_point_range[0].to_value == 1e3
-    (result,) = node.set_parameters([Parameter('motor.peak_current_a', value=5.0)])
+    assert node.describe_parameter('bus.increments_per_rev').integer_range[0].to_value > 2**19
+    (result,) = node.set_parameters([Parameter('bus.increments_per_rev', value=2**18)])
     assert not result.successful
+
+
+def test_a_node_shows_its_own_parameters_and_together_they_show_all() -> None:
+    everything = set(flatten(load()))
+    shown = {kind: {name for name in everything if shows(kind, name)} for kind in SHOWN}
+    assert set().union(*shown.values()) == everything
+    assert {kind for kind, names in shown.items() if 'rich.gear' in names} == {'plant', 'mc4_drive'}
+    assert not shown['recorder']
+    named = {name for names in SHOWN.values() for name in names}
+    assert named <= everything | {name.partition('.')[0] for name in everything}
+    # the page in the browser asks these for all of them
+    assert everything == shown['plant'] | shown['mc4_drive'] | shown['transformation_task']
+
+
+@pytest.mark.parametrize('kind', [PlantNode, MC4DriveNode, TransformationTaskNode, UnitRobotNode])
+def test_a_dump_of_a_node_loads_again(kind: type[Node], graph: Any) -> None:
+    node = graph.add(kind, motor__rotor_inertia_kg_m2=1e-4, dynamics__payload_mass_kg=1.0)
+    dump = {
+        name.replace('.', '__'): parameter.value
+        for name, parameter in node.get_parameters_by_prefix('').items()
+        if not name.startswith(('use_sim', 'start_type'))
+    }
+    again = graph.add(kind, **dump)
+    loaded = {name: parameter.value for name, parameter in again.get_parameters_by_prefix('').items()}
+    assert {name: loaded[name.replace('__', '.')] for name in dump} == dump
 
 
 @pytest.mark.parametrize(
