@@ -18,7 +18,7 @@ PROGRAM_BYTES_MAX = 1024 * 1024
 STEPS_MM = ('0.1', '1', '5', '10', '50')
 JOG_MM_S, JOG_MAX_MM_S = 50, 250
 OVERRIDE_MIN, OVERRIDE_MAX = 1, 150
-ANSWERS = 6  # sentences that stay to be read
+ANSWERS = 3  # sentences that stay to be read
 FAULT_S = 0.5  # that an injected fault lasts, unless told
 
 
@@ -43,7 +43,6 @@ class Controls:
         stop.on_click(lambda _: self._ask('emergency_stop'))
         self._row('motion', 'Start', 'Hold', 'Resume', 'Abort')
         self._row('drives', 'Enable', 'Disable', 'Reset')
-        self._answers = gui.add_html('')
         tabs = gui.add_tab_group()
         with tabs.add_tab('Program'):
             self._add_program()
@@ -53,6 +52,7 @@ class Controls:
             self._add_teach()
         with tabs.add_tab('Faults'):
             self._add_faults()
+        self._answers = gui.add_html('')
 
     def _ask(self, action: str, text: str = '') -> None:
         self._take(Wish(action, text, self._by_force.value))

@@ -42,6 +42,7 @@ from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, Wish
 
 PICTURE_S = 1.0 / PICTURES_HZ
+UNSEEN_S = 0.1  # between two looks at the robot while nobody watches: only the plots go on
 FACTS_S = 0.2
 SILENT_S = 2.0  # without a report, after which no robot is there
 APPEAR_S = 10.0  # for a robot to be found, unless one is being brought up
@@ -136,12 +137,28 @@ class Robot:
             where = self.operator.get_namespace()
             return Facts(waiting=f'no word of a robot in namespace {where}')
         return Facts(
-            p['state'], p['enabled'], p['in_torque'], p['phase'], int(p['cycles']), p['bus_time_s'],
-            queue.override if queue else p['rate'], int(p['overruns']), int(p['lost_telegrams']), p['waiting'],
-            p['fault'], tuple(filter(None, p['fault_source'].split(', '))), tuple(self._drives), int(p['move']),
-            int(p['moves']), p['remaining_s'], queue.moves if queue else 0, queue.working if queue else '',
-            p['operator'], p['payload_kg'], int(p['outputs']),
-        )  # fmt: skip
+            state=p['state'],
+            enabled=p['enabled'],
+            in_torque=p['in_torque'],
+            phase=p['phase'],
+            cycle=int(p['cycles']),
+            bus_time_s=p['bus_time_s'],
+            override=queue.override if queue else p['rate'],
+            overruns=int(p['overruns']),
+            lost_telegrams=int(p['lost_telegrams']),
+            waiting=p['waiting'],
+            fault=p['fault'],
+            sources=tuple(filter(None, p['fault_source'].split(', '))),
+            drives=tuple(self._drives),
+            move=int(p['move']),
+            moves=int(p['moves']),
+            remaining_s=p['remaining_s'],
+            queue=queue.moves if queue else 0,
+            working=queue.working if queue else '',
+            operator=p['operator'],
+            payload_kg=p['payload_kg'],
+            outputs=int(p['outputs']),
+        )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -267,11 +284,12 @@ class View:
     def spin_for(self, seconds: float) -> None:
         """Spin, draw when a picture is due, and stop the robot when that is asked for, whoever waits for what."""
         end = time.monotonic() + seconds
+        period_s = PICTURE_S if self._page.watched else UNSEEN_S
         while True:
             now = time.monotonic()
-            self._process.spin_for(max(0.0, min(end, self._drawn_s + PICTURE_S) - now))
+            self._process.spin_for(max(0.0, min(end, self._drawn_s + period_s) - now))
             now = time.monotonic()
-            if now >= self._drawn_s + PICTURE_S:
+            if now >= self._drawn_s + period_s:
                 self._drawn_s = now
                 self._draw(now)
             self._sort()

@@ -77,8 +77,9 @@ class Page:
         gui = self.server.gui
         gui.configure_theme(control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
-        self._status = gui.add_html('')
+        # buttons stand above everything that grows and shrinks: nothing moves them away from under a finger
         self.top = gui.add_folder(None)
+        self._status = gui.add_html('')
         self._bars = gui.add_html('')
         self.middle = gui.add_folder(None)
         self._add_looks(gui)

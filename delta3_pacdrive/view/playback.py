@@ -130,7 +130,7 @@ class Film:
                 on[change['name']] = bool(change['value'])
                 payload_kg = payload_kg if change['payload_kg'] is None else float(change['payload_kg'])
         return Facts(
-            state,
+            state=state,
             recording=run.title,
             cycle=round(time_s / run.period_s),
             bus_time_s=time_s,

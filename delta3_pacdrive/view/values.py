@@ -55,7 +55,7 @@ class DriveFacts:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Facts:
     """What there is to read about the robot, besides the numbers of an instant.
 

@@ -85,6 +85,8 @@ def processes_of_domain() -> list[str]:
             command = (folder / 'cmdline').read_bytes().replace(b'\0', b' ').decode(errors='replace')
         except OSError:
             continue
+        if 'chrom' in command or 'playwright' in command:
+            continue  # the browser of a test belongs to its module
         if f'ROS_DOMAIN_ID={DOMAIN}'.encode() in environment and int(folder.name) != os.getpid() and command:
             found.append(f'{folder.name}: {command}')
     return found

@@ -97,7 +97,7 @@ def test_the_plate_is_where_forward_kinematics_says(page, visit, robot):
 
 def test_the_page_asks_nobody_but_its_own_server_for_anything(page, visit, robot):
     page.show(instant_at(PLACES[0], robot))
-    page.read(Facts('idle', True, True, 'CP4', 17))
+    page.read(Facts(state='idle', phase='CP4', cycle=17))
     visit.page.get_by_text('idle', exact=True).wait_for()
     own = page.url.partition('//')[2]
     foreign = [url for url in visit.requests if own not in url and not url.startswith(('data:', 'blob:'))]
@@ -107,9 +107,7 @@ def test_the_page_asks_nobody_but_its_own_server_for_anything(page, visit, robot
 def test_what_there_is_to_read_is_on_the_page(page, visit, robot):
     drives = (DriveFacts('ENABLED', 'free'), DriveFacts('FAULT', 'held'), DriveFacts('READY', 'held'))
     sentence = 'axis2: following error over its limit (8111)'
-    facts = Facts(
-        'error', True, False, 'CP4', 4711, 4.711, 0.8, 3, 2, fault=sentence, sources=('axis2',), drives=drives
-    )
+    facts = Facts(state='error', phase='CP4', cycle=4711, override=0.8, fault=sentence, drives=drives)
     page.read(facts)
     page.show(instant_at(PLACES[1], robot, 4.7, (1e-4, -2e-4, 0.0)))
     for text in ('error', 'CP4', '4711', '80 %', 'brake free', 'fault'):
@@ -155,12 +153,12 @@ def test_points_are_taught_by_name_and_stand_there_as_yaml(page, visit):
 def test_two_browsers_see_the_same_and_one_may_go(page, visit, browser, robot):
     with Visit(browser, page.url, 390, 844) as other:
         wait_for(lambda: len(page.server.get_clients()) == 2, 'the second browser')
-        page.read(Facts('moving', phase='CP4', cycle=2222))
+        page.read(Facts(state='moving', phase='CP4', cycle=2222))
         page.show(instant_at(PLACES[2], robot))
         visit.page.get_by_text('2222', exact=True).wait_for()
         other.page.get_by_text('2222', exact=True).wait_for(state='attached')
     wait_for(lambda: len(page.server.get_clients()) == 1, 'the second browser has gone')
-    page.read(Facts('idle', phase='CP4', cycle=3333))
+    page.read(Facts(state='idle', phase='CP4', cycle=3333))
     page.show(instant_at(PLACES[2], robot, 2.0))
     visit.page.get_by_text('3333', exact=True).wait_for()
     assert page.watched
@@ -174,7 +172,7 @@ def test_the_page_connects_again_when_it_is_served_again(robot, browser):
         again = Page(robot, HOST, int(first.url.rpartition(':')[2]), 'another one')
         try:
             wait_for(lambda: again.watched, 'the browser has found the new page')
-            again.read(Facts('idle', phase='CP4', cycle=77))
+            again.read(Facts(state='idle', phase='CP4', cycle=77))
             again.show(instant_at(PLACES[0], robot))
             visit.page.get_by_text('77', exact=True).wait_for()
         finally:

@@ -10,7 +10,9 @@ SAFE = '&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;more&quot;'
 
 
 def test_texts_of_others_are_shown_and_not_carried_out():
-    facts = Facts('moving', fault=HOSTILE, operator=HOSTILE, working=HOSTILE, phase=HOSTILE, waiting=HOSTILE)
+    facts = Facts(
+        state='moving', fault=HOSTILE, operator=HOSTILE, working=HOSTILE, phase=HOSTILE, waiting=HOSTILE
+    )
     shown = readout.status(facts, None)
     assert '<script' not in shown
     assert shown.count(SAFE) == 5
@@ -54,7 +56,9 @@ def test_the_bars_tell_the_numbers_of_each_axis(robot):
 
 def test_a_page_without_a_robot_says_so_and_a_fault_is_an_alert():
     assert 'no robot' in readout.status(Facts(waiting='no word of a robot in namespace /'), None)
-    shown = readout.status(Facts('error', phase='CP4', fault='axis2: too hot'), np.array([0.1, 0.2, -0.8]))
+    shown = readout.status(
+        Facts(state='error', phase='CP4', fault='axis2: too hot'), np.array([0.1, 0.2, -0.8])
+    )
     assert 'role="alert"' in shown
     assert 'axis2: too hot' in shown
     assert '100.00, 200.00, -800.00 mm' in shown

@@ -1,0 +1,166 @@
+"""``delta3 view`` with a robot that is up: what people do on the page happens to the robot."""
+
+import json
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from browser import Visit
+
+pytest.importorskip('viser', reason='the page needs the extra "view"')
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+WAIT_S = 60.0  # a browser without a graphics card, on a machine that has other things to do
+SLOW = ('--single-process', '--ordinary-priority', '--real-time-factor', '0.3')
+JOG_MAX_M_S, JOG_A_M_S2, JOG_J_M_S3 = 0.05, 2.0, 40.0  # as the page asks for it
+
+
+def stopping_distance_m(speed_m_s: float, reaction_s: float) -> float:
+    """Return how far a jog goes on after the button was let go: until that is noticed, then at its limits."""
+    ramp_s = JOG_A_M_S2 / JOG_J_M_S3
+    return speed_m_s * (reaction_s + 0.5 * speed_m_s / JOG_A_M_S2 + ramp_s)
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> Any:
+    deadline = time.monotonic() + WAIT_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f'not within {WAIT_S:g} s: {what}'
+        time.sleep(0.1)
+    return found
+
+
+def ready(process: subprocess.Popen[str]) -> None:
+    line = process.stderr.readline()
+    while line and not line.startswith('ready after'):
+        line = process.stderr.readline()
+    assert line, 'the robot did not come up'
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=WAIT_S)
+    return process.returncode, errors
+
+
+@pytest.fixture
+def robot(start_delta3: Any, nothing_left_behind: None) -> Iterator[subprocess.Popen[str]]:
+    process = start_delta3('up', *SLOW)
+    ready(process)
+    yield process
+    assert ended(process)[0] == 0
+
+
+@pytest.fixture
+def url(robot: subprocess.Popen[str], start_delta3: Any) -> Iterator[str]:
+    """Give the address of the page of a robot."""
+    process = start_delta3('view')
+    found = re.search(r'http\S+', line := process.stderr.readline())
+    assert found, line + process.stderr.read()
+    yield found[0]
+    status, errors = ended(process)
+    assert (status, errors) == (0, '')
+
+
+def state_of(delta3: Runner) -> dict[str, Any]:
+    return json.loads(delta3('move', 'state', '--json').stdout)
+
+
+def press(visit: Visit, name: str) -> None:
+    visit.page.get_by_role('button', name=name, exact=True).click()
+
+
+def test_what_is_clicked_on_the_page_happens_to_the_robot(url: str, browser: Any, delta3: Runner) -> None:
+    with Visit(browser, url) as visit:
+        visit.page.get_by_text('idle', exact=True).first.wait_for()
+        assert delta3('move', 'l', '0.3', '0', '-0.8', '--speed', '0.01', '--detach').returncode == 0
+        visit.page.get_by_text('moving', exact=True).first.wait_for()
+        press(visit, 'Hold')
+        wait_for(lambda: state_of(delta3)['state'] == 'stopped', 'the robot has stopped on its path')
+        visit.page.get_by_text('stopped', exact=True).first.wait_for()
+        held = state_of(delta3)
+        assert held['moves'] == 1
+        press(visit, 'Resume')
+        wait_for(lambda: state_of(delta3)['state'] == 'moving', 'the robot goes on')
+        assert 'delta3 view' in state_of(delta3)['operator']
+        press(visit, 'Abort')
+        wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the program is given up')
+        wait_for(lambda: not state_of(delta3)['operator'], 'control is given back')
+        press(visit, 'Start')  # there is nothing to start
+        visit.page.get_by_text('Refused').first.wait_for()
+
+
+def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
+    url: str, browser: Any, delta3: Runner
+) -> None:
+    with Visit(browser, url) as visit:
+        visit.page.get_by_text('idle', exact=True).first.wait_for()
+        visit.page.get_by_role('tab', name='Jog').click()
+        visit.page.get_by_role('button', name='hold +x').hover()
+        visit.page.mouse.down()
+        wait_for(lambda: state_of(delta3)['state'] == 'moving', 'the robot moves')
+        visit.page.mouse.up()
+        wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the robot stands')
+        first = state_of(delta3)
+        assert 0.0 < first['tcp_m'][0] < 0.4
+        assert first['tcp_m'][1:] == pytest.approx([0.0, -0.75], abs=1e-3)
+        assert first['fault'] == ''
+        visit.page.mouse.down()
+        wait_for(lambda: state_of(delta3)['state'] == 'moving', 'the robot moves again')
+    # the page is closed with the button held
+    gone = state_of(delta3)
+    wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the robot stands')
+    travelled = state_of(delta3)['tcp_m'][0] - gone['tcp_m'][0]
+    # bus time is slower than the clock of the page by the real-time factor
+    assert travelled <= stopping_distance_m(JOG_MAX_M_S, 5.0)
+
+
+def test_the_page_goes_on_with_a_robot_that_was_started_again(
+    start_delta3: Any, nothing_left_behind: None, browser: Any
+) -> None:
+    first = start_delta3('up', *SLOW)
+    ready(first)
+    view = start_delta3('view')
+    found = re.search(r'http\S+', view.stderr.readline())
+    assert found
+    with Visit(browser, found[0]) as visit:
+        visit.page.get_by_text('idle', exact=True).first.wait_for()
+        assert ended(first)[0] == 0
+        visit.page.get_by_text('no robot', exact=True).first.wait_for()
+        second = start_delta3('up', *SLOW)
+        ready(second)
+        visit.page.get_by_text('idle', exact=True).first.wait_for()
+    assert ended(view) == (0, '')
+    assert ended(second)[0] == 0
+
+
+def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
+    start_delta3: Any,
+    nothing_left_behind: None,
+    processes: Callable[[], list[str]],
+    browser: Any,
+    delta3: Runner,
+) -> None:
+    process = start_delta3('up', *SLOW, '--view')
+    found = re.search(r'http\S+', process.stderr.readline())
+    assert found
+    ready(process)
+    with Visit(browser, found[0], 390, 844) as visit:
+        visit.page.get_by_text('idle', exact=True).first.wait_for(state='attached')
+    (page,) = [line for line in processes() if ' view ' in line]
+    subprocess.run(['kill', '-KILL', page.partition(':')[0]], check=True)
+    assert 'there is no page any more, the robot goes on' in process.stderr.readline()
+    assert state_of(delta3)['state'] == 'idle'
+    assert ended(process)[0] == 0
+
+
+def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_left_behind: None) -> None:
+    done = delta3('view', '--namespace', 'nobody')
+    assert done.returncode == 1
+    sentence = 'error: no robot is up in namespace /nobody (delta3 up)'
+    assert done.stderr.splitlines()[-1] == sentence
+    assert 'Traceback' not in done.stderr
