@@ -13,9 +13,9 @@ Arguments of the kernels here:
 ``upper``, ``b``, ``rates``
     Upper arm and arm tangent [m], three each; derivatives of its angle, three.
 ``columns``
-    Columns of S^-1 times det S, and det S.
+    Three columns of S^-1 times det S [m^2], shape (3,) each, and det S [m^3].
 ``right``
-    Right side of S x = right, three.
+    Right side of S x = right, shape (3,).
 """
 
 import numpy as np

@@ -265,7 +265,9 @@ def test_a_file_says_what_is_wrong_with_a_point(content, reason, robot):
     ],
 )
 def test_angles_of_no_pose_that_is_worked_in_are_refused(other, angle, reason, robot):
-    strange = replace(robot, kinematics=replace(robot.kinematics, **other))
+    # end stops far away
+    dynamics = replace(robot.dynamics, end_stop_max_deg=175.0)
+    strange = replace(robot, kinematics=replace(robot.kinematics, **other), dynamics=dynamics)
     angles = np.zeros((2, 4, 3))
     angles[1, 0] = angle
     with pytest.raises(ProgramError, match=reason):
