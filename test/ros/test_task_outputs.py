@@ -1,0 +1,50 @@
+"""Facts about what the task tells of a cycle where the arms cannot be: joint states that every tool can read."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.controller.task_arrays import ANSWER
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
+from delta3_pacdrive.ros.task_outputs import TaskOutputs
+from delta3_pacdrive.scene.joints import joints
+from delta3_pacdrive.sercos.telegrams import JOINTS
+
+ROBOT = parameters.load()
+SHORT = ROBOT.replace(kinematics__forearm_length_m=0.5)  # its forearms do not meet when its arms are level
+
+
+def told(graph: Any, robot: parameters.Parameters, theta: list[float]) -> JointState:
+    """Return the joint states of a cycle with these arm angles."""
+    heard = graph.listen(JointState, 'joint_states', CYCLIC_PUBLISHER)
+    answer = np.zeros(1, ANSWER)[0]
+    answer['theta'] = theta
+    axes = SimpleNamespace(speeds=[32.0, 0.0, -64.0], torques=np.array([0.1, 0.2, 0.3]))
+    controller: Any = SimpleNamespace(task=SimpleNamespace(answer=answer), axes=axes)
+    outputs = TaskOutputs(graph.add(Node, 'teller'), robot, controller)
+
+    def heard_it() -> bool:
+        outputs.send(10, (0, 10_000_000))
+        return bool(heard)
+
+    graph.spin_until(heard_it, 'joint states')
+    return heard[0]
+
+
+def test_arms_that_close_no_chain_have_passive_joints_of_zero(graph: Any) -> None:
+    message = told(graph, SHORT, [0.0, 0.0, 0.0])
+    assert tuple(message.name) == JOINTS
+    assert list(message.position) == [0.0] * len(JOINTS)
+    assert list(message.velocity) == [1.0, 0.0, -2.0, *[0.0] * 14]
+    assert list(message.effort) == [0.1, 0.2, 0.3, *[0.0] * 14]
+
+
+def test_arms_that_close_a_chain_have_those_of_the_chain(graph: Any) -> None:
+    message = told(graph, ROBOT, [0.1, 0.3, 0.2])
+    assert np.array_equal(message.position, joints([0.1, 0.3, 0.2], ROBOT))
+    assert np.isfinite(message.velocity).all()
+    assert np.abs(message.velocity[3:]).min() > 0.0
