@@ -248,7 +248,7 @@ def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
     square = current[np.isfinite(current).all(axis=1)] ** 2
     return MoveFigures(
         move.end_s - move.start_s,
-        largest('tcp_actual', difference=True),
+        largest('tcp_velocity'),
         _finite_max(np.abs(current)),
         float(np.sqrt(square.mean(axis=0)).max()) if len(square) else math.nan,
         largest('tcp_error'),

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import bag_events, derived_signals, run_signals
 from delta3_pacdrive.analysis.inputs import is_recording, noted
@@ -304,12 +302,6 @@ def _notes(trace: Trace) -> tuple[str, ...]:
             f'The recording holds {len(starts)} programs; times count from the start of the first one'
         )
     return tuple(notes)
-
-
-def tcp_speed(part: Trace, period_s: float) -> Any:
-    """Speed of the actual TCP [m/s], shape (n, 1); nan at both ends and beside gaps."""
-    velocity = run_signals.derivatives(part['tcp_actual'], period_s)[0]
-    return np.linalg.norm(velocity, axis=1, keepdims=True)
 
 
 def named(runs: Sequence[Run]) -> list[str]:

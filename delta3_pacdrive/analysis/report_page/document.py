@@ -14,7 +14,7 @@ from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
 from delta3_pacdrive.analysis.run_comparison import Comparison, resampled
-from delta3_pacdrive.analysis.runs import Run, named, tcp_speed
+from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.scene import parts
 from delta3_pacdrive.scene.poses import frames
@@ -63,8 +63,8 @@ def report_document(
 def signals_of(run: Run) -> dict[str, Floats]:
     """Return the signals that a page shows of a run, with what it computes from them, each (cycles, columns)."""
     found = {name: values for name, values in run.part.signals.items() if name in QUANTITIES}
-    if 'tcp_actual' in found:
-        found['tcp_speed'] = tcp_speed(run.part, run.period_s)
+    if 'tcp_velocity' in run.part.signals:
+        found['tcp_speed'] = np.linalg.norm(run.part['tcp_velocity'], axis=1, keepdims=True)
     if 'tcp_acceleration' in run.part.signals:
         found['tcp_acceleration_norm'] = np.linalg.norm(run.part['tcp_acceleration'], axis=1, keepdims=True)
     if 'master' in run.part.signals:

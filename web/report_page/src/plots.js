@@ -68,7 +68,8 @@ function curvesOf(report, plot) {
       if (!run.has(signal.name) || (several && n > 0)) return;
       const factor = signal.arm ? plot.factor / run.gear_ratio : plot.factor;
       run.columns[signal.name].forEach((values, column) => {
-        curves.push({ series: run, name: signal.name, column, values, factor, role: signal.role });
+        // what stands first is what the plot is about, whatever its role
+        curves.push({ series: run, name: signal.name, column, values, factor, role: n ? signal.role : 'actual' });
       });
     });
   }
