@@ -156,9 +156,9 @@ def first_sentence(path: Path) -> str:
 
 
 def rooms() -> Rows:
-    """Return the rooms of the package, from bottom to top."""
+    """Return the rooms of the package, from top to bottom."""
     yield 'room', 'what it holds'
-    for names in layers():
+    for names in reversed(layers()):
         for name in names:
             room = PACKAGE / name
             beside = (

@@ -54,6 +54,12 @@ def test_every_break_names_tests_that_there_are_and_tells_why_it_is_one(breaks):
         assert not one.equivalent or len(one.equivalent) > 40, f'{one.id}: a reason is a sentence'
 
 
+def test_every_file_of_the_catalogue_stands_in_the_table_of_areas():
+    table = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    files = [path.name for path in (ROOT / 'test' / 'breaks').glob('*.yaml')]
+    assert [name for name in files if f'`{name}`' not in table] == []
+
+
 def test_a_row_that_is_no_break_and_an_id_that_stands_twice_are_refused(runner, tmp_path):
     row = '- {id: a, file: f, old: o, new: n, why: w., tests: t}\n'
     (tmp_path / 'a.yaml').write_text(row + row, encoding='utf-8')
