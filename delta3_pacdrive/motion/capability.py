@@ -84,7 +84,7 @@ DEMAND = np.dtype(
         ('gravity', 'f8'),  # [m/s^2]
     ]
 )
-HALVINGS, LOAD_MAX_KG = 50, 1e4  # of the search for the largest payload
+LOAD_MAX_KG = 1e4  # where gravity and acceleration ask for nothing
 REACHED, OUT_OF_REACH = 0, 1  # further codes: 2 + the number of the bound that is broken first
 
 
@@ -124,17 +124,19 @@ def _payload(row, column, weight, lift, d):
     if abs(weight) > d.held or _acceleration(row, column, weight, lift, 0.0, d.peak) < d.acceleration:
         return 0.0
     room = d.held - weight if lift > 0.0 else d.held + weight
-    high = room / abs(lift) if room < LOAD_MAX_KG * abs(lift) else LOAD_MAX_KG
-    if _acceleration(row, column, weight, lift, high, d.peak) >= d.acceleration:
-        return high
-    low = 0.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if _acceleration(row, column, weight, lift, middle, d.peak) >= d.acceleration:
-            low = middle
-        else:
-            high = middle
-    return low
+    most = room / abs(lift) if room < LOAD_MAX_KG * abs(lift) else LOAD_MAX_KG
+    square = d.acceleration * d.acceleration
+    for sign in (-1.0, 1.0):
+        # acceleration |row + m column| = torque - sign (weight + m lift), squared: its first m beyond 0
+        torque, slope = d.peak - sign * weight, sign * lift
+        half = square * dot(row, column) + torque * slope
+        rest = torque * torque - square * dot(row, row)
+        radicand = half * half + (square * dot(column, column) - slope * slope) * rest
+        if radicand >= 0.0:
+            divisor = half + math.sqrt(radicand)
+            if divisor * most > rest:
+                most = rest / divisor
+    return most
 
 
 @kernel
