@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.numerics.types import Floats
 
+GAP_S = 1.0  # longest that is bridged with numbers for every cycle
+
 
 def added(trace: Trace) -> Trace:
     """Return a trace with the signals of ``DERIVED_SIGNALS`` that it does not hold, but can tell.
@@ -35,10 +37,11 @@ def derived(trace: Trace) -> dict[str, Floats]:
     """Return the derived signals that a trace does not hold, each of shape (cycles, 3); cycles it lacks are bridged."""
     period = positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
-    rows = cycles - cycles[0]
+    # a robot that was away for hours leaves a gap of as many numbers as a short one
+    rows = np.concatenate([[0], np.cumsum(np.minimum(np.diff(cycles), round(GAP_S / period)))])
     found = {}
     if 'tcp_command' in trace.signals and 'master' not in trace.signals:
-        start = int(np.clip((trace.meta.get('start_cycle') or 0) - cycles[0], 0, rows[-1]))
+        start = int(np.interp(trace.meta.get('start_cycle') or 0, cycles, rows))
         found['master'] = _master(_without_gaps(trace['tcp_command'], rows), period, start)[rows]
     if 'tcp_actual' in trace.signals:
         place = _without_gaps(trace['tcp_actual'], rows)

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -102,12 +103,24 @@ def json_text(document: Any) -> str:
 
 
 def write_json(document: Any, path: Path) -> Path:
-    """Write a document so that a reader sees the old one or the new one, never half of it; raises ReportError."""
+    """Write a document as ``write_text`` does, with the folder that it needs; raises ReportError."""
     with excused(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix('.partial')
-        partial.write_text(json_text(document), encoding='utf-8')
-        partial.replace(path)
+    return write_text(json_text(document), path)
+
+
+def write_text(text: str, path: Path) -> Path:
+    """Write a text so that a reader sees the old file or the new one, never half of it; raises ReportError."""
+    with excused(f'cannot write {path}'):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            path.write_text(text, encoding='utf-8')  # a device or a pipe must stay one
+            return path
+        partial = path.with_name(f'.{path.name}.{os.getpid()}')
+        try:
+            partial.write_text(text, encoding='utf-8')
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
     return path
 
 

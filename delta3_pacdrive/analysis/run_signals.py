@@ -16,6 +16,7 @@ BEFORE_S = 0.05  # shown of the idle cycles before the program
 AFTER_S = 0.10  # and of the rest after its end
 REST_S = 10.0  # between two programs of a recording that are not shown together
 ZOOM_S = 0.15  # length of Fig. 11.4
+LACKING_MAX = 1_000_000  # cycles, for which memory is taken as for those that are there
 SLOPE_S = 2.0e-3  # half window of the straight line whose slope is the actual acceleration
 
 
@@ -86,7 +87,7 @@ def program_part(trace: Trace) -> Trace:
     Raises
     ------
     TraceError
-        The trace does not tell its cycle time, or holds no cycle of that part.
+        The trace does not tell its cycle time, holds no cycle of that part, or lacks too many.
 
     """
     period = positive(trace, 'cycle_time_s')
@@ -96,6 +97,11 @@ def program_part(trace: Trace) -> Trace:
     keep = (cycles >= first) & (cycles <= last)
     cycles = cycles[keep]
     rows = cycles - cycles[0]
+    if (lacking := int(rows[-1]) + 1 - len(rows)) > LACKING_MAX:
+        raise TraceError(
+            f'the recording lacks {lacking} of {rows[-1] + 1} cycles, the limit is {LACKING_MAX}: choose a part with '
+            '--from and --to'
+        )
     numbers = np.arange(rows[-1] + 1)
     signals = {}
     for name, values in trace.signals.items():

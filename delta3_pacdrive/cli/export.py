@@ -26,6 +26,7 @@ class Options(CommonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters
+    from delta3_pacdrive.analysis.provenance import write_text
     from delta3_pacdrive.scene.mjcf import mjcf
     from delta3_pacdrive.scene.urdf import urdf
 
@@ -34,7 +35,7 @@ def run(options: Options) -> int:
     if options.output is None:
         print(text, end='')
     else:
-        Path(options.output).write_text(text, encoding='utf-8')
+        write_text(text, Path(options.output))
     return 0
 
 

@@ -2,6 +2,7 @@
 
 import json
 import textwrap
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -56,8 +57,12 @@ class Trace:
     def load(path: str | Path) -> 'Trace':
         """Read a ``.npz`` file; raises TraceError."""
         try:
-            with np.load(path, allow_pickle=False) as file:
-                columns = {name: file[name] for name in file.files}
+            with Path(path).open('rb') as stream:
+                if not zipfile.is_zipfile(stream):  # numpy would speak of pickles
+                    raise ValueError('it is no .npz archive, or its end is missing')
+                stream.seek(0)
+                with np.load(stream, allow_pickle=False) as file:
+                    columns = {name: file[name] for name in file.files}
             if absent := {'time_s', 'meta'} - columns.keys():
                 raise ValueError(f'it has no {" and no ".join(sorted(absent))}')
             meta = json.loads(str(columns.pop('meta')))

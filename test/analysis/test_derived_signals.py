@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis import derived_signals
+from delta3_pacdrive.analysis import derived_signals, run_signals
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file, program_planner
@@ -101,3 +101,18 @@ def test_a_trace_file_holds_them_with_their_units(suffix, tmp_path, capsys):
     files = json.loads(capsys.readouterr().out)['files']
     names = {file.rpartition('/')[2] for file in files}
     assert names == {'index.html', 'master.png', 'tcp_acceleration.png', 'signals.csv'}
+
+
+def test_a_robot_that_was_away_for_months_takes_no_memory_for_it(trace):
+    whole = derived_signals.added(trace)
+    half = len(trace.time_s) // 2
+    away = Trace(trace.time_s + 1e7 * (np.arange(len(trace.time_s)) >= half), trace.signals, trace.meta)
+    found = derived_signals.added(away)
+    for name in DERIVED_SIGNALS:
+        near = np.abs(np.arange(len(trace.time_s)) - half) > 5
+        np.testing.assert_allclose(found[name][near], whole[name][near], atol=1e-9)
+    with pytest.raises(
+        TraceError, match=r'^the recording lacks \d+ of \d+ cycles, the limit is 1000000: choose a part'
+    ):
+        run_signals.program_part(run_signals.windowed(away, 0.0, 2e7))
+    assert len(run_signals.program_part(run_signals.windowed(away, 0.0, 0.4)).time_s) == 401

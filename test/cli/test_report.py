@@ -82,6 +82,10 @@ def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
             'cannot write no/page.html: there is no folder no',
         ),
         (['report', 'experiment1', '--output', 'empty'], 'cannot write empty: it is a folder'),
+        (
+            ['report', 'bare.npz', '--output', 'bare.npz'],
+            'cannot write bare.npz: the name of a page must end',
+        ),
         (['report', 'experiment1', '--parameters', 'none.yaml'], 'none.yaml'),
         (['report', 'experiment1', '--from', '77'], 'the recording holds no cycle of that window'),
         (['compare', 'experiment1', 'missing.npz'], 'there is no recording missing.npz'),

@@ -12,7 +12,7 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.provenance import Provenance, write_text
 from delta3_pacdrive.analysis.report_page.document import report_document
 from delta3_pacdrive.analysis.report_page.tables import sections
 from delta3_pacdrive.analysis.run_comparison import compare
@@ -30,6 +30,8 @@ def require_writable(path: Path) -> None:
     why = ''
     if path.is_dir():
         why = 'it is a folder'
+    elif path.suffix.lower() not in ('.html', '.htm'):  # a slip of the hand must not cost a recording
+        why = 'the name of a page must end in .html'
     elif not path.parent.is_dir():
         why = f'there is no folder {path.parent}'
     elif not os.access(path.parent, os.W_OK):
@@ -49,14 +51,7 @@ def write(path: Path, runs: Sequence[Run], origin: Provenance, by_correlation: b
         The runs cannot be compared.
 
     """
-    text = page(runs, origin, by_correlation)
-    partial = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
-        partial.write_text(text, encoding='utf-8')
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise ReportError(f'cannot write {path}: {error.strerror or error}') from error
+    write_text(page(runs, origin, by_correlation), path)
 
 
 def page(runs: Sequence[Run], origin: Provenance, by_correlation: bool = False) -> str:
