@@ -49,11 +49,11 @@ def text(document):
     return bytes(STORE.serialize_cdr(STORE.types[TEXT](json.dumps(document)), TEXT))
 
 
-def outputs(cycle, gripper, payload):
+def outputs(cycle, gripper, payload, output1=0.0):
     types = STORE.types
     stamp = types['builtin_interfaces/msg/Time'](*CLOCK.stamp(cycle))
     header = types['std_msgs/msg/Header'](stamp, '')
-    values = np.array([gripper, *[0.0] * 7, payload])
+    values = np.array([gripper, output1, *[0.0] * 6, payload])
     whole = types['sensor_msgs/msg/JointState'](header, ['gripper'], values, np.empty(0), np.empty(0))
     return bytes(STORE.serialize_cdr(whole, 'sensor_msgs/msg/JointState'))
 
@@ -79,6 +79,7 @@ def bag(program, tmp_path, robot):
         ('motion/course', row('', timeline.profile.to_array())),
         ('motion/course', row('', timeline.stop(HELD).to_array())),
         ('outputs', outputs(135, 1.0, 0.5)),
+        ('outputs', outputs(150, 1.0, 0.5, 1.0)),
         ('faults/schedule', text(Scheduled(Fault('drop_at', 'axis1'), 140, 141).to_document())),
         ('motion/progress', text({'fault': 'axis1: two AT are lost', 'fault_cycle': 142})),
         ('motion/progress', text({'fault': 'axis1: two AT are lost', 'fault_cycle': 142})),
@@ -159,6 +160,7 @@ def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
         (40, 'fault', 'injected: drop_at axis1'),
         (41, 'event', 'over: drop_at axis1'),
         (42, 'fault', 'axis1: two AT are lost'),
+        (50, 'output', 'output1 on'),
     ]
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
@@ -156,6 +157,30 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
         delta3, tmp_path / 'bag', '--real-time-factor', '0', *options, program=str(program)
     )
     _assert_same(simulated, recorded, result)
+    _assert_same_story(runs.load(str(program)), runs.load(str(tmp_path / 'bag')))
+
+
+def _assert_same_story(simulated: runs.Run, recorded: runs.Run) -> None:
+    """Moves and outputs of a recording are those of the simulation, in the first bus cycle from their time on."""
+
+    def assert_cycle_of(time_s: float, exact_s: float) -> None:
+        assert -1e-6 < time_s - exact_s < simulated.period_s + 1e-6
+
+    assert recorded.robot == simulated.robot
+    assert [move.kind for move in recorded.moves] == [move.kind for move in simulated.moves]
+    for move, planned in zip(recorded.moves, simulated.moves, strict=True):
+        assert_cycle_of(move.start_s, planned.start_s)
+        assert_cycle_of(move.end_s, planned.end_s)
+        assert move.length_m == planned.length_m
+    told, expected = (
+        [mark for mark in run.marks if mark.kind == runs.OUTPUT] for run in (recorded, simulated)
+    )
+    # a payload that is as it was before is no change
+    assert [mark.text.partition(',')[0] for mark in told] == [
+        mark.text.partition(',')[0] for mark in expected
+    ]
+    for mark, planned_mark in zip(told, expected, strict=True):
+        assert_cycle_of(mark.time_s, planned_mark.time_s)
 
 
 DISTURBED = """
