@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
 from delta3_pacdrive.analysis.run_comparison import Comparison, resampled
@@ -47,7 +46,6 @@ def report_document(
         'version': VERSION,
         'title': title,
         'time': 'time from program start' if runs[0].knows_start else 'bus time',
-        'colours': {'axes': list(AXIS_COLOURS), 'norm': NORM_COLOUR},
         'runs': [
             _run(name, run, signals, shift, coarser)
             for name, run, signals, shift in zip(named(runs), runs, held, shifts, strict=True)

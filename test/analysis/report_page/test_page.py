@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page import page
 from delta3_pacdrive.analysis.report_page.columns import resolution_of
@@ -144,6 +145,13 @@ def test_a_run_that_is_aligned_by_its_motion_stands_at_the_time_of_the_first(one
     first, second = document_of(page.page([one, later], ORIGIN, by_correlation=True))['runs']
     assert second['first_s'] == pytest.approx(first['first_s'])
     assert second['moves'][1][2] == pytest.approx(first['moves'][1][2] - 0.25)  # its own moves are not later
+
+
+def test_axes_have_the_colours_of_the_figures(text):
+    style = text.partition('<style>')[2].partition('@media')[0]
+    found = dict(re.findall(r'--(axis[123]|norm): (#[0-9a-f]{6})', style))
+    assert [found[f'axis{n}'].upper() for n in (1, 2, 3)] == [colour.upper() for colour in AXIS_COLOURS]
+    assert found['norm'].upper() == NORM_COLOUR.upper()
 
 
 def test_every_signal_has_a_plot(text):
