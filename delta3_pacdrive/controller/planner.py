@@ -30,6 +30,7 @@ from delta3_pacdrive.controller.program_run import (
 from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.request_tracker import RequestTracker
 from delta3_pacdrive.controller.task_status import TaskStatus
+from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.program import Program
@@ -42,7 +43,7 @@ VERDICT_S = 10.0  # without a verdict, and without any message of the plan being
 NO_CAPS = (0.0, 0.0, 0.0)
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
-ACTIONS = ('program', 'move', 'start', 'resume', 'clear', 'override', 'withdraw')
+ACTIONS = ('program', 'move', 'trajectory', 'start', 'resume', 'clear', 'override', 'withdraw')
 
 
 class Planner:
@@ -333,6 +334,8 @@ class Planner:
                 here = self._require_rest()
                 self._tracker.begin(request.identity)
                 self._work(here, then, request.text, request.caps, wrapped)
+            case 'trajectory':
+                self._follow_trajectory(request)
             case 'plan' if request.operator == '':
                 self._work(self._require_rest(), self._take_planned)
             case 'start':
@@ -437,6 +440,37 @@ class Planner:
         self._require_readiness()
         if result.program is not None and result.planned is not None:
             self._launch(-1, result.program, result.planned, result.statements)
+
+    # trajectories -----------------------------------------------------------------------------------------------------
+
+    def _follow_trajectory(self, request: Request) -> None:
+        """Plan a trajectory, which starts by itself; one without points stops whatever runs."""
+        trajectory = TrajectoryRequest.from_json(request.text)
+        if not trajectory.points:
+            self._stop()
+            return
+        here = self._require_rest()
+        if self._queue.program is not None:
+            raise _refused(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
+        self._require_readiness()
+        cycle, program = trajectory.due(self._newest_cycle(), self._robot.bus.cycle_time_s)
+        self._tracker.begin(request.identity)
+
+        def launch(result: Result) -> None:
+            self._require_rest()
+            self._require_readiness()
+            if result.program is not None and result.planned is not None:
+                self._launch(cycle, result.program, result.planned, result.statements)
+
+        self._work(here, launch, program)
+
+    def _stop(self) -> None:
+        """Give up the program that runs: the task stops it on its path."""
+        if self._run.state is not RunState.RUNNING:
+            self._reply('nothing runs that could be stopped')
+            return
+        self.actions.append(planner_actions.Revoked(self._run.number))
+        self._reply('stops on the path')
 
     # running ----------------------------------------------------------------------------------------------------------
 

@@ -178,7 +178,8 @@ class RoundPlanner:
             planned = plan_joints(
                 statement.points, self.here, self.payload, name, self._parameters, returning
             )
-        self._append(planned, events)
+        places = ((number, planned.move.length_m),)
+        self._append(replace(planned, statements=places), events)
         self.here = planned.move.end_m()
 
     def _end_of(self, statement: Statement) -> Floats:

@@ -23,6 +23,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
@@ -403,6 +404,10 @@ MOVE_SB = Topic(
 )
 PROGRAM = Topic(
     'unit_robot/program', String, REQUEST, (), (PLANNER,), 'YAML, or the name of a packaged program', ASKED
+)
+JOINT_TRAJECTORY = Topic(
+    'joint_trajectory', JointTrajectory, REQUEST, (), (PLANNER,),
+    'arm angles [rad] over time, followed at once; as the joint_trajectory_controller has it', ASKED,
 )
 OVERRIDE = Topic('unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED)
 PLANNER_REQUEST = Topic(

@@ -2,6 +2,7 @@
 
 In: ``unit_robot/program`` (String: YAML, or the name of a packaged program), ``unit_robot/move_l`` (PointStamped),
 ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of at most 100 poses),
+``joint_trajectory`` (JointTrajectory: arm angles over time, followed at once),
 ``unit_robot/override`` (Float64, percent), and ``unit_robot/request`` (String, JSON: the same, of operators who say who
 they are). Out: ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: the answer
 to a request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned, why
@@ -26,6 +27,7 @@ from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.errors import Code, Reason, TelegramError
 from delta3_pacdrive.ros import interfaces, move_messages
 from delta3_pacdrive.ros.deferred_service import Tell
+from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
 from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_node import RobotNode
 
@@ -78,6 +80,10 @@ class PlannerServices:
             (interfaces.MOVE_L, self._enqueue(move_messages.move_l)),
             (interfaces.MOVE_C, self._enqueue(move_messages.move_c)),
             (interfaces.MOVE_SB, self._enqueue(move_messages.move_sb)),
+            (
+                interfaces.JOINT_TRAJECTORY,
+                lambda message: self._ask('trajectory', joint_trajectory(message).to_json()),
+            ),
             (interfaces.OVERRIDE, lambda message: self._ask('override', repr(message.data))),
         ):
             topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)

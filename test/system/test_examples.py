@@ -49,6 +49,13 @@ def test_own_node_drives_a_square(up: Callable) -> None:
     assert place == pytest.approx([0.0, 0.0, -0.8], abs=2e-4)
 
 
+def test_arms_swing_along_a_trajectory_and_back(up: Callable) -> None:
+    up()
+    answer, end = run('swing_the_arms')
+    assert answer == 'accepted: started "joint_trajectory": 1 moves, 2.000 s'
+    assert float(end.split()[1]) < 1e-3
+
+
 def test_a_robot_that_a_fault_has_stopped_is_brought_back_and_drives_to_its_end(up: Callable) -> None:
     up()
     _, _, _, stop, cleared, _, resumed, end = run('react_to_a_fault')

@@ -1,0 +1,163 @@
+"""Facts about trajectories of arm angles that are asked for: when they begin, what is late, what stops them."""
+
+import json
+
+import pytest
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Revoked, Working
+from delta3_pacdrive.controller.trajectory import LEAD_S, SOON, TrajectoryRequest
+from delta3_pacdrive.errors import Code, ProgramError
+from delta3_pacdrive.motion.plan import MoveKind
+from planner_client import LINE, Client
+
+CYCLE_S = 1e-3
+LEAD = round(LEAD_S / CYCLE_S)
+NEWEST = 5000
+HOME = (0.0, 0.0, -0.75)
+
+
+def points(*times):
+    """Return points at times, at any place."""
+    return [{'time_s': time, 'angles_rad': [time, 0.0, 0.0]} for time in times]
+
+
+def due(stamp_s, *times):
+    """Return the cycle at which a trajectory begins, and the times of its points."""
+    cycle, program = TrajectoryRequest(stamp_s, points(*times)).due(NEWEST, CYCLE_S)
+    (move,) = json.loads(program)['moves']
+    return cycle, [point['time_s'] for point in move['joints']['points']]
+
+
+@pytest.fixture
+def client(robot):
+    return Client(robot)
+
+
+def trajectory(robot, stamp_s=0.0, time_s=1.0, by=0.1):
+    """Return the text of a request that lowers all arms."""
+    angles = (kinematics.inverse(HOME, robot.kinematics) + by).tolist()
+    return TrajectoryRequest(
+        stamp_s, [{'time_s': time_s, 'angles_rad': angles, 'speeds_rad_s': [0, 0, 0]}]
+    ).to_json()
+
+
+# when
+
+
+def test_without_a_stamp_it_begins_as_soon_as_possible():
+    assert due(0.0, 0.5, 1.0) == (SOON, [0.5, 1.0])
+
+
+@pytest.mark.parametrize(('stamp_s', 'cycle'), [(6.0, 6000), (5.9991, 6000), (5.0 + LEAD_S, NEWEST + LEAD)])
+def test_a_stamp_ahead_is_the_bus_time_of_its_start(stamp_s, cycle):
+    assert due(stamp_s, 0.0, 1.0) == (cycle, [0.0, 1.0])
+
+
+def test_points_that_are_late_are_dropped_and_the_others_keep_their_bus_time():
+    cycle, times = due(4.0, 0.5, 1.2, 1.3, 2.0)
+    assert cycle == NEWEST + LEAD
+    assert times == pytest.approx([0.1, 0.8])
+
+
+def test_a_trajectory_that_is_over_is_refused_with_its_times():
+    with pytest.raises(ProgramError) as caught:
+        due(2.0, 0.5, 1.5)
+    assert str(caught.value) == (
+        'it is over: header.stamp is 2.000 s, the last point 1.500 s later, '
+        'the robot could begin at 5.200 s of bus time'
+    )
+
+
+def test_a_stamp_of_a_wall_clock_is_refused():
+    with pytest.raises(
+        ProgramError, match=r'header\.stamp is 1\.76e\+09 s, but bus time is 5\.000 s, .*no wall clock'
+    ):
+        due(1.76e9, 1.0)
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('no json', 'is no trajectory'),
+        ('[]', 'must have the keys stamp_s and points'),
+        ('{"stamp_s": 0}', 'must have the keys stamp_s and points'),
+        ('{"stamp_s": -1, "points": []}', 'stamp_s is -1, but must be a bus time from 0 s on'),
+        ('{"stamp_s": NaN, "points": []}', 'stamp_s is '),
+        ('{"stamp_s": true, "points": []}', 'stamp_s is '),
+        ('{"stamp_s": 0, "points": {}}', 'points is '),
+    ],
+)
+def test_what_is_no_trajectory_is_refused(text, reason):
+    with pytest.raises(ProgramError, match=reason):
+        TrajectoryRequest.from_json(text)
+
+
+def test_a_late_trajectory_of_points_without_times_is_refused():
+    with pytest.raises(ProgramError, match='is no point with a time_s'):
+        TrajectoryRequest(1.0, [{'angles_rad': [0, 0, 0]}]).due(NEWEST, CYCLE_S)
+
+
+# the planner
+
+
+def test_a_trajectory_is_planned_and_ordered_by_itself_for_its_bus_cycle(client, robot):
+    client.ask('trajectory', trajectory(robot, stamp_s=10.0))
+    client.plan()
+    ordered = client.do(Ordered)
+    assert ordered.row[0] == 10_000.0
+    assert [move.kind for move in ordered.moves] == [MoveKind.JOINTS]
+    client.verdict(ordered.number)
+    assert client.answer() == (None, 'started "joint_trajectory": 1 moves, 1.000 s')
+
+
+def test_a_refused_trajectory_leaves_the_robot_as_it_was(client, robot):
+    client.ask('trajectory', trajectory(robot, by=2.0))
+    client.plan()
+    reason, _ = client.answer()
+    assert reason.code == Code.CONTENT
+    assert 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1' in reason.sentence
+    assert client.none(Ordered)
+    client.ask('trajectory', trajectory(robot))
+    client.plan()
+    assert client.do(Ordered)
+
+
+def test_a_trajectory_needs_an_empty_queue(client, robot):
+    client.queue(LINE)
+    client.ask('trajectory', trajectory(robot))
+    client.say()
+    reason, _ = client.answer()
+    assert reason.code == Code.STATE
+    assert reason.sentence == 'moves are in the queue: a trajectory needs an empty one'
+    assert client.planner.queue[0] == 1
+
+
+def test_a_robot_that_moves_takes_no_other_trajectory(client, robot):
+    client.run()
+    client.ask('trajectory', trajectory(robot))
+    client.say(state='moving')
+    reason, _ = client.answer()
+    assert (reason.code, reason.sentence[:19]) == (Code.STATE, 'the robot is moving')
+    assert client.none(Working)
+
+
+def test_an_empty_trajectory_takes_the_order_back_that_is_driven(client):
+    client.run()
+    number = client.told.order
+    client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
+    assert client.do(Revoked).number == number
+    assert client.answer() == (None, 'stops on the path')
+
+
+def test_an_empty_trajectory_stops_nothing_where_nothing_runs(client):
+    client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
+    assert client.answer() == (None, 'nothing runs that could be stopped')
+    assert client.none(Revoked)
+
+
+def test_who_has_no_control_moves_no_arm(client, robot):
+    client.say(operator='other', operator_name='Eve', control=1)
+    client.ask('trajectory', trajectory(robot))
+    reason = client.do(Replied).reason
+    assert reason.code == Code.CONTROL

@@ -1,0 +1,175 @@
+"""Facts about ``joint_trajectory``: what a message may hold, and a real publisher that drives the arms with it."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration, Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
+
+AXES = ['axis1', 'axis2', 'axis3']
+GEAR = 32.0
+HALF_INCREMENT = 0.5 * math.tau / 2**19
+HOME = kinematics.inverse((0.0, 0.0, -0.75), parameters.load())
+
+
+def message(*points: Any, names: Any = AXES, stamp: Time | None = None) -> JointTrajectory:
+    """Return a trajectory of points (time, fields)."""
+    found = JointTrajectory(joint_names=list(names))
+    found.header.stamp = stamp or Time()
+    for time, fields in points:
+        nanoseconds = round(time * 1e9)
+        since = Duration(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        values = {name: [float(value) for value in numbers] for name, numbers in fields.items()}
+        found.points.append(JointTrajectoryPoint(time_from_start=since, **values))
+    return found
+
+
+def still(by: Any) -> dict[str, Any]:
+    """Return a point at rest, so far from the start."""
+    return {'positions': HOME + np.array(by), 'velocities': [0.0, 0.0, 0.0]}
+
+
+# messages
+
+
+def test_joints_may_come_in_any_order() -> None:
+    fields = {
+        'positions': [0.3, 0.1, 0.2],
+        'velocities': [3.0, 1.0, 2.0],
+        'accelerations': [30.0, 10.0, 20.0],
+    }
+    (point,) = joint_trajectory(message((1.5, fields), names=['axis3', 'axis1', 'axis2'])).points
+    assert point == {
+        'time_s': 1.5,
+        'angles_rad': [0.1, 0.2, 0.3],
+        'speeds_rad_s': [1.0, 2.0, 3.0],
+        'accelerations_rad_s2': [10.0, 20.0, 30.0],
+    }
+
+
+def test_a_trajectory_without_points_is_a_stop() -> None:
+    assert joint_trajectory(JointTrajectory()).points == []
+
+
+def test_a_stamp_is_bus_time() -> None:
+    stamp = Time(sec=12, nanosec=500_000_000)
+    assert joint_trajectory(message((1.0, still(0.0)), stamp=stamp)).stamp_s == 12.5
+
+
+@pytest.mark.parametrize(
+    ('bad', 'reason'),
+    [
+        (message((1.0, still(0.0)), names=['axis1', 'axis2']), "joint_names are 'axis1, axis2', but must be "),
+        (message((1.0, still(0.0)), names=['axis1', 'axis2', 'axis2']), 'joint_names are '),
+        (message((1.0, {'positions': [0, 0]})), 'point 1: positions has 2 values, but must have 3'),
+        (message((1.0, {})), 'point 1: positions has 0 values, but must have 3'),
+        (message((1.0, still(0.0)), (2.0, {'positions': [0, 0, math.nan]})), 'point 2: positions of axis3 is nan'),
+        (message((1.0, {'positions': [0, 0, 0], 'velocities': [1]})), 'point 1: velocities has 1 values'),
+        (message((1.0, {'positions': [0, 0, 0], 'velocities': [0, math.inf, 0]})), 'point 1: velocities of axis2'),
+        (message((1.0, {'positions': [0, 0, 0], 'accelerations': [0, 0, 0]})), 'point 1 has accelerations, but no vel'),
+        (message((1.0, {'positions': [0, 0, 0], 'effort': [0, 0, 0]})), 'point 1 has effort, which is not supported'),
+        (message((1.0, still(0.0)), (1.0, still(0.1))), 'point 2 is at 1 s, not behind point 1 at 1 s'),
+        (message((-1.0, still(0.0))), 'point 1: time_from_start is -1 s, but must be at least 0'),
+        (message(*((float(n), still(0.0)) for n in range(1, 1002))), 'has 1001 points, the limit is 1000'),
+        (message((1.0, still(0.0)), stamp=Time(sec=-1)), 'header.stamp is -1 s'),
+    ],
+)  # fmt: skip
+def test_a_message_that_is_none_of_this_robot_is_refused_with_what_is_wrong(
+    bad: JointTrajectory, reason: str
+) -> None:
+    with pytest.raises(ProgramError) as caught:
+        joint_trajectory(bad)
+    assert reason in str(caught.value)
+
+
+# a robot
+
+
+class Cell:
+    """A robot without a clock, its planner, and a publisher of trajectories."""
+
+    def __init__(self, graph: Any) -> None:
+        self.graph = graph
+        self.answers = graph.listen(String, 'unit_robot/answer', LATCHED)
+        self.commands = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
+        self.publisher = graph.listener.create_publisher(JointTrajectory, 'joint_trajectory', REQUEST)
+        self.task = graph.robot(motion__start_cycle=-1)
+        graph.add(UnitRobotNode, motion__start_cycle=-1)
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        graph.spin_until(
+            lambda: (
+                self.task.progress()['in_torque']
+                and self.operator.state
+                and self.publisher.get_subscription_count()
+            ),
+            'torque',
+        )
+
+    def send(self, trajectory: JointTrajectory) -> str:
+        """Publish a trajectory; returns the answer."""
+        before = len(self.answers)
+        self.publisher.publish(trajectory)
+        self.graph.spin_until(lambda: len(self.answers) > before, 'the answer')
+        return str(self.answers[-1].data)
+
+    def wait_for(self, state: str) -> None:
+        self.graph.spin_until(lambda: self.operator.state == state, state)
+
+    def missed(self, by: Any) -> float:
+        """Return how far the last command is from a place [rad], on the side of the motors."""
+        command = np.array(self.commands[-1].position)
+        return float(np.abs(command - GEAR * (HOME + np.array(by))).max())
+
+
+@pytest.fixture
+def cell(graph: Any) -> Cell:
+    return Cell(graph)
+
+
+def test_a_publisher_drives_the_arms_through_points(cell: Cell) -> None:
+    through = {'positions': HOME + 0.1, 'velocities': [0.2, 0.2, 0.2], 'accelerations': [0.0, 0.0, 0.0]}
+    end = {**still([0.2, 0.1, 0.15]), 'accelerations': [0.0, 0.0, 0.0]}
+    assert cell.send(message((0.5, through), (1.0, end))).startswith('accepted: started "joint_trajectory"')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    assert cell.missed([0.2, 0.1, 0.15]) <= 1.01 * 2.0 * HALF_INCREMENT
+    # the next one begins where this one has ended, with a point at time 0 that is only read from joint states
+    assert cell.send(message((0.0, still([0.2002, 0.0999, 0.15])), (0.8, still(0.0)))).startswith('accepted')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    assert cell.missed(0.0) <= 1.01 * 2.0 * HALF_INCREMENT
+
+
+def test_a_refused_trajectory_is_answered_and_the_next_one_driven(cell: Cell) -> None:
+    answer = cell.send(message((1.0, still(2.0))))
+    assert 'refused: ' in answer
+    assert 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1, the limit is 95 deg' in answer
+    assert cell.send(message((1.0, still(0.1)), names=['a', 'b', 'c'])).startswith('refused: joint_names are')
+    assert cell.operator.state == 'idle'
+    assert cell.send(message((0.5, still(0.1)))).startswith('accepted: started')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+
+
+def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) -> None:
+    assert cell.send(message((6.0, still(0.2)))).startswith('accepted')
+    cell.wait_for('moving')
+    cell.operator.call('hold')
+    cell.wait_for('stopped')
+    cell.operator.call('resume')
+    cell.wait_for('moving')
+    assert 'the robot is moving' in cell.send(message((1.0, still(0.1))))
+    assert cell.send(JointTrajectory()) == 'accepted: stops on the path'
+    cell.wait_for('idle')
+    assert cell.missed(0.2) > HALF_INCREMENT
