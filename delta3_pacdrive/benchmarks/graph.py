@@ -8,11 +8,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.benchmarks.case import in_child, program_file, times_text
+from delta3_pacdrive.benchmarks.page_watcher import PageWatcher
 from delta3_pacdrive.bringup.scheduling import (
     NOT_PERMITTED,
     SLICE_S,
@@ -22,15 +24,19 @@ from delta3_pacdrive.bringup.scheduling import (
     real_time_is_permitted,
 )
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.view import serving
 
 TITLES = {
     'machine': 'the machine: a loop that only sleeps',
     'bare': 'bare nodes, separate processes, real time',
     'separate': 'robot, separate processes, real time',
+    'viewed': 'robot, separate processes, real time, with a page that somebody watches',
     'single': 'robot, one process, real time',
     'fast': 'robot, one process, as fast as possible',
 }
 CASES = tuple(TITLES)
+WITHOUT_PAGE = tuple(case for case in CASES if case != 'viewed')
+BESIDE_PAGE = ('separate', 'viewed')
 REAL_TIME, ORDINARY = SCHEDULINGS = ('real-time', 'ordinary')
 COLUMNS = {
     REAL_TIME: 'real-time scheduling',
@@ -46,7 +52,7 @@ def measure(
     if REAL_TIME in schedulings and not real_time_is_permitted():
         raise RunError(NOT_PERMITTED)
     results: dict[str, dict[str, Any]] = {}
-    for case in cases or CASES:
+    for case in cases or WITHOUT_PAGE:
         # without a clock a robot is never scheduled in real time: there is one column
         for scheduling in schedulings if case != 'fast' else (ORDINARY,):
             if not quiet:
@@ -114,15 +120,18 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.bringup.bringup import Bringup
     from delta3_pacdrive.bringup.options import Options
 
-    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
+    port = serving.choose(serving.HOST, None) if case == 'viewed' else None
+    with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder, ExitStack() as stack:
         bringup = Bringup(
             Options(
                 program=program_file(seconds, folder),
                 real_time_factor=0.0 if case == 'fast' else 1.0,
                 single_process=case in ('single', 'fast'),
+                view_port=port,
             )
         )
         meters: list[_Meter] = []
+        watchers: list[PageWatcher] = []
         first_cycle = 0
 
         def show(progress: dict[str, Any]) -> None:
@@ -130,10 +139,16 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
             if not meters:
                 first_cycle = progress['cycles']
                 meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
+                if port is not None:
+                    watchers.append(PageWatcher(serving.HOST, port))
+                    stack.callback(watchers[0].close)
             if progress['finished']:
                 meters[0].look()
 
         result = bringup.run(show)
+    if watchers:
+        result['page_kb_s'] = 1e-3 * watchers[0].received_bytes / max(watchers[0].watched_s, 1e-3)
+        result['page_watched_s'] = watchers[0].watched_s
     return result | meters[0].figures(result['cycles'] - first_cycle)
 
 
@@ -206,6 +221,8 @@ def _rows(result: dict[str, Any]) -> dict[str, str]:
     rows['processor'] = (
         f'{sum(result["cores"].values()):.2f} cores, {result["us_per_cycle"]:.0f} us per cycle'
     )
+    if 'page_kb_s' in result:
+        rows['page'] = f'{result["page_kb_s"]:.0f} kB/s for {result["page_watched_s"]:.0f} s'
     rows['memory (PSS)'] = f'{sum(result["memory_mib"].values()):.0f} MiB'
     return rows
 

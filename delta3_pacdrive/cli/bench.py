@@ -31,6 +31,7 @@ class Options(JsonOptions):
         action='append',
         only=('graph',),
     )
+    view: bool = flag('graph: the robot without and with a page that somebody watches', only=('graph',))
     no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
 
     def check(self) -> str:
@@ -57,7 +58,8 @@ def run(options: Options) -> int:
 def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], dict[str, Any]]:
     """Return the result, and what prints it; the graph is measured before anything heavy is loaded here."""
     if options.what == 'graph':
-        return graph.show, graph.measure(seconds, options.case, options.scheduling, options.json)
+        cases = options.case or (graph.BESIDE_PAGE if options.view else None)
+        return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
     from delta3_pacdrive.benchmarks import motion, simulation
 
     if options.what == 'motion':

@@ -1,5 +1,6 @@
 """The robot in three dimensions: meshes of its parts in a scene of viser, and where they are."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,7 +9,8 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.scene.parts import ARMS, NAMES, RODS, Part, parts
+from delta3_pacdrive.scene.joints import joints
+from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames, poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 
@@ -18,8 +20,6 @@ LINE, THIN_LINE = 3.0, 1.5  # pixels
 GHOST_OPACITY = 0.35
 BLUE, GREEN, RED, GREY = (58, 134, 255), (34, 170, 100), (230, 40, 50), (140, 146, 156)
 PLANNED, TRAVELLED = (150, 156, 166), (245, 130, 30)
-_ARMS = [NAMES.index(f'arm{arm}') for arm in ARMS]
-_RODS = [NAMES.index(f'forearm{rod}') for rod in RODS]
 _WXYZ = [3, 0, 1, 2]
 
 
@@ -59,67 +59,76 @@ def rgb(part: Part) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def linear(colour: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Return a colour as batches want it: the browser takes theirs for linear ones."""
-    red, green, blue = (round(255 * (value / 255) ** 2.2) for value in colour)
-    return red, green, blue
+def about_zy(z_rad: float, y_rad: float) -> tuple[float, float, float, float]:
+    """Return the rotation R_z R_y as a quaternion, w first."""
+    cz, sz, cy, sy = math.cos(z_rad / 2), math.sin(z_rad / 2), math.cos(y_rad / 2), math.sin(y_rad / 2)
+    return cz * cy, -sz * sy, cz * sy, sz * cy
+
+
+def about_yz(y_rad: float, z_rad: float) -> tuple[float, float, float, float]:
+    """Return the rotation R_y R_z as a quaternion, w first."""
+    cz, sz, cy, sy = math.cos(z_rad / 2), math.sin(z_rad / 2), math.cos(y_rad / 2), math.sin(y_rad / 2)
+    return cy * cz, sy * sz, sy * cz, cy * sz
 
 
 class _Body:
-    """Arms, rods and plate of one robot, in its colours or as a ghost.
-
-    Arms and rods are batches: one message moves all of a kind, which takes half of the processor time.
-    """
+    """Arms, rods and plate of one robot, in its colours or as a ghost; rods hang on their arms as the real ones do."""
 
     def __init__(
-        self, scene: Any, name: str, named: dict[str, Part], ghost: tuple[int, int, int] | None
+        self,
+        scene: Any,
+        name: str,
+        named: dict[str, Part],
+        parameters: Parameters,
+        ghost: tuple[int, int, int] | None,
     ) -> None:
         self._scene, self._name, self._ghost = scene, name, ghost
         self._look: dict[str, Any] = {'cast_shadow': False, 'receive_shadow': False}
         if ghost is not None:
             self._look['opacity'] = GHOST_OPACITY
+        self._azimuth = parameters.kinematics.arm_azimuth_rad
+        hip, _ = frames(parameters)
+        half = 0.5 * Sizes.of(parameters.kinematics).rod_distance_m
+        elbow = parameters.kinematics.upper_arm_length_m
         self._plate = scene.add_frame(f'/{name}/plate', show_axes=False)
         for part in ('plate', 'tool'):
             self.carry(part, named[part])
-        self._limbs = [(rows, self._batch(named[NAMES[rows[0]]], len(rows))) for rows in (_ARMS, _RODS)]
+        self._arms, self._rods = [], []
+        for arm in ARMS:
+            path = f'/{name}/arm{arm}'
+            self._arms.append(self._mesh(path, named[f'arm{arm}'], hip[arm - 1]))
+            for side, rod in ((half, f'forearm{arm}a'), (-half, f'forearm{arm}b')):
+                self._rods.append(self._mesh(f'{path}/{rod}', named[rod], np.array([elbow, side, 0.0])))
 
-    def _batch(self, part: Part, count: int) -> Any:
+    def _mesh(self, path: str, part: Part, position: Floats) -> Any:
         vertices, faces = mesh_of(part.shapes)
-        return self._scene.add_batched_meshes_simple(
-            f'/{self._name}/{part.name}',
-            vertices,
-            faces,
-            np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-            np.zeros((count, 3)),
-            batched_colors=linear(self._ghost or rgb(part)),
-            lod='off',
-            visible=False,
-            **self._look,
+        colour = self._ghost or rgb(part)
+        return self._scene.add_mesh_simple(
+            path, vertices, faces, color=colour, position=position, **self._look
         )
 
     def carry(self, name: str, part: Part) -> Any:
         """Hang a part on the plate."""
-        vertices, faces = mesh_of(part.shapes)
-        return self._scene.add_mesh_simple(
-            f'/{self._name}/plate/{name}', vertices, faces, color=self._ghost or rgb(part), **self._look
-        )
+        return self._mesh(f'/{self._name}/plate/{name}', part, np.zeros(3))
 
-    def place(self, position: Floats, quaternion: Floats, tcp_m: Floats) -> None:
-        """Put all parts, in the order of ``NAMES``, where they are; arms that reach nowhere are not seen."""
+    def place(self, joints_rad: Floats, tcp_m: Floats) -> None:
+        """Turn all joints (order of ``scene.joints``), move the plate; arms that reach nowhere are not seen."""
         self._plate.visible = True
         self._plate.position = tcp_m
-        reached = bool(np.isfinite(position).all() and np.isfinite(quaternion).all())
-        for rows, batch in self._limbs:
-            batch.visible = reached
+        reached = bool(np.isfinite(joints_rad).all())
+        angles = joints_rad.tolist()
+        for arm, azimuth, angle in zip(self._arms, self._azimuth, angles, strict=False):
+            arm.visible = reached
             if reached:
-                batch.batched_positions = position[rows].astype(np.float32)
-                batch.batched_wxyzs = quaternion[rows][:, _WXYZ].astype(np.float32)
+                arm.wxyz = about_zy(azimuth, angle)
+        if reached:
+            for n, rod in enumerate(self._rods):
+                rod.wxyz = about_yz(*angles[3 + 2 * n : 5 + 2 * n])
 
     def hide(self) -> None:
         """Let nothing of it be seen."""
-        self._plate.visible = False
-        for _, batch in self._limbs:
-            batch.visible = False
+        for handle in (self._plate, *self._arms):
+            handle.visible = False
 
 
 class Figure:
@@ -141,8 +150,8 @@ class Figure:
         named = {part.name: part for part in parts(parameters, 1.0)}
         hip, _ = frames(parameters)
         self._stand(named, hip)
-        self.body = _Body(scene, 'robot', named, None)
-        self.ghost = _Body(scene, 'ghost', named, BLUE)
+        self.body = _Body(scene, 'robot', named, parameters, None)
+        self.ghost = _Body(scene, 'ghost', named, parameters, BLUE)
         self.ghost.hide()
         nothing = np.zeros((1, 2, 3))
         line: dict[str, Any] = {'thickness_units': 'screen'}
@@ -244,16 +253,16 @@ class Figure:
         if ghost_m is not None:
             beside = kinematics.inverse(ghost_m, self._parameters, unreachable='nan')
             angles = np.stack([angles[0], beside])
-        # angles of a ghost that no arms reach close no chain; its plate is seen alone
-        safe = np.where(np.isfinite(angles), angles, 0.0)
-        where = poses(safe, self._parameters, unreachable='nan')
-        self.body.place(where.position[0], where.quaternion[0], tcp_m)
+        # angles of a ghost that no arms reach are no numbers; its plate is seen alone
+        known = np.isfinite(angles).all(axis=1, keepdims=True)
+        turned = joints(np.where(known, angles, 0.0), self._parameters, unreachable='nan')
+        turned = np.where(known, turned, np.nan)
+        self.body.place(turned[0], tcp_m)
         if ghost_m is None:
             self.ghost.hide()
             self.error.visible = False
             return
-        reached = 1.0 if np.isfinite(angles[1]).all() else np.nan
-        self.ghost.place(reached * where.position[1], where.quaternion[1], ghost_m)
+        self.ghost.place(turned[1], ghost_m)
         self.error.visible = True
         self.error.points = np.stack([tcp_m, ghost_m])[None].astype(np.float32)
 

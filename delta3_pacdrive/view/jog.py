@@ -13,6 +13,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 
 BEATS_HZ = 20.0
+JOG_ACCELERATION_M_S2, JOG_JERK_M_S3 = 2.0, 40.0  # gentle: people look at what they move
 SILENT_S = 0.25  # without a beat, after which the button is taken for released
 EDGE_M = 1e-4  # by which a jog stays away from the edge of the workspace
 DIRECTIONS = {

@@ -37,7 +37,14 @@ from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.view.jog import DIRECTIONS, Button, Turn, edge
+from delta3_pacdrive.view.jog import (
+    DIRECTIONS,
+    JOG_ACCELERATION_M_S2,
+    JOG_JERK_M_S3,
+    Button,
+    Turn,
+    edge,
+)
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, Wish
 
@@ -55,7 +62,6 @@ TELL_PARAMETERS = {
     'mc4_drive_1': 'mc4_drive',
     'transformation_task': 'transformation_task',
 }  # kinds
-JOG_ACCELERATION_M_S2, JOG_JERK_M_S3 = 2.0, 40.0
 # stops are free for all and wait for nothing that is under way
 URGENT = ('hold', 'abort', 'emergency_stop', 'disable')
 NAME = 'delta3 view'

@@ -85,6 +85,13 @@ class Page:
         self._add_looks(gui)
         self._plots = Plots(gui)
         self.use(parameters)
+        self.server.on_client_connect(self._aim)
+
+    def _aim(self, client: Any) -> None:
+        """Let the robot stand in the upper half of a phone, whose lower half is covered by what is read."""
+        if client.camera.image_width < client.camera.image_height:
+            client.camera.position = self._size_m * np.array([1.25, -1.95, 0.1])
+            client.camera.look_at = self._size_m * np.array([0.0, 0.0, -0.84])
 
     def use(self, parameters: Parameters) -> None:
         """Show a robot with these parameters."""
@@ -92,10 +99,10 @@ class Page:
         self._scales = readout.Scales.of(parameters)
         k = parameters.kinematics
         scene = self.server.scene
-        size = k.base_radius_m + k.upper_arm_length_m + k.forearm_length_m
+        self._size_m = k.base_radius_m + k.upper_arm_length_m + k.forearm_length_m
         camera = self.server.initial_camera
-        camera.position = (1.0 * size, -1.52 * size, 0.10 * size)
-        camera.look_at = (-0.08 * size, -0.05 * size, -0.47 * size)
+        camera.position = self._size_m * np.array([1.0, -1.52, 0.1])
+        camera.look_at = self._size_m * np.array([-0.08, -0.05, -0.47])
         camera.fov = np.radians(45.0)
         scene.reset()
         scene.set_up_direction('+z')

@@ -19,6 +19,7 @@ STATE_COLOURS = {
 }
 UNDER_WAY = ('moving', 'stopping', 'stopped', 'playing', 'paused')
 DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'FAULT': RED}
+CUT = 'white-space:nowrap;overflow:hidden;text-overflow:ellipsis'
 HIGH, TOO_HIGH = 0.6, 0.9  # of a limit, from which a bar is amber and red
 
 
@@ -155,7 +156,7 @@ def _bar(name: str, share: float, text: str, signed: bool = True) -> str:
         width, left, middle = 100.0 * size, 0.0, ''
     return (
         f'<div><div style="display:flex;justify-content:space-between;font-size:11px;line-height:1.25">'
-        f'<span style="opacity:.65">{name}</span><span>{text}</span></div>'
+        f'<span style="opacity:.65;{CUT}">{name}</span><span style="white-space:nowrap">{text}</span></div>'
         '<div style="position:relative;height:7px;border-radius:3px;overflow:hidden;'
         'background:rgba(128,128,128,.25)">'
         f'<div style="position:absolute;left:{left:.1f}%;width:{width:.1f}%;height:100%;background:{colour}"></div>'

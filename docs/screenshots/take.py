@@ -3,6 +3,9 @@
 They are taken in the browser that the tests use (``test/support/browser.py``).
 """
 
+import re
+import signal
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -27,7 +30,33 @@ def report(browser, scratch, picture):
         visit.page.screenshot(path=picture)
 
 
-PICTURES = {'report.png': report}
+def view(browser, _, picture):
+    """Take the page of a robot that is played, between two places of a pick cycle."""
+    command = [
+        sys.executable,
+        '-P',
+        '-m',
+        'delta3_pacdrive.cli.main',
+        'view',
+        'packaging',
+        '--parameters',
+        'rich',
+    ]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            address = re.search(r'http\S+', process.stderr.readline())[0]
+            with Visit(browser, address) as visit:
+                visit.page.get_by_text('playing', exact=True).wait_for()
+                visit.page.wait_for_timeout(4000)  # the plots fill
+                visit.page.get_by_role('button', name='Pause').click()
+                visit.page.evaluate('document.getElementById("webgl-software-rendering")?.remove()')
+                visit.page.wait_for_timeout(1000)
+                visit.page.screenshot(path=picture)
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+PICTURES = {'report.png': report, 'view.png': view}
 
 if __name__ == '__main__':
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER

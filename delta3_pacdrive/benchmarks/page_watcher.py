@@ -1,0 +1,69 @@
+"""Somebody who watches the page of a robot without drawing it, as a browser on another machine would."""
+
+import threading
+import time
+from contextlib import suppress
+from importlib import metadata
+
+APPEAR_S = 30.0  # for the page to be served
+LOOK_S, TRY_S = 0.5, 0.2
+CAMERA = {
+    'type': 'ViewerCameraMessage',
+    'wxyz': (1.0, 0.0, 0.0, 0.0),
+    'position': (1.0, -1.5, 0.0),
+    'fov': 0.8,
+    'near': 0.01,
+    'far': 1000.0,
+    'image_height': 800,
+    'image_width': 1280,
+    'look_at': (0.0, 0.0, -0.5),
+    'up_direction': (0.0, 0.0, 1.0),
+}
+
+
+class PageWatcher:
+    """A thread opens the page of a robot and takes everything that it sends.
+
+    Parameters
+    ----------
+    host, port
+        Where the page is served.
+
+    Attributes
+    ----------
+    received_bytes, watched_s
+        How much came, and for how long.
+
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._address = f'ws://{host}:{port}'
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self.received_bytes, self.watched_s = 0, 0.0
+        self._thread.start()
+
+    def _watch(self) -> None:
+        import msgspec
+        from websockets.exceptions import WebSocketException
+        from websockets.sync.client import connect
+        from websockets.typing import Subprotocol
+
+        protocol = Subprotocol(f'viser-v{metadata.version("viser")}')
+        deadline = time.monotonic() + APPEAR_S
+        while not self._stop.is_set() and time.monotonic() < deadline:
+            with suppress(OSError, WebSocketException):
+                options = {'subprotocols': [protocol], 'compression': None, 'max_size': None}
+                with connect(self._address, **options) as socket:
+                    socket.send(msgspec.msgpack.encode(CAMERA))
+                    start = time.monotonic()
+                    while not self._stop.is_set():
+                        with suppress(TimeoutError):
+                            self.received_bytes += len(socket.recv(timeout=LOOK_S))
+                        self.watched_s = time.monotonic() - start
+            self._stop.wait(TRY_S)
+
+    def close(self) -> None:
+        """Close the page."""
+        self._stop.set()
+        self._thread.join()
