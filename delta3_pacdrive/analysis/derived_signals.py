@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive.analysis.run_signals import SLOPE_S, derivatives, positive
+from delta3_pacdrive.analysis.run_signals import SLOPE_S, derivatives, noted_cycle, positive
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.numerics.types import Floats
 
-GAP_S = 1.0  # longest that is bridged with numbers for every cycle
+GAP_CYCLES = 1000  # longest gap that is bridged with numbers for every cycle
 
 
 def added(trace: Trace) -> Trace:
@@ -38,10 +38,10 @@ def derived(trace: Trace) -> dict[str, Floats]:
     period = positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
     # a robot that was away for hours leaves a gap of as many numbers as a short one
-    rows = np.concatenate([[0], np.cumsum(np.minimum(np.diff(cycles), round(GAP_S / period)))])
+    rows = np.concatenate([[0], np.cumsum(np.minimum(np.diff(cycles), GAP_CYCLES))])
     found = {}
     if 'tcp_command' in trace.signals and 'master' not in trace.signals:
-        start = int(np.interp(trace.meta.get('start_cycle') or 0, cycles, rows))
+        start = int(np.interp(noted_cycle(trace, 'start_cycle') or 0, cycles, rows))
         found['master'] = _master(_without_gaps(trace['tcp_command'], rows), period, start)[rows]
     if 'tcp_actual' in trace.signals:
         place = _without_gaps(trace['tcp_actual'], rows)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 
@@ -41,7 +41,7 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
     cycles = np.rint(trace.time_s / period).astype(np.int64)
     if not len(cycles):
         raise TraceError('the recording holds no cycle')
-    start, end = trace.meta.get('start_cycle'), trace.meta.get('end_cycle')
+    start, end = noted_cycle(trace, 'start_cycle'), noted_cycle(trace, 'end_cycle')
     first, last = int(cycles[0]), int(cycles[-1])
     if start is not None:
         first = start - round(BEFORE_S / period)
@@ -92,7 +92,7 @@ def program_part(trace: Trace) -> Trace:
     """
     period = positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
-    start = trace.meta.get('start_cycle')
+    start = noted_cycle(trace, 'start_cycle')
     first, last = shown_cycles(trace)
     keep = (cycles >= first) & (cycles <= last)
     cycles = cycles[keep]
@@ -116,6 +116,16 @@ def positive(trace: Trace, key: str) -> float:
     if not isinstance(value, int | float) or not 0.0 < value < math.inf:
         raise TraceError(f'the recording does not tell its {key}')
     return float(value)
+
+
+def noted_cycle(trace: Trace, key: str) -> int | None:
+    """Return a bus cycle that the recording may tell of itself; raises TraceError."""
+    value = trace.meta.get(key)
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or not math.isfinite(value) or not float(value).is_integer():
+        raise TraceError(f'the recording tells {shown(value)} as its {key}, expected a whole number')
+    return int(value)
 
 
 def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats, Floats]:

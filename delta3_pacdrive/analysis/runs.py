@@ -159,15 +159,15 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         story = bag_events.read(Path(text), trace) if kind == 'bag' else trace.meta
     part = run_signals.program_part(_shown(derived_signals.added(trace), from_s, to_s))
     try:
-        moves, marks = _moves(story, part), _marks(story, part)
+        moves, marks, notes = _moves(story, part), _marks(story, part), _notes(trace)
     except (KeyError, TypeError, ValueError):
-        raise TraceError(f'what {text} tells of its moves, outputs or faults cannot be read') from None
+        raise TraceError(f'what {text} tells of its moves, outputs, faults or notes cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)
     outputs = tuple(story.get('outputs', ()))
     (origin,) = noted([text])
     used = source if kind == 'program' or note else None
     about = text, title, kind, robot, used or '', note
-    return Run(*about, trace, part, moves, marks, outputs, _notes(trace), origin)
+    return Run(*about, trace, part, moves, marks, outputs, notes, origin)
 
 
 def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters]:
@@ -218,7 +218,7 @@ def _robot_of(trace: Trace, source: str | None) -> tuple[Parameters, str]:
 
 def _shown(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
     """Return the trace with the part of it that is shown: the program, and what follows if that was stopped."""
-    stopped, start = trace.meta.get('stopped'), trace.meta.get('start_cycle')
+    stopped, start = trace.meta.get('stopped'), run_signals.noted_cycle(trace, 'start_cycle')
     if stopped and to_s is None and start is not None and len(trace.time_s):
         period = run_signals.positive(trace, 'cycle_time_s')
         last = run_signals.shown_cycles(trace)[1]
@@ -269,7 +269,7 @@ def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
 
 def _stop_s(part: Trace) -> float:
     """Return when a simulation began to stop for a fault; inf if it did not, or does not tell."""
-    start, cycle = part.meta.get('start_cycle'), part.meta.get('stop_cycle')
+    start, cycle = (run_signals.noted_cycle(part, key) for key in ('start_cycle', 'stop_cycle'))
     if not part.meta.get('stopped') or start is None or cycle is None:
         return math.inf
     return float((cycle - start) * run_signals.positive(part, 'cycle_time_s'))

@@ -1,6 +1,7 @@
 """Facts about runs by their names: what a recording or a program tells, and what it does not."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.trace import Trace
 
 PROGRAM = """
 name: two moves
@@ -203,9 +205,32 @@ def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
     spoilt = replace(trace, meta=trace.meta | {'moves': [{'kind': 'line'}]})
     trace_file.save(spoilt, tmp_path / 'spoilt.npz')
     with pytest.raises(
-        TraceError, match=r'^what .*spoilt.npz tells of its moves, outputs or faults cannot be'
+        TraceError, match=r'^what .*spoilt.npz tells of its moves, outputs, faults or notes cannot be'
     ):
         runs.load(str(tmp_path / 'spoilt.npz'))
+
+
+@pytest.mark.parametrize(
+    ('told', 'sentence'),
+    [
+        (
+            {'start_cycle': 'soon'},
+            r"^the recording tells 'soon' as its start_cycle, expected a whole number$",
+        ),
+        ({'end_cycle': [1]}, r'^the recording tells \[1\] as its end_cycle, expected a whole number$'),
+        ({'stopped': 'a fault', 'stop_cycle': 0.5}, r'^the recording tells 0.5 as its stop_cycle, expected'),
+        ({'start_cycle': math.nan}, r'^the recording tells nan as its start_cycle, expected'),
+        ({'notices': 7}, r'notices.npz tells of its moves, outputs, faults or notes cannot be read$'),
+    ],
+)
+def test_a_trace_that_tells_nonsense_of_itself_is_refused_in_one_sentence(
+    told, sentence, tmp_path, program, robot
+):
+    path = tmp_path / f'{list(told)[-1]}.npz'
+    trace = simulation.run(programs.load(program, robot.motion), robot)
+    Trace(trace.time_s, trace.signals, trace.meta | told).save(path)
+    with pytest.raises(TraceError, match=sentence):
+        runs.load(str(path))
 
 
 def test_runs_get_names_that_tell_them_apart(program):
