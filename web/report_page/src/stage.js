@@ -93,7 +93,7 @@ export class Stage {
   look(name) {
     const [x, y, z] = VIEWS[name];
     // a narrow stage needs more distance
-    const far = this.size * 0.94 * Math.max(1, 0.95 / Math.max(this.camera.aspect, 0.3));
+    const far = this.size * Math.max(1.12, 0.9 / Math.max(this.camera.aspect, 0.3));
     this.camera.position.copy(this.controls.target).add(new Vector3(x, y, z).multiplyScalar(far));
     this.controls.update();
     this.view = name;
