@@ -41,7 +41,7 @@ TEST = [
     'types-PyYAML>=6.0.12',
     'yourdfpy>=0.0.60',
 ]
-VIEW = ['viser>=1.1']
+VIEW = ['viser>=1.1', 'trimesh>=4.0', 'msgspec>=0.18', 'websockets>=13.1']
 DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
 # (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.

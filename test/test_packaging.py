@@ -26,7 +26,8 @@ ROSDEP_KEYS = {
     'PyYAML': 'python3-yaml',
     'rosbags': 'python3-rosbags-pip',
 }  # the other keys are python3- and the distribution's name
-OPTIONAL = {'toppra', 'mujoco'}  # of the extra "test": benchmarks compare with them where they are installed
+# of the extra "test", where benchmarks compare with them, and of the extra "view"
+OPTIONAL = {'toppra', 'mujoco', 'viser', 'trimesh', 'websockets', 'msgspec'}
 WITHOUT_ROSDEP_KEY = {'ruckig'}  # named in a comment of package.xml
 DISTRIBUTIONS = {'yaml': 'PyYAML', 'mpl_toolkits': 'matplotlib'}  # the others bear the name that is imported
 

@@ -151,3 +151,9 @@ def test_nominal_and_built_robot(run):
     assert seen_built > seen
     assert len(lengths) == 3
     assert current_built > current
+
+
+def test_your_own_page(run):
+    pytest.importorskip('viser', reason='the page needs the extra "view"')
+    output, _ = run('your_own_page', '1')
+    assert re.fullmatch(r'look at http://127\.0\.0\.1:\d+\n', output)

@@ -29,6 +29,7 @@ def test_a_port_that_nobody_asked_for_is_one_that_is_free():
     first = serving.choose(serving.HOST, None)
     assert serving.PORT <= first < serving.PORT + serving.PORTS
     with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # others may have had it a moment ago
         other.bind((serving.HOST, first))
         other.listen()
         assert serving.choose(serving.HOST, None) != first
