@@ -30,6 +30,7 @@ from delta3_pacdrive.controller.program_run import (
 from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.request_tracker import RequestTracker
 from delta3_pacdrive.controller.task_status import TaskStatus
+from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion.execution import Timeline
@@ -41,6 +42,7 @@ from delta3_pacdrive.parameters import Parameters
 
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
 NO_CAPS = (0.0, 0.0, 0.0)
+NO_TOLERANCES = Tolerances()
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
 ACTIONS = ('program', 'move', 'trajectory', 'start', 'resume', 'clear', 'override', 'withdraw')
@@ -59,6 +61,8 @@ class Planner:
         What is in the queue at first; with ``motion.start_cycle`` it starts by itself.
     newest_cycle
         Returns the newest bus cycle that is known of.
+    tolerances
+        Of trajectories of arm angles.
 
     Attributes
     ----------
@@ -73,7 +77,9 @@ class Planner:
         identity: str,
         program: Program | None,
         newest_cycle: Callable[[], int],
+        tolerances: Tolerances = NO_TOLERANCES,
     ) -> None:
+        self._watch = ToleranceWatch(tolerances, parameters)
         self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
         self.actions: list[planner_actions.Action] = []
         self._tracker = RequestTracker(lambda report: self.actions.append(planner_actions.Reported(report)))
@@ -471,6 +477,19 @@ class Planner:
             return
         self.actions.append(planner_actions.Revoked(self._run.number))
         self._reply('stops on the path')
+
+    def observe(self, cycle: int, angles_rad: Floats, speeds_rad_s: Floats) -> None:
+        """Hold the arms [rad], [rad/s] of a bus cycle against the tolerances; whoever violates them is stopped."""
+        timeline = self._run.timeline
+        if self._run.state is RunState.RUNNING and timeline is not None and cycle < timeline.end_cycle:
+            reason = self._watch.follow(self._run.number, timeline, cycle, angles_rad)
+            if reason is not None and self.motion == MotionState.MOVING:
+                self._tracker.give_up(reason)
+                self.actions.append(planner_actions.Revoked(self._run.number))
+        else:
+            reason = self._watch.settle(cycle, angles_rad, speeds_rad_s)
+        if reason is not None:
+            self.actions.append(planner_actions.Replied(Request('', '', 0, 0, 'trajectory'), reason, ''))
 
     # running ----------------------------------------------------------------------------------------------------------
 

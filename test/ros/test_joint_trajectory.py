@@ -99,13 +99,13 @@ def test_a_message_that_is_none_of_this_robot_is_refused_with_what_is_wrong(
 class Cell:
     """A robot without a clock, its planner, and a publisher of trajectories."""
 
-    def __init__(self, graph: Any) -> None:
+    def __init__(self, graph: Any, **constraints: Any) -> None:
         self.graph = graph
         self.answers = graph.listen(String, 'unit_robot/answer', LATCHED)
         self.commands = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
         self.publisher = graph.listener.create_publisher(JointTrajectory, 'joint_trajectory', REQUEST)
         self.task = graph.robot(motion__start_cycle=-1)
-        graph.add(UnitRobotNode, motion__start_cycle=-1)
+        graph.add(UnitRobotNode, motion__start_cycle=-1, **constraints)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         graph.spin_until(
             lambda: (
@@ -173,3 +173,25 @@ def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) ->
     assert cell.send(JointTrajectory()) == 'accepted: stops on the path'
     cell.wait_for('idle')
     assert cell.missed(0.2) > HALF_INCREMENT
+
+
+def test_a_trajectory_beyond_its_path_tolerance_is_stopped_and_says_why(graph: Any) -> None:
+    cell = Cell(graph, constraints__axis2__trajectory=1e-7)
+    cell.send(message((2.0, still(0.3))))
+    graph.spin_until(lambda: 'path tolerance violated: axis2 is ' in cell.answers[-1].data, 'the violation')
+    assert cell.answers[-1].data.endswith('the limit is 1e-07 rad')
+    cell.wait_for('idle')
+    assert cell.missed(0.3) > HALF_INCREMENT
+
+
+def test_a_trajectory_within_its_tolerances_comes_to_its_goal(graph: Any) -> None:
+    every = {
+        f'constraints__axis{axis}__{what}': 1e-3 for axis in (1, 2, 3) for what in ('trajectory', 'goal')
+    }
+    cell = Cell(graph, constraints__goal_time=0.1, **every)
+    assert cell.send(message((1.0, still(0.3)))).startswith('accepted')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    graph.spin_for(0.5)
+    assert cell.answers[-1].data.startswith('accepted')
+    assert cell.missed(0.3) <= 1.01 * 2.0 * HALF_INCREMENT

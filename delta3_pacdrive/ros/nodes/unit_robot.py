@@ -25,6 +25,7 @@ from delta3_pacdrive.ros.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner_services import PlannerServices
 from delta3_pacdrive.ros.planning_thread import PlanningThread
 from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.tolerance_monitor import ToleranceMonitor, declare_tolerances
 from delta3_pacdrive.scene.urdf import urdf
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
@@ -43,12 +44,15 @@ class UnitRobotNode(PollingNode):
         super().__init__('unit_robot', **node_options)
         text = descriptor('program file, or the name of a packaged program; empty: none', 0, 0, str)
         path = declare(self, 'program', '', text)
+        tolerances = declare_tolerances(self)
         robot = declare_robot(self, 'unit_robot')
         program = programs.load(path, robot.motion) if path else None
         self._participant = Participant(self, UNIT_ROBOT, robot)
         self._identity = identity = self._participant.instance
-        self._newest = NewestCycle(self, Clock(robot.bus.cycle_time_s), self._known_cycle)
-        self._planner = planner = Planner(robot, identity, program, self._newest)
+        cycles = Clock(robot.bus.cycle_time_s)
+        self._newest = NewestCycle(self, cycles, self._known_cycle)
+        self._planner = planner = Planner(robot, identity, program, self._newest, tolerances)
+        self._monitor = ToleranceMonitor(self, tolerances, cycles, planner)
         self._thread = PlanningThread(robot, self.get_logger().error)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
@@ -96,6 +100,7 @@ class UnitRobotNode(PollingNode):
         if self._faults.next_cycle < NEVER:
             self._faults.due(self._newest())
         self._planner.look(time.monotonic())
+        self._monitor.look()
         self._carry_out()
         if self._looks % ALIVE_EVERY == 0:
             self._beat()

@@ -1,0 +1,65 @@
+"""The tolerances of trajectories as parameters of the planner's node, and the joint states beside them."""
+
+from typing import Any
+
+import numpy as np
+from rclpy.qos import QoSProfile
+
+from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.controller.tolerances import Tolerances
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.ros import cdr, interfaces
+from delta3_pacdrive.ros.parameters import declare, descriptor
+from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+ERROR_MAX_RAD, TIME_MAX_S, SPEED_MAX_RAD_S = 1.0, 3600.0, 10.0
+SPEEDS = slice(len(telegrams.JOINTS), len(telegrams.JOINTS) + 3)
+QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)  # between two looks
+
+
+def declare_tolerances(node: PollingNode) -> Tolerances:
+    """Declare the parameters, which have the names of the joint_trajectory_controller; raises ParameterError."""
+
+    def number(name: str, what: str, most: float, default: float = 0.0) -> float:
+        return float(declare(node, f'constraints.{name}', default, descriptor(what, 0.0, most, float)))
+
+    def each(name: str, what: str) -> tuple[float, float, float]:
+        first, second, third = (number(f'{axis}.{name}', what, ERROR_MAX_RAD) for axis in DRIVES)
+        return first, second, third
+
+    return Tolerances(
+        each('trajectory', 'how far the arm may be off on a trajectory [rad]; 0: not watched'),
+        each('goal', 'how far the arm may be off at the end of a trajectory [rad]; 0: not watched'),
+        number(
+            'goal_time', 'in which the arms stand at the end of a trajectory [s]; 0: not watched', TIME_MAX_S
+        ),
+        number(
+            'stopped_velocity_tolerance', 'speed below which an arm stands [rad/s]', SPEED_MAX_RAD_S, 0.01
+        ),
+    )
+
+
+class ToleranceMonitor:
+    """The monitor tells a planner where the arms are; it listens only where there are tolerances."""
+
+    def __init__(self, node: PollingNode, tolerances: Tolerances, cycles: Clock, planner: Planner) -> None:
+        self._cycles, self._planner = cycles, planner
+        self._codec = cdr.codec(telegrams.JOINT_STATES)
+        self._take: Any = None
+        if tolerances.any:
+            self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=QUEUE)
+
+    def look(self) -> None:
+        """Tell the planner what has come."""
+        while self._take is not None and (taken := self._take()) is not None:
+            try:
+                sec, nanosec, frame, values = self._codec.decode(taken[0])
+            except TelegramError:
+                continue  # joints of somebody else: the topic belongs to everybody
+            if frame == telegrams.BASE_FRAME and sec >= 0:
+                cycle = self._cycles.count(sec, nanosec)
+                self._planner.observe(cycle, np.array(values[:3]), np.array(values[SPEEDS]))

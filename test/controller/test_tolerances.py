@@ -1,0 +1,145 @@
+"""Facts about tolerances of trajectories: violated on the way or at the end, told once, with axis, value and limit."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Reported, Revoked
+from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
+from delta3_pacdrive.controller.trajectory import TrajectoryRequest
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.motion.program import JointPoint, Joints, Limits, MoveL, Program, Target
+from planner_client import Client
+
+CYCLE_S = 1e-3
+HOME = (0.0, 0.0, -0.75)
+START = 100
+DELAY = 1.75  # cycles
+STILL = (0.0, 0.0, 0.0)
+TIGHT = Tolerances(path_rad=(0.0, 0.01, 0.0), goal_rad=(0.002, 0.0, 0.0), goal_time_s=0.5)
+
+
+@pytest.fixture(scope='module')
+def timeline(robot):
+    """Return a trajectory of a second, in bus time."""
+    angles = kinematics.inverse(HOME, robot.kinematics) + 0.2
+    program = Program('joints', (Joints((JointPoint(1.0, tuple(angles.tolist()), STILL),)),))
+    found = Timeline(program_planner.plan(program, HOME, robot).plan, CYCLE_S)
+    found.start(START)
+    return found
+
+
+def answered(timeline, cycle, *off):
+    """Return where arms are that follow as drives do, but for an error each."""
+    samples = sample_path([(cycle - START) * CYCLE_S], timeline.plan.move(0).segments)[0]
+    return samples[0] - DELAY * CYCLE_S * samples[1] + np.array(off)
+
+
+def test_arms_that_follow_as_drives_do_violate_nothing(robot, timeline):
+    watch = ToleranceWatch(Tolerances(path_rad=(1e-9, 1e-9, 1e-9)), robot)
+    for cycle in range(START, timeline.end_cycle, 10):
+        assert watch.follow(1, timeline, cycle, answered(timeline, cycle, 0.0)) is None
+
+
+def test_an_arm_off_its_path_is_told_once(robot, timeline):
+    watch = ToleranceWatch(TIGHT, robot)
+    assert watch.follow(1, timeline, 400, answered(timeline, 400, 0.5, 0.0099, 0.5)) is None
+    reason = watch.follow(1, timeline, 500, answered(timeline, 500, 0.0, -0.0125, 0.0))
+    assert reason is not None
+    assert reason.sentence == (
+        'path tolerance violated: axis2 is 0.0125 rad off at 0.400 s of the trajectory, the limit is 0.01 rad'
+    )
+    assert watch.follow(1, timeline, 510, answered(timeline, 510, 0.0, -0.0125, 0.0)) is None
+    assert watch.follow(2, timeline, 510, answered(timeline, 510, 0.0, -0.0125, 0.0)) is not None
+
+
+def test_before_its_start_and_on_other_moves_nothing_is_watched(robot, timeline):
+    watch = ToleranceWatch(TIGHT, robot)
+    assert watch.follow(1, timeline, START - 1, np.full(3, 9.0)) is None
+    line = Program('line', (MoveL(Target((0.0, 0.0, -0.8)), limits=Limits(1.0, 10.0, 500.0)),))
+    other = Timeline(program_planner.plan(line, HOME, robot).plan, CYCLE_S)
+    other.start(START)
+    assert watch.follow(1, other, START + 50, np.full(3, 9.0)) is None
+    assert watch.settle(other.end_cycle + 1000, np.full(3, 9.0), np.zeros(3)) is None
+
+
+def at_the_end(robot, timeline, tolerances=TIGHT):
+    """Return a watch at the end of a trajectory, and the goal."""
+    watch = ToleranceWatch(tolerances, robot)
+    last = timeline.end_cycle - 1
+    assert watch.follow(1, timeline, last, answered(timeline, last, 0.0)) is None
+    return watch, sample_path([1.0], timeline.plan.move(0).segments)[0, 0]
+
+
+def test_who_stands_at_the_goal_in_time_is_left_alone(robot, timeline):
+    watch, goal = at_the_end(robot, timeline)
+    end = timeline.end_cycle
+    assert watch.settle(end + 400, goal + 0.1, np.zeros(3)) is None
+    assert watch.settle(end + 450, goal + np.array([0.0019, 0.1, 0.1]), np.zeros(3)) is None
+    assert watch.settle(end + 900, goal + 0.1, np.zeros(3)) is None  # that is over
+
+
+def test_an_arm_that_is_off_the_goal_after_the_goal_time_is_told_once(robot, timeline):
+    watch, goal = at_the_end(robot, timeline)
+    end = timeline.end_cycle
+    assert watch.settle(end + 499, goal + 0.1, np.zeros(3)) is None
+    reason = watch.settle(end + 500, goal + np.array([0.003, 0.1, 0.1]), np.zeros(3))
+    assert reason is not None
+    assert reason.sentence == (
+        'goal tolerance violated: axis1 is 0.003 rad off 0.5 s after the last point, the limit is 0.002 rad'
+    )
+    assert watch.settle(end + 501, goal + 0.1, np.zeros(3)) is None
+
+
+def test_an_arm_that_still_moves_after_the_goal_time_is_told(robot, timeline):
+    watch, goal = at_the_end(robot, timeline)
+    reason = watch.settle(timeline.end_cycle + 500, goal, np.array([0.0, 0.0, -0.02]))
+    assert reason is not None
+    assert reason.sentence == (
+        'goal time violated: axis3 still moves at 0.02 rad/s 0.5 s after the last point, the limit is 0.01 rad/s'
+    )
+
+
+def test_a_trajectory_that_is_held_has_no_goal(robot, timeline):
+    held = timeline.copy()
+    held.change(held.stop(600))
+    watch = ToleranceWatch(TIGHT, robot)
+    watch.follow(1, held, 620, answered(timeline, 620, 0.0))
+    assert watch.settle(held.end_cycle + 10_000, np.zeros(3), np.ones(3)) is None
+
+
+def test_without_a_goal_time_nothing_is_watched_for_ever(robot, timeline):
+    tolerances = Tolerances(goal_rad=(0.001, 0.001, 0.001))
+    assert not tolerances.any
+    watch, goal = at_the_end(robot, timeline, tolerances)
+    assert watch.settle(timeline.end_cycle + 10**6, goal + 1.0, np.zeros(3)) is None
+
+
+def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robot):
+    client = Client(robot)
+    client.planner = Planner(robot, client.told.planner, None, lambda: client.cycle, TIGHT)
+    client.say()
+    angles = (kinematics.inverse(HOME, robot.kinematics) + 0.2).tolist()
+    point = {'time_s': 1.0, 'angles_rad': angles, 'speeds_rad_s': [0, 0, 0]}
+    client.ask('trajectory', TrajectoryRequest(0.0, [point]).to_json())
+    client.plan()
+    ordered = client.do(Ordered)
+    client.verdict(ordered.number)
+    client.answer()
+    client.say(state='moving', order=ordered.number)
+    timeline = Timeline(Plan.of(ordered.moves), CYCLE_S)
+    timeline.start(START)
+    client.follow(timeline.profile, 1)
+    client.planner.actions.clear()
+    client.planner.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
+    assert client.planner.actions == []
+    for cycle in (400, 410):
+        client.planner.observe(cycle, answered(timeline, cycle, 0.0, 0.05, 0.0), np.zeros(3))
+    assert client.do(Revoked).number == ordered.number
+    assert 'path tolerance violated: axis2 is 0.05 rad off' in client.do(Replied).reason.sentence
+    report = client.do(Reported).report
+    assert (report.state, report.sentence[:23]) == ('aborted', 'path tolerance violated')
