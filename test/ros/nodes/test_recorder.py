@@ -92,7 +92,7 @@ EVERY_TOPIC = {
     'tcp/command', 'tcp/actual', 'tcp/error', 'outputs', 'faults/schedule', 'control/operator',
     *(f'sercos/at/{axis}' for axis in DRIVES), *(f'{axis}/motor_current' for axis in DRIVES),
     *(f'motion/{name}' for name in ('master', 'plan', 'located', 'progress', 'course', 'state', 'status', 'verdict')),
-    'unit_robot/answer', 'unit_robot/queue', 'robot_description',
+    'unit_robot/answer', 'unit_robot/queue', 'unit_robot/requests', 'robot_description',
 }  # fmt: skip
 
 
