@@ -35,6 +35,7 @@ ACTIONS = {
 MOVES = ('l', 'c', 'sb', 'program')
 STOPS = ('hold', 'abort', 'emergency_stop', 'disable')  # free for all, whoever has control
 POINTS = ('l', 'c', 'sb')
+UNDER_WAY = ('moving', 'stopping', 'stopped')  # moves are appended to what is driven
 RUNS = (*MOVES, 'start', 'resume')
 NEEDS_CONTROL = tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait'))
 COUNTS = {'override': 1, 'program': 1}  # of values, besides those of the moves; all others take none
@@ -47,7 +48,9 @@ class Options(NodeOptions, JsonOptions):
 
     action: str = argument('one of the actions below', choices=ACTIONS, metavar='ACTION')
     values: list[str] = argument('numbers, or a file', default=(), nargs='*', metavar='VALUE')
-    queue: bool = flag('only append to the queue, do not start', only=MOVES)
+    queue: bool = flag(
+        'only append to the queue, do not start, or do not wait if the robot moves', only=MOVES
+    )
     detach: bool = flag(
         'leave the robot moving, and do not watch it', names=('--detach', '--no-wait'), only=RUNS
     )
@@ -175,10 +178,15 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
     else:
         operator.take_control(f'delta3 move {options.action}', options.take_over)
         try:
+            operator.wait_until(lambda: operator.state, 'motion/state')
+            if document and operator.state in UNDER_WAY:
+                _set_off(lambda: operator.move(document, _caps(options)), options, operator, tell)
+                return sentences
             if document:
                 tell(operator.send_program(document, _caps(options)))
             if (document and not options.queue) or options.action in ('start', 'resume'):
-                _set_off('start' if document else options.action, options, operator, tell)
+                service = 'start' if document else options.action
+                _set_off(lambda: operator.call(service), options, operator, tell)
             elif options.action == 'override':
                 tell(operator.override(percent))
             elif not document:
@@ -262,13 +270,13 @@ def _state_text(facts: dict[str, Any]) -> str:
     return ', '.join(parts)
 
 
-def _set_off(service: str, options: Options, operator: Any, tell: Callable[[str], None]) -> None:
-    """Start or resume a motion, and wait until it is over; whoever ends this command holds the robot."""
+def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Callable[[str], None]) -> None:
+    """Ask for a motion, and wait until it is over; whoever ends this command holds the robot."""
     operator.wait_until(lambda: operator.state and operator.progress, 'motion/state')
     before = operator.state_changes
     try:
-        tell(operator.call(service))
-        if options.detach:
+        tell(ask())
+        if options.detach or options.queue or operator.state == 'stopped':
             return
         # whoever looks late finds a short motion over already
         operator.wait_until(lambda: operator.state_changes > before, 'start of the motion')

@@ -271,7 +271,7 @@ class Origin:
     Attributes
     ----------
     kind
-        What the row is: ``ORDER``, ``FAULT``, ``REVOKE``, ``COURSE``, or the kind of a move.
+        What the row is: ``ORDER``, ``EXTEND``, ``FAULT``, ``REVOKE``, ``COURSE``, or the kind of a move.
     planner
         Identity of its sender.
     session
@@ -299,7 +299,7 @@ class Origin:
         return Origin(words[0], words[1], words[2], int(words[3]))
 
 
-ORDER, FAULT, REVOKE, COURSE = 'ORDER', 'FAULT', 'REVOKE', 'COURSE'
+ORDER, EXTEND, FAULT, REVOKE, COURSE = 'ORDER', 'EXTEND', 'FAULT', 'REVOKE', 'COURSE'
 ACCEPTED = ''  # code of what is not refused
 # what operators ask of the transformation task
 TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'

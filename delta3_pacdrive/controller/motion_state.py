@@ -18,6 +18,7 @@ class Event(StrEnum):
 
     START = 'start'  # a program begins
     CHANGE = 'change'  # the master goes over to another motion profile: override, resume
+    EXTEND = 'extend'  # more moves follow those of the program
     HOLD = 'hold'
     ABORT = 'abort'
     STAND = 'stand'  # the master stands on its path
@@ -30,6 +31,7 @@ class Event(StrEnum):
 TRANSITIONS = {
     (MotionState.IDLE, Event.START): MotionState.MOVING,
     (MotionState.MOVING, Event.CHANGE): MotionState.MOVING,
+    (MotionState.MOVING, Event.EXTEND): MotionState.MOVING,
     (MotionState.MOVING, Event.HOLD): MotionState.STOPPING,
     (MotionState.MOVING, Event.ABORT): MotionState.STOPPING,
     (MotionState.MOVING, Event.END): MotionState.IDLE,
@@ -37,6 +39,7 @@ TRANSITIONS = {
     (MotionState.STOPPING, Event.STAND): MotionState.STOPPED,
     (MotionState.STOPPING, Event.GIVE_UP): MotionState.IDLE,
     (MotionState.STOPPED, Event.CHANGE): MotionState.MOVING,
+    (MotionState.STOPPED, Event.EXTEND): MotionState.STOPPED,
     (MotionState.STOPPED, Event.ABORT): MotionState.STOPPED,
     (MotionState.STOPPED, Event.GIVE_UP): MotionState.IDLE,
     (MotionState.ERROR, Event.RESET): MotionState.IDLE,

@@ -19,7 +19,7 @@ from delta3_pacdrive.controller.messages import (
     verdict_of,
 )
 from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
+from delta3_pacdrive.controller.plan_intake import MoreMoves, Order, PlanIntake
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault, TelegramError, shown
@@ -67,6 +67,7 @@ class Orders:
         self._session = self._previous = ''
         self._serial = self._profiles = 0
         self._order = 0  # the newest one that was accepted
+        self._driven: set[int] = set()  # those of which the program consists
         self._planner = ''  # whose program is loaded
         self._listened_to = ''
 
@@ -77,6 +78,7 @@ class Orders:
         self._revoked.clear()
         self._intake.begin()
         self._order = 0
+        self._driven = set()
 
     # the planner ------------------------------------------------------------------------------------------------------
 
@@ -89,7 +91,7 @@ class Orders:
     def _has_another(self) -> bool:
         if self._watch.planner == self._listened_to:
             return False
-        self._listened_to, self._order = self._watch.planner, 0
+        self._listened_to, self._order, self._driven = self._watch.planner, 0, set()
         return True
 
     def look(self, now_s: float) -> Reason | None:
@@ -166,7 +168,7 @@ class Orders:
     def _revoke(self, origin: Origin) -> None:
         """Take an order back; if it runs already, the program is given up."""
         self._revoked.add((origin.planner, origin.number))
-        if origin.number == self._order:
+        if origin.number in self._driven:
             self._state.abort()
 
     def check_row(self) -> None:
@@ -175,6 +177,8 @@ class Orders:
         outcome = self._intake.take(origin, row)
         if isinstance(outcome, Order):
             outcome = self._start(origin, outcome)
+        elif isinstance(outcome, MoreMoves):
+            outcome = self._extend(origin, outcome)
         if isinstance(outcome, Reason):
             self._tell('plan', origin, outcome)
 
@@ -194,8 +198,25 @@ class Orders:
             self._planner = before
             return reason
         self._order = origin.number
+        self._driven = {origin.number}
         self._tell('plan', origin)
         return None
+
+    def _extend(self, origin: Origin, order: MoreMoves) -> Reason | None:
+        taken_back = (origin.planner, origin.number) in self._revoked
+        if taken_back or (origin.planner, order.base) != (self._planner, self._order):
+            what = (
+                'the planner has taken it back' if taken_back else f'order {order.base} of it is not driven'
+            )
+            return Reason(Code.WITHDRAWN if taken_back else Code.STATE, what)
+
+        def tell(reason: Reason | None, _: str) -> None:
+            if reason is None:
+                self._order = origin.number
+                self._driven.add(origin.number)
+            self._tell('plan', origin, reason)
+
+        return self._state.extend(order, tell)
 
     def take_profile(self, label: str, row: Any) -> None:
         """Carry a change out or refuse it; raises TelegramError if it is of another writer or session."""

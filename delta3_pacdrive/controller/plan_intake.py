@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Numbering, Origin
+from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Numbering, Origin
 from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN, MotionProfile
 from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.program_file import FAULTS_MAX
 from delta3_pacdrive.parameters import Parameters
 
 ORDER_HEADER = 2  # start cycle (-1: as soon as possible), override; behind it the numbers of the moves
+MORE_HEADER = (
+    4  # order that is extended, first move and number of moves that stay, how many numbers of moves follow
+)
 NUMBERS_MAX = 20_000_000  # of all moves of a plan: 160 MB
 
 
@@ -30,6 +33,30 @@ class Order:
     cycle: float
     override: float
     faults: tuple[Fault, ...]
+
+
+@dataclass(frozen=True)
+class MoreMoves:
+    """What a planner wants to be driven behind the moves of one of its orders.
+
+    Attributes
+    ----------
+    base
+        Number of the newest order, which may have been extended itself.
+    first, kept
+        The moves number ``first`` to ``kept`` - 1 of the present plan stay.
+    more
+        What follows.
+    profile
+        What the master follows from its bus cycle on, on the longer plan.
+
+    """
+
+    base: int
+    first: int
+    kept: int
+    more: Plan
+    profile: MotionProfile
 
 
 class PlanIntake:
@@ -56,7 +83,7 @@ class PlanIntake:
         self._error: Reason | None = None
         self.checked = 0
 
-    def take(self, origin: Origin, row: Any) -> Order | Reason | None:
+    def take(self, origin: Origin, row: Any) -> Order | MoreMoves | Reason | None:
         """Take a row; returns the order that it ends, or why that is refused, or None while it goes on.
 
         An order that is received a second time, and one that comes behind a later one, is refused. A row that is
@@ -71,15 +98,15 @@ class PlanIntake:
             self._number = origin.number
         self.checked += 1
         try:
-            if origin.kind == ORDER:
-                order = self._error or self._order(row)
+            if origin.kind in (ORDER, EXTEND):
+                order = self._error or self._ended(origin.kind, row)
                 self.begin()
                 return order
             if self._error is None:
                 self._take_part(origin.kind, row)
         except ProgramError as error:
             reason = Reason.of(error)
-            if origin.kind == ORDER:
+            if origin.kind in (ORDER, EXTEND):
                 self.begin()
                 return reason
             self._error = reason
@@ -101,6 +128,9 @@ class PlanIntake:
         self._overrides.append(check_speed(move, 1.0, self._robot))
         self._builder.add(move)
 
+    def _ended(self, kind: str, row: Any) -> Order | MoreMoves:
+        return self._order(row) if kind == ORDER else self._more(row)
+
     def _order(self, row: Any) -> Order:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError(
@@ -121,3 +151,23 @@ class PlanIntake:
         # so that a move that begins beyond limits can only be driven first, and once
         self._builder.require_joined(numbers)
         return Order(self._builder.build(numbers), cycle, override, tuple(self._faults))
+
+    def _more(self, row: Any) -> MoreMoves:
+        head = np.asarray(row[:MORE_HEADER])
+        if len(head) < MORE_HEADER or not np.isfinite(head).all() or (head % 1.0).any() or (head < 0.0).any():
+            raise ProgramError(
+                'moves that follow must come with whole numbers of the order and of what stays'
+            )
+        base, first, kept, count = (int(value) for value in head)
+        numbers = np.asarray(row[MORE_HEADER : MORE_HEADER + count])
+        if not self._builder.moves or len(numbers) < count or (numbers % 1.0).any():
+            raise ProgramError('moves that follow came without themselves or their order')
+        if self._faults:
+            raise ProgramError('moves that follow come without faults')
+        profile = MotionProfile.from_array(row[MORE_HEADER + count :])
+        check_reach(self._builder.moves[0], self._robot)  # only who stands may come back from beyond limits
+        if profile.override > min(self._overrides):
+            check_speed(self._builder.moves[int(np.argmin(self._overrides))], profile.override, self._robot)
+        more = self._builder.build(numbers)
+        self._builder.require_joined(numbers)
+        return MoreMoves(base, first, kept, more, profile)

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from delta3_pacdrive.controller.messages import FAULT, ORDER
+from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER
 from delta3_pacdrive.controller.planner_actions import Ordered
 
 UNCHECKED_MAX = 1000  # rows that are under way at once
@@ -24,7 +24,7 @@ class PlanRows:
         self._number, self._sent = action.number, 0
         self._rows.extend((move.kind.name, (move, n, count)) for n, move in enumerate(action.moves))
         self._rows.extend((FAULT, fault.to_row()) for fault in action.faults)
-        self._rows.append((ORDER, action.row))
+        self._rows.append((action.kind, action.row))
 
     def clear(self) -> None:
         """Send no more of it."""
@@ -35,7 +35,7 @@ class PlanRows:
         checked = checked if self._sent else 0
         while self._rows and self._sent - checked < UNCHECKED_MAX:
             kind, values = self._rows.popleft()
-            if kind not in (FAULT, ORDER):
+            if kind not in (FAULT, ORDER, EXTEND):
                 move, n, count = values
                 values = move.to_array(n, count)
             self._sent += 1

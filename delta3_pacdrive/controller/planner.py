@@ -13,10 +13,11 @@ import numpy as np
 
 from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.control import control_refusal
+from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.override import Override
-from delta3_pacdrive.controller.planning_job import Caps, Job, Result
+from delta3_pacdrive.controller.override import UNDER_WAY, Override
+from delta3_pacdrive.controller.planning_job import UNROUNDED, Behind, Caps, Job, Result
 from delta3_pacdrive.controller.profile_change import ChangeEvent
 from delta3_pacdrive.controller.program_queue import ProgramQueue
 from delta3_pacdrive.controller.program_run import (
@@ -34,6 +35,7 @@ from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.extension import SeamError
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.resume import way_back
@@ -98,6 +100,8 @@ class Planner:
         self._run = ProgramRun(numbers, parameters.bus.cycle_time_s)
         self._override = Override(self._run, numbers, newest_cycle)
         self._change = self._override.change
+        self._following = Following(self._run, numbers)
+        self._came_to_its_end = False  # the program that ran last
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
 
     # what is known ----------------------------------------------------------------------------------------------------
@@ -150,6 +154,8 @@ class Planner:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
                 self._end_order(None)  # a verdict that was lost
+        if self._following.sent and self.listened_to and status.order >= self._following.number:
+            self._end_following(None)
         if self.motion == MotionState.ERROR:
             self._happen(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):
@@ -164,7 +170,9 @@ class Planner:
 
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
-        if self._run.waits or self._change.waits:
+        if self._run.waits or self._change.waits or self._following.busy:
+            self._job = None
+            self._following.end()
             self._reply(PHASED_UP)
         self._change.happen(ChangeEvent.PHASE_UP)
         if self._run.waits or self.motion != MotionState.ERROR:
@@ -197,15 +205,19 @@ class Planner:
             self._end_order(reason)
         elif self._change.waits and verdict.number == self._change.number:
             self._end_change(reason)
+        elif self._following.sent and verdict.number == self._following.number:
+            self._end_following(reason)
         else:
             return False
         self._go_on()
         return True
 
     def _happen(self, event: RunEvent) -> None:
-        before, ended = self._run.state, self._has_come_to_its_end
+        before = self._run.state
+        ended = self._has_come_to_its_end if before is RunState.RUNNING else self._came_to_its_end
         self.actions.extend(self._run.happen(event))
         if before is RunState.RUNNING and self._run.state is not RunState.RUNNING:
+            self._came_to_its_end = ended and event in (RunEvent.END, RunEvent.LOCATE)
             if event in (RunEvent.END, RunEvent.LOCATE) and ended:
                 self._tracker.end()
             elif event is RunEvent.FAIL:
@@ -240,6 +252,8 @@ class Planner:
                 if order.own and request is not None:
                     self._tracker.queue(request.identity, order.own)
                 self._tracker.start(order.queued.ends)
+            if order is not None:
+                self._following.begin(self._run.number, order.program, order.queued)
         self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
         self._reply(reason or (order.sentence if order else ''))
 
@@ -271,6 +285,9 @@ class Planner:
             self._revoke_order(silence)
         if self._change.waits and now_s - self._change.since_s > VERDICT_S:
             self._end_change(silence)
+        if self._following.sent and now_s - self._following.since_s > VERDICT_S:
+            self.actions.append(planner_actions.Revoked(self._following.number))
+            self._end_following(silence)
         self._track()
         self._go_on()
 
@@ -289,6 +306,7 @@ class Planner:
         if self._serving is not None and what == (self._serving.operator, str(self._serving.number)):
             if self._job is not None:
                 job, self._job = self._job[0], None
+                self._following.end()
                 self.actions.append(planner_actions.Cancelled(job.number))
                 self._reply(reason)
             elif self._run.waits:
@@ -301,16 +319,19 @@ class Planner:
 
     @property
     def _busy(self) -> bool:
-        return self._job is not None or self._run.waits or self._change.waits
+        return self._job is not None or self._run.waits or self._change.waits or self._following.busy
 
     def _go_on(self) -> None:
         """Serve requests as long as none has to wait."""
         if self._starts_by_itself and not self._busy:
             self._start_by_itself()
+        if self._following.busy and self._job is None and not self._following.sent:
+            self._send_following()
         while not self._busy and (waiting := self._requests.first) is not None:
             request = waiting.request
             unknown = self.status is None or self.status.control < request.control
-            changes = request.action == 'override' and self._override.must_wait(self.motion)
+            builds = request.action in ('override', 'move')
+            changes = builds and self._override.must_wait(self.motion)
             if (unknown and waiting.may_wait(self._now_s)) or changes:
                 return
             self._serving = request
@@ -336,6 +357,10 @@ class Planner:
         match request.action:
             case 'program' | 'move':
                 wrapped = request.action == 'move'
+                if wrapped and self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
+                    self._tracker.begin(request.identity)
+                    self._follow(request, rounded=True)
+                    return
                 then = self._take_moves if wrapped else self._take_planned
                 here = self._require_rest()
                 self._tracker.begin(request.identity)
@@ -396,11 +421,12 @@ class Planner:
         text: str = '',
         caps: Caps = NO_CAPS,
         wrapped: bool = False,
+        behind: Behind | None = None,
     ) -> None:
         """Let the queue, and a text behind it, be planned."""
         self._jobs += 1
         x, y, z = here.tolist()
-        job = Job(self._jobs, self._queue.program, text, caps, (x, y, z), wrapped)
+        job = Job(self._jobs, self._queue.program, text, caps, (x, y, z), wrapped, behind)
         self._job = job, then
         self.actions.append(planner_actions.Working(job))
 
@@ -411,11 +437,15 @@ class Planner:
             return
         then, self._job = self._job[1], None
         try:
+            if result.reason is UNROUNDED and self._serving is not None:
+                self._follow(self._serving, rounded=False)
+                return
             if result.reason is not None:
                 self._starts_by_itself = False
                 raise RefusedError(result.reason)
             then(result)
         except Delta3Error as error:
+            self._following.end()
             self._reply(Reason.of(error))
         self._go_on()
 
@@ -490,6 +520,60 @@ class Planner:
             reason = self._watch.settle(cycle, angles_rad, speeds_rad_s)
         if reason is not None:
             self.actions.append(planner_actions.Replied(Request('', '', 0, 0, 'trajectory'), reason, ''))
+
+    # moves that follow ------------------------------------------------------------------------------------------------
+
+    def _follow(self, request: Request, rounded: bool) -> None:
+        """Let moves be planned behind those of the program that is driven."""
+        behind = self._following.behind(self._tracker.following, rounded)
+        here = np.array(behind.seam.start_m)
+        self._work(here, self._take_following, request.text, request.caps, True, behind)
+
+    def _take_following(self, result: Result) -> None:
+        self._following.take(result)
+        self._send_following()
+
+    def _send_following(self) -> None:
+        """Send moves that are planned, unless they must wait for a stop, or the program is over."""
+        request = self._serving
+        if request is None or self.motion == MotionState.STOPPING:
+            return
+        try:
+            self._require_control(request)
+            if self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
+                ordered = self._following.send(self._newest_cycle(), self._now_s)
+                if ordered is not None:
+                    self.actions.append(ordered)
+            elif self._run.state is RunState.NONE and self._came_to_its_end:
+                self._following.end()  # it was driven to its end meanwhile: they are planned from there
+                self._work(self._require_rest(), self._take_moves, request.text, request.caps, True)
+            elif self._run.state is not RunState.RUNNING:
+                raise RefusedError(
+                    self._refusal or Reason(Code.STATE, 'the program that they were to follow was given up')
+                )
+        except SeamError:
+            self._follow(request, rounded=False)
+        except Delta3Error as error:
+            self._following.end()
+            self._reply(Reason.of(error))
+
+    def _end_following(self, reason: Reason | None) -> None:
+        """Answer whoever waits for the verdict on moves that follow, or send them again for a later cycle."""
+        following, request = self._following, self._serving
+        if reason is not None and reason.code == Code.LATE and following.miss():
+            return
+        if reason is not None:
+            following.end()
+            self._reply(reason)
+            return
+        _, statements, sentence = following.taken()
+        if request is not None:
+            self._tracker.follow(request.identity, statements, following.ends)
+        if self._run.state is not RunState.RUNNING:  # a fault came right behind them
+            self._tracker.give_up(self._refusal or Reason(Code.STATE, 'the program was given up'))
+        if self.motion != MotionState.MOVING:
+            sentence += f'; the robot is {self.motion}: resume goes on'
+        self._reply(sentence)
 
     # running ----------------------------------------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from delta3_pacdrive.controller.messages import Request, RequestReport
+from delta3_pacdrive.controller.messages import ORDER, Request, RequestReport
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.planning_job import Job
 from delta3_pacdrive.errors import Reason
@@ -13,12 +13,15 @@ from delta3_pacdrive.motion.plan import Move
 
 @dataclass(frozen=True)
 class Ordered:
-    """A plan goes to the transformation task."""
+    """A plan goes to the transformation task, or moves behind those of the present one."""
 
     number: int
     moves: tuple[Move, ...]
     faults: tuple[Fault, ...]
-    row: tuple[float, ...]  # start cycle, override, numbers of the moves
+    row: tuple[
+        float, ...
+    ]  # start cycle, override, numbers of the moves; of moves that follow see ``Extension``
+    kind: str = ORDER
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,10 @@ from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, shown
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.extension import Seam
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.parameters import Parameters
 
 Caps = tuple[float, float, float]
@@ -34,6 +36,8 @@ class Job:
         Where the robot stands.
     wrapped
         Whether the text may also be a single statement, or a list of them, and say whether it starts by itself.
+    behind
+        What the text follows while that is driven; None if it waits in the queue.
 
     """
 
@@ -43,6 +47,30 @@ class Job:
     caps: Caps
     here_m: Point
     wrapped: bool = False
+    behind: 'Behind | None' = None
+
+
+@dataclass(frozen=True)
+class Behind:
+    """What is planned follows moves that are driven.
+
+    Attributes
+    ----------
+    seam
+        From where on it is planned.
+    end_m
+        Where those moves end.
+    load
+        What those that stay ask of the motors, None if none stay.
+    room
+        How many statements may follow.
+
+    """
+
+    seam: Seam
+    end_m: Point
+    load: ThermalLoad | None
+    room: int
 
 
 @dataclass(frozen=True)
@@ -72,6 +100,12 @@ class Result:
     starts: bool = False
 
 
+FOLLOWING_MAX = (
+    100  # statements that follow those that are driven, and of a sequence of rounded corners among them
+)
+UNROUNDED = Reason(Code.LATE, 'the corner to the moves that follow is not rounded')
+
+
 class CancelledError(ProgramError):
     """A job that was given up."""
 
@@ -82,6 +116,8 @@ def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> R
         program, statements, starts = job.queue, 0, False
         if job.text:
             more, starts = _read(job, robot)
+            if job.behind is not None:
+                return _follow(job, job.behind, more, robot, progress)
             program, statements = _appended(job.queue, more), len(more.statements)
         if program is None:
             raise ProgramError('no moves are in the queue')
@@ -93,6 +129,39 @@ def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> R
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
     except Delta3Error as error:
         return Result(job.number, None, None, Reason.of(error))
+
+
+def _follow(
+    job: Job, behind: Behind, more: Program, robot: Parameters, progress: Callable[[int, int], None]
+) -> Result:
+    """Plan statements behind moves that are driven; raises ProgramError."""
+    statements, seam = more.statements * more.repeat, behind.seam
+    if more.faults or more.payload_kg is not None:
+        raise ProgramError(
+            'faults and payload_kg of a program count from its start: none while the robot moves'
+        )
+    if len(statements) > behind.room:
+        raise ProgramError(
+            f'{len(statements)} statements cannot follow while the robot moves: {behind.room} of '
+            f'{FOLLOWING_MAX} are free'
+        )
+    program_planner.require_start(more, behind.end_m)
+    if len(seam.again) + len(statements) > FOLLOWING_MAX:
+        return Result(job.number, None, None, UNROUNDED)
+    count = len(seam.again)
+    places = (None,) * count + more.places if more.places and more.repeat == 1 else ()
+    program = replace(
+        more,
+        statements=seam.again + statements,
+        start_m=None,
+        repeat=1,
+        payload_kg=seam.payload_kg,
+        places=places,
+    )
+    planned = program_planner.plan(
+        program, seam.start_m, robot, open_end=True, progress=progress, before=behind.load
+    )
+    return Result(job.number, program, planned, None, len(statements))
 
 
 def _read(job: Job, robot: Parameters) -> tuple[Program, bool]:

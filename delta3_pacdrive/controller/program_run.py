@@ -165,6 +165,7 @@ class ProgramRun:
         self.cut_off: Timeline | None = None
         self.program: Program | None = None
         self.override_max = OVERRIDE_MAX
+        self._longer: Timeline | None = None  # which is followed from the cycle of its motion profile on
 
     @property
     def waits(self) -> bool:
@@ -199,7 +200,7 @@ class ProgramRun:
             self.remains = step.remains
             self.cut_off = self.timeline if step.remains is Remains.CUT_OFF else None
         if step.state is RunState.NONE:
-            self.timeline = None
+            self.timeline = self._longer = None
         elif before is RunState.NONE and self.order is not None:
             self.timeline, self._before = Timeline(self.order.plan, self._cycle_time_s), None
         elif event is RunEvent.ACCEPT and self.order is not None:
@@ -219,6 +220,9 @@ class ProgramRun:
         if timeline is None:
             return
         profile = MotionProfile.from_array(row)
+        longer = self._longer
+        if longer is not None and longer.profile is not None and profile.cycle >= longer.profile.cycle:
+            timeline = self._go_over(longer)
         if timeline.profile is None:
             timeline.start(profile.cycle, profile.override)
         elif (profile.cycle, profile.held) != (timeline.profile.cycle, timeline.profile.held):
@@ -227,6 +231,21 @@ class ProgramRun:
                 timeline = self.timeline = self._before  # a stop came before what was to come
             self._before = timeline.copy()
             timeline.change(profile)
+
+    def lengthen(self, longer: Timeline | None) -> None:
+        """Follow a longer plan from the cycle of its motion profile on, or not (None)."""
+        self._longer = longer
+
+    def lengthened(self, program: Program | None, override_max: float) -> None:
+        """Note that the longer plan is followed, and what all of it is now."""
+        if self._longer is not None and self.timeline is not None:
+            self._go_over(self._longer)
+        self._longer = None
+        self.program, self.override_max = program, override_max
+
+    def _go_over(self, longer: Timeline) -> Timeline:
+        self.timeline, self._before, self._longer = longer, None, None
+        return longer
 
     def changes_from(self) -> int:
         """Return the bus cycle from which on the newest change of motion profile counts, 0 if there was none."""

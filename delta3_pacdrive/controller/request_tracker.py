@@ -33,6 +33,7 @@ class _Tracked:
     phase: Phase
     remaining: int = 0
     ends: tuple[End, ...] = ()
+    follows: bool = False  # it came while the program was driven
 
 
 class RequestTracker:
@@ -52,9 +53,9 @@ class RequestTracker:
         self._running: list[_Tracked] = []
 
     @property
-    def waiting(self) -> int:
-        """Statements that a program that runs has still to drive."""
-        return sum(tracked.remaining for tracked in self._running)
+    def following(self) -> int:
+        """Statements that follow a program that was driven already when they came, and are still to be driven."""
+        return sum(tracked.remaining for tracked in self._running if tracked.follows)
 
     def begin(self, identity: str) -> None:
         """Note that a request is being planned."""
@@ -82,10 +83,12 @@ class RequestTracker:
 
     def follow(self, identity: str, statements: int, ends: Sequence[End | None]) -> None:
         """Note that statements of a request are driven behind the others, and where all of them end now."""
-        self.queue(identity, statements)
-        self._running += self._queued
-        self._queued = []
+        tracked = self._planning.pop(identity, None) or _Tracked(identity, 0, Phase.PLANNING)
+        tracked.statements = tracked.remaining = statements
+        tracked.follows = True
+        self._running.append(tracked)
         self.place(ends)
+        self._change(tracked, Phase.QUEUED)
 
     def place(self, ends: Sequence[End | None]) -> None:
         """Note where the statements of all requests that run end, up to the last one."""

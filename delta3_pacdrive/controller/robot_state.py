@@ -5,13 +5,14 @@ This is the only owner of stops and faults; ``Transformation`` carries them out 
 of a fault, and who may be enabled, stands in ``enabling``.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
 from delta3_pacdrive.controller import robot_actions
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
-from delta3_pacdrive.controller.plan_intake import Order
+from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
@@ -27,6 +28,9 @@ DIAGNOSTIC_NUMBER = Access(parse_idn('S-0-0390'), Operation.READ)
 START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
 FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node knows of it by then
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
+
+
+Told = Callable[[Reason | None, str], None]
 
 
 class Bus(Protocol):
@@ -84,6 +88,8 @@ class RobotState:
         self._due = NEVER  # command cycle at which something ends
         self._told: MotionProfile | None = None  # the motion profile that was told last
         self._outputs, self._payload = task.outputs, task.payload
+        # how often the plan became longer before, and who is told what becomes of the next time
+        self._extending: tuple[int, Told] | None = None
         self._reporting: int | None = None  # drive whose report is the first cause of the fault
 
     # what is known --------------------------------------------------------------------------------------------------
@@ -180,20 +186,10 @@ class RobotState:
 
     def change(self, profile: MotionProfile) -> Reason | None:
         """Go over to another motion profile: override or resume; returns why not."""
-        reason = self._refused(Event.CHANGE)
-        if reason is None and self._aborting:
-            reason = Reason(Code.STATE, 'the program is being given up')
-        if reason is None and not self.enabled:
-            reason = Reason(Code.DISABLED, ENABLE_FIRST)
-        if reason is not None:
-            return reason
-        if self.motion == MotionState.STOPPED:
-            # who stands has time: an order that came late is as good as one in time
-            profile = replace(profile, cycle=max(profile.cycle, self._bus.earliest()))
-        if profile.cycle < self._task.next_cycle:
-            return Reason(
-                Code.LATE, f'bus cycle {profile.cycle} is over, the next one is {self._task.next_cycle}'
-            )
+        timely = self._in_time(Event.CHANGE, profile)
+        if isinstance(timely, Reason):
+            return timely
+        profile = timely
         try:
             self._task.change(profile)
         except ProgramError as error:
@@ -205,12 +201,61 @@ class RobotState:
         self._enter(Event.CHANGE)
         return None
 
+    def _in_time(self, event: Event, profile: MotionProfile) -> MotionProfile | Reason:
+        """Return a motion profile for a bus cycle that is still to come; or why it cannot be followed now."""
+        reason = self._refused(event)
+        if reason is None and self._aborting:
+            reason = Reason(Code.STATE, 'the program is being given up')
+        if reason is None and not self.enabled:
+            reason = Reason(Code.DISABLED, ENABLE_FIRST)
+        if reason is None and self._task.extending:
+            reason = Reason(Code.STATE, 'the moves that follow are still to be taken')
+        if reason is not None:
+            return reason
+        if self.motion == MotionState.STOPPED:
+            # who stands has time: an order that came late is as good as one in time
+            profile = replace(profile, cycle=max(profile.cycle, self._bus.earliest()))
+        if profile.cycle < self._task.next_cycle:
+            return Reason(
+                Code.LATE, f'bus cycle {profile.cycle} is over, the next one is {self._task.next_cycle}'
+            )
+        return profile
+
+    def extend(self, order: MoreMoves, tell: Told) -> Reason | None:
+        """Let more moves follow; returns why not, else ``tell`` is called when they do, or when a stop was earlier."""
+        profile = self._in_time(Event.EXTEND, order.profile)
+        if isinstance(profile, Reason):
+            return profile
+        try:
+            self._task.extend(order.first, order.kept, order.more, profile)
+        except ProgramError as error:
+            return Reason.of(error)
+        self._extending = self._task.extensions, tell
+        if not profile.held:
+            self.ends = self._task.coming_last_cycle
+            self._due = NEVER
+        self._enter(Event.EXTEND)
+        return None
+
+    def _look_at_extension(self) -> None:
+        """Tell whether more moves follow, once that is certain."""
+        if self._extending is None or self._task.extending:
+            return
+        (before, tell), self._extending = self._extending, None
+        reason = None
+        if self._task.extensions == before:
+            reason = Reason(Code.LATE, 'the robot was stopped before the moves that follow were taken')
+        else:
+            self._tell_profile()
+        self.actions.append(robot_actions.Answered(tell, reason, ''))
+
     def hold(self) -> Reason | str:
         """Stop on the path from the next cycle on; returns why not, or what happens."""
         return self._refused(Event.HOLD) or self._stop_on_path(Event.HOLD)
 
     def _stop_on_path(self, event: Event) -> str:
         profile = self._task.hold()
+        self._look_at_extension()
         self._follow()
         self._enter(event)
         return f'stops from bus cycle {profile.cycle} on, in cycle {self._task.end_cycle} it stands'
@@ -244,6 +289,8 @@ class RobotState:
     def commanded(self, cycle: int) -> None:
         """Look at what the command of a cycle has brought about."""
         task = self._task
+        if self._extending is not None:
+            self._look_at_extension()
         if task.outputs != self._outputs or task.payload != self._payload:
             self._outputs, self._payload = task.outputs, task.payload
             self.actions.append(robot_actions.Switched(cycle))
@@ -268,6 +315,7 @@ class RobotState:
     def _end(self, event: Event, cycle: int) -> None:
         self._forget_program()
         self._task.unload()
+        self._look_at_extension()
         self._enter(event)
         self.locate(self._task.state['tcp'][0], cycle)
 
@@ -302,6 +350,7 @@ class RobotState:
         """Give everything up that needs cyclic operation, which has ended."""
         self.note(fault)
         self._task.give_up()
+        self._look_at_extension()
 
     def _take_number(self, index: int, answer: Answer) -> None:
         """Take the number of the diagnostic message that a drive has answered."""
@@ -317,6 +366,7 @@ class RobotState:
         self.fault = self._reporting = None
         self._axes.clear_losses()
         self._task.give_up()
+        self._look_at_extension()
         self._forget_program()
         self._enter(Event.RESET)
         self.locate(tcp_m, self._bus.answered)

@@ -63,6 +63,8 @@ class Transformation:
         The program in bus time, and whether it is loaded.
     next_cycle
         Cycle of the next command.
+    extensions
+        How often a plan has become longer while it was driven.
     enable_cycle, disable_cycle
         From which cycle on the drives are enabled, and no longer; ``NEVER`` for none.
 
@@ -79,8 +81,11 @@ class Transformation:
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
         self.timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
         self._coming: MotionProfile | None = None
+        # a longer plan that is still to come, and how many moves it leaves out
+        self._longer: tuple[Timeline, int] | None = None
         self.next_cycle = 0  # of the next command
         self.loaded = False
+        self.extensions = 0
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
         self._stop_hard = False
@@ -104,7 +109,7 @@ class Transformation:
         """Take over a program; it waits for ``start``."""
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
         self.state['end_cycle'] = self.timeline.end_cycle
-        self._coming = None
+        self._drop_coming()
         self.loaded = True
         state = self.state[0]
         state['start_cycle'] = NEVER
@@ -130,8 +135,10 @@ class Transformation:
 
         It takes the acceleration of the move, or that one if it is larger.
         """
-        self._coming = None
-        profile = self.timeline.stop(max(self.next_cycle, self.timeline.start_cycle), acceleration_m_s2)
+        cycle = max(self.next_cycle, self.timeline.start_cycle)
+        self._go_over(cycle)
+        self._drop_coming()
+        profile = self.timeline.stop(cycle, acceleration_m_s2)
         self._follow(profile)
         return profile
 
@@ -161,7 +168,7 @@ class Transformation:
     def _stop(self, cycle: int) -> None:
         hard, self._stop_hard = self._stop_hard, False
         self._stop_cycle = NEVER
-        self._coming = None  # who stands stays so
+        self._drop_coming()  # who stands stays so
         if self.enable_cycle > cycle:
             self.enable_cycle = NEVER
         if self.loaded and cycle < int(self.state['start_cycle'][0]):
@@ -178,9 +185,39 @@ class Transformation:
         self.timeline.check(profile)
         self._coming = profile
 
+    def extend(self, first: int, kept: int, more: Plan, profile: MotionProfile) -> None:
+        """Go over to a longer plan at the cycle of its motion profile, which is still to come; raises ProgramError."""
+        timeline = self.timeline
+        if self._coming is not None:
+            timeline = timeline.copy()
+            timeline.change(self._coming)
+        if first != timeline.at(profile.cycle - 1).number:
+            raise ProgramError(f'move {first} is not the one that is driven in bus cycle {profile.cycle - 1}')
+        self._longer = timeline.extended(timeline.plan.extended(first, kept, more), profile), first
+
+    @property
+    def extending(self) -> bool:
+        """Whether a longer plan is still to come."""
+        return self._longer is not None
+
+    def _go_over(self, cycle: int) -> None:
+        """Follow the longer plan that was to come, once its cycle is there."""
+        if self._longer is None or cycle < self._longer[0].start_cycle:
+            return
+        self.timeline, left_out = self._longer
+        self._longer = None
+        self.state['move'] -= left_out
+        self.state['end_cycle'] = self.timeline.end_cycle
+        self.extensions += 1
+
+    def _drop_coming(self) -> None:
+        self._coming = self._longer = None
+
     @property
     def coming_last_cycle(self) -> int:
         """Last cycle whose answer counts, once the motion profile that is still to come is followed."""
+        if self._longer is not None:
+            return self._longer[0].end_cycle + SETTLE_CYCLES - 1
         if self._coming is None:
             return self.last_cycle
         return self.timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
@@ -191,7 +228,7 @@ class Transformation:
 
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
-        self._coming = None
+        self._drop_coming()
         self.loaded = False
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
 
@@ -243,6 +280,8 @@ class Transformation:
         if self._coming is not None and cycle >= self._coming.cycle:
             profile, self._coming = self._coming, None
             self._follow(profile)
+        if self._longer is not None:
+            self._go_over(cycle)
         if cycle >= self._stop_cycle:
             self._stop(cycle)
         if cycle >= self.disable_cycle:
@@ -254,7 +293,8 @@ class Transformation:
     def next_event(self, cycle: int) -> int:
         """Return the first cycle from a cycle on whose command does more than follow the present motion profile."""
         coming = NEVER if self._coming is None else self._coming.cycle
-        due = min(coming, self._stop_cycle, self.disable_cycle)
+        longer = NEVER if self._longer is None else self._longer[0].start_cycle
+        due = min(coming, longer, self._stop_cycle, self.disable_cycle)
         return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))
 
     def commanded_to(self, cycle: int) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.plan import Plan, Tables, advance_number, check_phases, plan_master_at
+from delta3_pacdrive.motion.plan import Move, Plan, Tables, advance_number, check_phases, plan_master_at
 from delta3_pacdrive.motion.virtual_master import (
     PHASE_COLUMNS,
     master_at,
@@ -198,6 +198,11 @@ class Timeline:
             raise ProgramError(
                 f'a motion profile from bus cycle {profile.cycle} on does not continue the motion'
             )
+        self._check_way(profile)
+
+    def _check_way(self, profile: MotionProfile) -> None:
+        """Refuse a motion profile that leaves its move, or ends nowhere."""
+        move = self.plan.move(profile.number)
         if not -JOINED <= profile.table[:, 1].min() <= profile.table[:, 1].max() <= move.length_m + JOINED:
             raise ProgramError('a motion profile leaves its move')
         if not profile.held and abs(profile.table[-1, 1] - move.length_m) > JOINED:
@@ -209,6 +214,38 @@ class Timeline:
         if profile.held:
             self._left_s = self.left_of_move_s(profile.cycle)
         self._follow(profile, float(self.plan.tables.starts[profile.number + 1]))
+
+    def extended(self, plan: Plan, profile: MotionProfile) -> 'Timeline':
+        """Return the timeline that goes over to another plan where a motion profile of that plan begins.
+
+        Raises
+        ------
+        ProgramError
+            No program runs, or the TCP would jump, in its place, its speed or its acceleration.
+
+        """
+        present = self.profile
+        if present is None:
+            raise ProgramError('no program runs')
+        if profile.cycle <= present.cycle or profile.number >= len(plan) or profile.held != present.held:
+            raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not follow the present one')
+        if profile.held and profile.cycle < self.end_cycle:
+            raise ProgramError('the TCP does not stand yet')
+        now = self.at(profile.cycle)
+        before = self.plan.move(now.number)
+        after = plan.move(profile.number)
+        _, s, v, a, _ = profile.table[0].tolist()
+        here = _tcp_motion(before, now.distance_m, now.speed_m_s, now.acceleration_m_s2)
+        there = _tcp_motion(after, s, v, a)
+        jerk_limited = np.isfinite(before.stop_jerk) and np.isfinite(after.stop_jerk)
+        scale = np.array([1.0, 1.0, self.cycle_time_s if jerk_limited else 0.0])
+        if not np.abs((here - there) * scale[:, None]).max() <= JOINED:
+            raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the motion')
+        other = Timeline(plan, self.cycle_time_s)
+        other._check_way(profile)
+        other._left_s = self._left_s
+        other._follow(profile, float(plan.tables.starts[profile.number + 1]))
+        return other
 
     def left_of_move_s(self, cycle: int) -> float:
         """Plan time left of the present move in a bus cycle [s]."""
@@ -294,6 +331,12 @@ class Timeline:
         # rounding may carry a stop that ends with the move a little beyond it
         table[:, 1] = np.minimum(table[:, 1], move.length_m)
         return MotionProfile(cycle, now.number, table, override, held=True)
+
+
+def _tcp_motion(move: Move, s: float, v: float, a: float) -> Floats:
+    """Place, velocity and acceleration of the TCP for a master on a move, shape (3, 3)."""
+    place, first, second, _ = move.sample([s])[0]
+    return np.stack([place, v * first, a * first + v * v * second])
 
 
 def never_faster(table: Floats, other: Floats) -> bool:

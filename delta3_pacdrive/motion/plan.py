@@ -41,6 +41,10 @@ COUNT_MAX = 10**9  # larger numbers in a header are not worth printing
 BACKWARDS_M_S = 1e-6  # below it a speed is rounding
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 JOINED_M = 1e-5  # largest distance between the end of a move and the start of the next
+EXTENDED_MOVES_MAX, EXTENDED_NUMBERS_MAX = (
+    1000,
+    1_000_000,
+)  # of a plan that is put together while it is driven
 CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
 OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')
 
@@ -271,6 +275,50 @@ class Plan:
     def __len__(self) -> int:
         """Return the number of moves driven."""
         return len(self.tables.order)
+
+    def extended(self, first: int, kept: int, more: 'Plan') -> 'Plan':
+        """Return the moves number ``first`` to ``kept`` - 1 of this plan, and another plan behind them.
+
+        Raises
+        ------
+        ProgramError
+            There are no such moves, the other plan begins elsewhere, or the whole is too large to be put together in
+            the time of a bus cycle.
+
+        """
+        if not 0 <= first <= kept <= len(self):
+            raise ProgramError(f'moves {first} to {kept} of a plan of {len(self)} cannot stay')
+        stays = self.tables.order[first:kept]
+        used = np.unique(stays)
+        moves = (*(self.moves[int(n)] for n in used), *more.moves)
+        numbers = sum(move.master.size + move.segments.size + move.events.size for move in moves)
+        if len(moves) > EXTENDED_MOVES_MAX or numbers > EXTENDED_NUMBERS_MAX:
+            raise ProgramError(
+                f'a program that runs takes more moves only while no more than {EXTENDED_MOVES_MAX} different ones '
+                f'are left of it, with {EXTENDED_NUMBERS_MAX} numbers'
+            )
+        if kept > first:
+            gap = float(np.linalg.norm(more.start_m() - self.move(kept - 1).end_m()))
+            if gap > JOINED_M:
+                raise ProgramError(
+                    f'moves that follow begin {gap * 1e3:.3f} mm away from the end of the one before'
+                )
+        order = np.concatenate([np.searchsorted(used, stays), more.tables.order + len(used)])
+        durations = np.array([move.duration_s for move in moves])
+        table = np.zeros(len(moves), MOVE)
+        table['duration'] = durations
+        table['joints'] = [move.kind == MoveKind.JOINTS for move in moves]
+        rows = {
+            'phase': [move.master for move in moves],
+            'segment': [move.segments for move in moves],
+            'event': [move.events for move in moves],
+        }
+        for name, parts in rows.items():
+            counts = np.array([len(part) for part in parts])
+            table[f'{name}s'], table[f'first_{name}'] = counts, np.cumsum(counts) - counts
+        starts = np.concatenate([[0.0], np.cumsum(durations[order])])
+        phases, segments, events = (np.concatenate(parts) for parts in rows.values())
+        return Plan(moves, Tables(order, starts, table, phases, segments, events))
 
     def move(self, number: int) -> Move:
         """Return the move driven ``number``-th."""

@@ -16,7 +16,7 @@ from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, point_text
 from delta3_pacdrive.motion.round_planner import RoundPlanner
-from delta3_pacdrive.motion.thermal_load import ThermalLoad
+from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -85,12 +85,14 @@ def plan(
     returning: bool = False,
     open_end: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    before: ThermalLoad | None = None,
 ) -> Planned:
     """Plan and check every move of a program for a robot that stands at ``position_m``.
 
     With ``returning`` the first move may begin beyond limits, if it leads back (see ``checks``). With ``open_end``
     other moves may follow later: the last one may have a blend, and ends exactly as long as none does. ``progress`` is
-    called before each statement that is planned with the number of those done and of all.
+    called before each statement that is planned with the number of those done and of all. ``before`` is what moves ask
+    of the motors behind which the program is driven; their rms current counts with its own.
 
     Raises
     ------
@@ -99,13 +101,7 @@ def plan(
 
     """
     here = np.array(position_m, dtype=np.float64)
-    if program.start_m is not None:
-        distance = float(np.linalg.norm(here - program.start_m))
-        if distance > START_TOLERANCE_M:
-            raise ProgramError(
-                f'program "{program.name}" starts at {point_text(program.start_m)} m, but the robot stands at '
-                f'{point_text(here)} m, {distance * 1e3:.1f} mm away'
-            )
+    require_start(program, here)
     payload = parameters.dynamics.payload_mass_kg if program.payload_kg is None else program.payload_kg
     planned: list[PlannedMove] = []
     order: list[int] = []
@@ -134,7 +130,7 @@ def plan(
         for statement, distance in planned[number].statements:
             ends[statement] = last_round + n, distance
     tail = _Tail(tuple(ends), open_from, payload)
-    return _whole(program, planned, order, parameters, open_notices, tail)
+    return _whole(program, planned, order, parameters, open_notices, tail, before)
 
 
 @dataclass(frozen=True)
@@ -144,6 +140,19 @@ class _Tail:
     ends: tuple[tuple[int, float] | None, ...]
     open_from: int | None
     payload_kg: float
+
+
+def require_start(program: Program, position_m: ArrayLike) -> None:
+    """Refuse a program that starts elsewhere than the robot stands; raises ProgramError."""
+    if program.start_m is None:
+        return
+    here = np.array(position_m, dtype=np.float64)
+    distance = float(np.linalg.norm(here - program.start_m))
+    if distance > START_TOLERANCE_M:
+        raise ProgramError(
+            f'program "{program.name}" starts at {point_text(program.start_m)} m, but the robot stands at '
+            f'{point_text(here)} m, {distance * 1e3:.1f} mm away'
+        )
 
 
 def capped(program: Program, caps: tuple[float, float, float]) -> Program:
@@ -175,15 +184,17 @@ def _whole(
     parameters: Parameters,
     open_notices: list[str],
     tail: _Tail,
+    before: ThermalLoad | None,
 ) -> Planned:
     """Check what only the whole program shows, the rms current, and put the plan together."""
     counts = np.bincount(order, minlength=len(planned))
     used = [n for n in range(len(planned)) if counts[n]]
     if not used:
         raise ProgramError('the program moves nothing and takes no time')
-    load = planned[used[0]].load.times(counts[used[0]])
+    total = planned[used[0]].load.times(counts[used[0]])
     for n in used[1:]:
-        load = load + planned[n].load.times(counts[n])
+        total = total + planned[n].load.times(counts[n])
+    load = total if before is None else LoadBehind(total, before)
     notices = [notice for move in planned for notice in move.notices] + open_notices
     nominal = parameters.motor.nominal_current_a
     moves = [move.move for move in planned]
@@ -223,7 +234,7 @@ def _whole(
     )
 
 
-def _rate_for_rms(load: ThermalLoad, nominal: float, program: Program) -> float:
+def _rate_for_rms(load: ThermalLoad | LoadBehind, nominal: float, program: Program) -> float:
     """Return the largest rate at which the rms current is kept."""
     if load.rms(0.0).max() >= nominal:
         raise ProgramError(

@@ -75,6 +75,35 @@ def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
     return MotionProfile(cycle, now.number, present, override)
 
 
+def go_over(timeline: Timeline, cycle: int, move: Move, common_m: float) -> Floats | None:
+    """Return phases that lead from the present move to another one that is the same path up to a place [m].
+
+    The master goes on as now for a while if need be, and is nowhere faster than either of them is planned there. None
+    if it is past the place, or cannot join the other one.
+    """
+    now, profile = timeline.at(cycle), timeline.profile
+    if profile is None or now.distance_m > common_m:
+        return None
+    if profile.held:
+        return np.array([[0.0, now.distance_m, 0.0, 0.0, 0.0]])
+    override = profile.override
+    room = max(1.0, override)
+    before = timeline.plan.move(now.number)
+    limits = (
+        min(before.stop_acceleration, move.stop_acceleration) * room**2,
+        min(before.stop_jerk, move.stop_jerk) * room**3,
+    )
+    present = timeline.rest_of_move(cycle)
+    for delay in DELAYS_S:
+        s, v, a, _ = sample_master([min(delay, float(present[-1, 0]))], present)[0].tolist()
+        if delay >= present[-1, 0] or s > common_m:
+            break
+        table = _join(move, (s, v, a), override, room, limits, (before.master, common_m))
+        if table is not None:
+            return _after(present, delay, table)
+    return None
+
+
 def _after(present: Floats, delay: float, table: Floats) -> Floats:
     """Phases of the present motion profile for a while, then those of a table."""
     kept = present[present[:, 0] < delay]
@@ -84,9 +113,17 @@ def _after(present: Floats, delay: float, table: Floats) -> Floats:
 
 
 def _join(
-    move: Move, state: State, override: float, room: float, limits: tuple[float, float]
+    move: Move,
+    state: State,
+    override: float,
+    room: float,
+    limits: tuple[float, float],
+    before: tuple[Floats, float] | None = None,
 ) -> Floats | None:
-    """Phases from a state (s, v, a) to the first place where the plan, at an override, can be joined; None: nowhere."""
+    """Phases from a state (s, v, a) to the first place where the plan, at an override, can be joined; None: nowhere.
+
+    Up to a place [m] they may be as fast as another master ``before``.
+    """
     s0, v0, _ = state
     times = np.linspace(0.0, move.duration_s, CANDIDATES + 1)
     planned = sample_master(times, move.master)
@@ -98,7 +135,7 @@ def _join(
     for n in np.flatnonzero((s > s0 + END_M) & near):
         target = (float(s[n]), float(v[n]), float(planned[n, 2]) * override**2)
         table = _connection(state, target, limits, speed_max)
-        if table is not None and _stays_under(table, move.master, max(room, override), speed_max):
+        if table is not None and _stays_under(table, move.master, max(room, override), speed_max, before):
             ahead = remainder(move.master, float(times[n]), override)
             ahead[:, 0] += table[-1, 0]
             return np.vstack([table[:-1], ahead])
@@ -118,10 +155,18 @@ def _connection(start: State, end: State, limits: tuple[float, float], speed_max
         return None
 
 
-def _stays_under(table: Floats, master: Floats, factor: float, speed_max: float) -> bool:
+def _stays_under(
+    table: Floats, master: Floats, factor: float, speed_max: float, before: tuple[Floats, float] | None
+) -> bool:
     """Whether the phases never turn back nor exceed the planned speed, times a factor, at the same place."""
     speeds = speeds_beside(table, master)
-    return speeds is not None and bool((speeds[0] <= speeds[1] * factor * OVER_PLAN + 1e-4 * speed_max).all())
+    if speeds is None:
+        return False
+    taken, allowed = speeds
+    if before is not None and (beside := speeds_beside(table, before[0])) is not None:
+        s = sample_master(np.linspace(0.0, table[-1, 0], len(taken) + 1), table)[:-1, 0]
+        allowed = np.where(s <= before[1], np.maximum(allowed, beside[1]), allowed)
+    return bool((taken <= allowed * factor * OVER_PLAN + 1e-4 * speed_max).all())
 
 
 def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:

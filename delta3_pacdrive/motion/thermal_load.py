@@ -9,6 +9,7 @@ from delta3_pacdrive.motion.path_dynamics import PathDynamics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
+SLOWEST = 1e-3  # rate that stands for standstill
 AMOUNTS = ('moving', 'mixed', 'standing', 'duration_s', 'dwelling', 'dwell_s')  # what adds up
 
 
@@ -55,6 +56,23 @@ class ThermalLoad:
         dwells = rate if self.duration_s > 0.0 else 1.0
         square = np.maximum(square, 0.0) + dwells * self.dwelling
         return np.asarray(np.sqrt(square / (self.duration_s + dwells * self.dwell_s)))
+
+
+@dataclass(frozen=True)
+class LoadBehind:
+    """The effort of moves behind others, which are driven already and stay as they are."""
+
+    load: ThermalLoad
+    before: ThermalLoad
+
+    @property
+    def override_max(self) -> float:
+        """Override at which every motor still keeps its limits."""
+        return min(self.load.override_max, self.before.override_max)
+
+    def rms(self, rate: float, override: float = 1.0) -> Floats:
+        """Rms current [A] of each motor, (3,), with the moves behind the others planned at a rate."""
+        return (self.before + self.load.slowed(1.0 / max(rate, SLOWEST))).rms(1.0, override)
 
 
 def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters: Parameters) -> ThermalLoad:

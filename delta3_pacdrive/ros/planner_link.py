@@ -86,14 +86,15 @@ class PlannerLink:
         if self._orders.checked >= self._told + STATUS_EVERY:
             self.tell_status()
         self._changed()
-        self._tell_verdicts()
+        self.tell_verdicts()
 
     def _on_profile(self, message: Float64MultiArray) -> None:
         self._orders.take_profile(*row_of(message))
         self._changed()
-        self._tell_verdicts()
+        self.tell_verdicts()
 
-    def _tell_verdicts(self) -> None:
+    def tell_verdicts(self) -> None:
+        """Publish what became of orders and changes."""
         verdicts, self._orders.verdicts = self._orders.verdicts, []
         for what, verdict in verdicts:
             self._verdicts.publish(String(data=verdict.to_json()))

@@ -258,6 +258,10 @@ class OperatorNode(PollingNode):
         """Append a program in YAML, or a packaged one by its name, to the queue."""
         return self.ask('unit_robot', 'program', text, caps)
 
+    def move(self, text: str, caps: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+        """Drive moves in YAML, or a packaged program; behind those that are driven, if the robot moves or is held."""
+        return self.ask('unit_robot', 'move', text, caps)
+
     def override(self, percent: float) -> str:
         """Set the override."""
         return self.ask('unit_robot', 'override', repr(percent))

@@ -74,6 +74,7 @@ class RobotOutputs:
                 told = told or not isinstance(action, Switched)
         if told:
             self._planner.tell_status()
+            self._planner.tell_verdicts()
 
     def _tell_place(self, action: Located) -> None:
         message = PointStamped()

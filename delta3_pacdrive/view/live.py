@@ -23,7 +23,7 @@ from std_msgs.msg import Float64MultiArray
 
 from delta3_pacdrive import interrupts, kinematics
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Origin
+from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.motion.plan import Move
@@ -189,7 +189,7 @@ class Robot:
                 self._order, self._rows = order, []
             if origin.kind in (FAULT, REVOKE):
                 return
-            if origin.kind == ORDER:
+            if origin.kind in (ORDER, EXTEND):
                 points = np.concatenate(self._rows) if self._rows else np.empty((0, 3))
                 self.planned = points[:PLAN_POINTS_MAX], self.planned[1] + 1
             elif len(self._rows) < PLAN_ROWS_MAX:

@@ -1,6 +1,7 @@
 """A controller without ROS: planner and transformation task as pure state machines, drives that do as they are told."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -12,7 +13,7 @@ from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.enabling import Enabling
-from delta3_pacdrive.controller.messages import COURSE, FAULT, ORDER, REVOKE, Origin, Request
+from delta3_pacdrive.controller.messages import COURSE, FAULT, REVOKE, Origin, Request
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
@@ -70,6 +71,7 @@ class Rig:
         self._beats = 0
         self.beating = ''  # operator whose heartbeat is heard
         self.answers: list[tuple[str, int, bool, str]] = []
+        self.reports: list[Any] = []  # what was told of requests for moves
         self.asked = 0
         self.drives_refuse = ''  # a reset, with a sentence
         self.said: list[Any] = []
@@ -166,16 +168,18 @@ class Rig:
         match action:
             case planner_actions.Working(job):
                 self.planner.take_result(self._plan(job), self.now_s)
-            case planner_actions.Ordered(number, moves, faults, row):
+            case planner_actions.Ordered(number, moves, faults, row, kind):
                 for n, move in enumerate(moves):
                     self.row('LINE', number, move.to_array(n, len(moves)))
                 for fault in faults:
                     self.row(FAULT, number, np.array(fault.to_row()))
-                self.row(ORDER, number, np.array(row))
+                self.row(kind, number, np.array(row))
             case planner_actions.Revoked(number):
                 self.row(REVOKE, number, np.zeros(0))
             case planner_actions.Changed(number, profile):
                 self.orders.take_profile(self.label(COURSE, number), profile.to_array())
+            case planner_actions.Reported(report):
+                self.reports.append(report)
             case planner_actions.Replied(request, reason, sentence):
                 text = reason.sentence if reason else sentence
                 self.answers.append((request.operator, request.number, reason is None, text))
@@ -194,7 +198,7 @@ class Rig:
         known = self.control.changes
         self.planner.ask(Request(PLANNER, operator, self.asked, known, action, text), self.now_s)
         self.settle()
-        for _ in range(20):
+        for _ in range(300):
             if self.answers and self.answers[-1][:2] == (operator, self.asked):
                 break
             self.run(5)
@@ -273,13 +277,15 @@ def memory(robot: Parameters) -> Callable[[Job], Result]:
     """Plan what was planned before from memory: random sequences plan the same few programs again and again."""
 
     @lru_cache(maxsize=4096)
-    def remembered(queue: Any, text: str, caps: Any, here: Any) -> Result:
-        return work(Job(0, queue, text, caps, here), robot, lambda *_: None)
+    def remembered(queue: Any, text: str, caps: Any, here: Any, wrapped: bool) -> Result:
+        return work(Job(0, queue, text, caps, here, wrapped), robot, lambda *_: None)
 
     def plan(job: Job) -> Result:
+        if job.behind is not None:
+            return work(job, robot, lambda *_: None)
         x, y, z = (round(value, 9) for value in job.here_m)
-        known = remembered(job.queue, job.text, job.caps, (x, y, z))
-        return Result(job.number, known.program, known.planned, known.reason)
+        known = remembered(job.queue, job.text, job.caps, (x, y, z), job.wrapped)
+        return replace(known, number=job.number)
 
     return plan
 

@@ -79,7 +79,7 @@ def test_moves_that_follow_are_driven_behind_the_others(told: Told) -> None:
     # the first move is not known any more, and a blend has moved the end of the last one
     told.tracker.follow('c', 1, [(0, 0.2), (1, 0.09), (1, 0.2)])
     assert told.new() == [('c', 'planning', 0), ('c', 'queued', 1)]
-    assert told.tracker.waiting == 3
+    assert told.tracker.following == 1
     told.tracker.reach(1, 0.1)
     assert told.new() == [('a', 'done', 0), ('b', 'done', 0), ('c', 'running', 1)]
     told.tracker.give_up(GONE)

@@ -19,6 +19,8 @@ def let_it_happen(rig: Any, event: Event) -> Any:
             return rig.ask('program', LINE)[0] and rig.ask('start')[0]
         case Event.CHANGE:
             return rig.ask('resume' if rig.state.motion == 'stopped' else 'override', '50')[0]
+        case Event.EXTEND:
+            return rig.ask('move', 'move_l: {to_m: [0.0, 0.05, -0.75]}')[0]
         case Event.HOLD:
             return rig.do('hold')[0]
         case Event.ABORT:

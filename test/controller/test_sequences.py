@@ -20,7 +20,14 @@ PROGRAMS = (
     'moves: [{dwell: {time_s: 0.05}}]',
     '][',
 )
-REQUESTS = ('start', 'resume', 'clear', 'program', 'override', 'withdraw')
+MOVES = (
+    'move_l: {to_m: [0.02, 0.0, -0.76], blend_m: 0.004}',
+    '[{move_l: {to_m: [0.0, 0.0, -0.74], blend_m: 0.003}}, {move_l: {to_m: [0.0, 0.02, -0.76]}}]',
+    '{move_l: {to_m: [0.0, -0.02, -0.75]}, start: false}',
+    '[{dwell: {time_s: 0.02}}, {output: {name: gripper, value: true}}]',
+    'move_l: {to_m: [0.0, 0.0, -0.2]}',
+)
+REQUESTS = ('move', 'move', 'start', 'resume', 'clear', 'program', 'override', 'withdraw')
 SERVICES = ('enable', 'disable', 'hold', 'abort', 'emergency_stop', 'reset')
 
 
@@ -58,6 +65,7 @@ class Sequence:
         chance, rig = self.chance, self.rig
         text = {
             'program': chance.choice(PROGRAMS),
+            'move': chance.choice(MOVES),
             'override': chance.choice(['50', '150', '100', '1', '999', 'fast']),
             'withdraw': str(rig.asked),
         }.get(action, '')
@@ -76,6 +84,8 @@ class Sequence:
             assert accepted or rig.planner.queue[0] == before[0] or rig.control.losses > losses
         if action == 'resume' and accepted:
             assert rig.state.motion == 'moving'
+        if action == 'move' and not accepted:
+            assert rig.planner.queue[0] == before[0] or rig.control.losses > losses
 
     def _do(self, action: str) -> None:
         rig = self.rig

@@ -82,3 +82,17 @@ def test_moves_that_wait_in_the_queue_are_started_under_the_name_of_the_node(cel
     cell.wait_for(first['id'], 'running')
     assert cell.graph.call(Trigger, 'transformation_task/abort', Trigger.Request()).success
     cell.wait_for(first['id'], 'aborted')
+
+
+def test_moves_in_a_row_are_driven_in_a_row_while_the_robot_moves(cell: Cell) -> None:
+    answers = [
+        cell.move(f'move_l: {{to_m: [{x}, {y}, -0.75], speed_m_s: 0.05, blend_m: 0.005}}')
+        for x, y in ((0.05, 0.0), (0.05, 0.05), (0.0, 0.05))
+    ]
+    assert all(accepted for accepted, _ in answers), answers
+    assert answers[0][1]['sentence'].startswith('started')
+    assert all('1 statements follow' in answer['sentence'] for _, answer in answers[1:])
+    for _, answer in answers:
+        cell.wait_for(answer['id'], 'done')
+    cell.graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress()['tcp_m'] == pytest.approx([0.0, 0.05, -0.75], abs=1e-4)

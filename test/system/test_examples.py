@@ -56,6 +56,14 @@ def test_arms_swing_along_a_trajectory_and_back(up: Callable) -> None:
     assert float(end.split()[1]) < 1e-3
 
 
+def test_moves_are_sent_while_the_robot_moves_and_each_is_told_to_its_end(up: Callable) -> None:
+    up()
+    *answers, states = run('stream_of_moves')
+    assert answers[0].startswith('started "program": 1 moves')
+    assert all(' statements follow, ' in answer or answer.startswith('started') for answer in answers[1:])
+    assert states == ', '.join(['done'] * 5)
+
+
 def test_a_robot_that_a_fault_has_stopped_is_brought_back_and_drives_to_its_end(up: Callable) -> None:
     up()
     _, _, _, stop, cleared, _, resumed, end = run('react_to_a_fault')

@@ -163,6 +163,22 @@ def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over
     assert json.loads(delta3('move', 'state', '--json').stdout)['state'] == 'moving'
 
 
+def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
+    robot: subprocess.Popen, delta3: Runner
+) -> None:
+    assert delta3('move', 'l', '0.1', '0', '-0.75', '--speed', '0.02', '--detach').returncode == 0
+    appended = delta3('move', 'l', '0.1', '0.01', '-0.75', '--queue')
+    assert (appended.returncode, appended.stdout[:19]) == (0, '1 statements follow'), appended.stderr
+    assert delta3('move', 'hold').returncode == 0
+    deadline = time.monotonic() + 10.0
+    while not delta3('move', 'state').stdout.startswith('stopped'):
+        assert time.monotonic() < deadline
+    assert 'resume goes on' in delta3('move', 'l', '0', '0', '0.01', '--relative').stdout
+    assert delta3('move', 'override', '150').returncode == 0
+    assert delta3('move', 'resume').stdout.endswith('the robot stands\n')
+    assert 'TCP at (100.000, 10.000, -740.000) mm' in delta3('move', 'state').stdout
+
+
 def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Runner, tmp_path: Path) -> None:
     program = tmp_path / 'line.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.1, 0, -0.75], speed_m_s: 1.0}}]')

@@ -1,0 +1,214 @@
+"""Moves that follow those of a program that is driven: they are planned, sent, and taken or refused.
+
+Pure: what the planner decides and what the transformation task answers come in as calls.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from delta3_pacdrive.controller.messages import EXTEND
+from delta3_pacdrive.controller.planner_actions import Ordered
+from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX, Behind, Result
+from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR
+from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.extension import Driven, Extension, Seam, driven, extend
+from delta3_pacdrive.motion.plan import MOVES_MAX
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned
+
+
+class FollowState(Enum):
+    """What becomes of moves that follow."""
+
+    NONE = 'none are under way'
+    PLANNING = 'they are being planned'
+    PLANNED = 'they wait until they can be sent'
+    SENT = 'they wait for their verdict'
+
+
+class FollowEvent(Enum):
+    """What happens to moves that follow."""
+
+    ASK = 'somebody asks for them'
+    PLAN = 'they are planned'
+    SEND = 'they are sent'
+    MISS = 'they came too late for their bus cycle, or a stop was earlier'
+    CORNER = 'the corner cannot be rounded any more: they are planned from rest'
+    END = 'they are taken, or refused'
+
+
+TRANSITIONS = {
+    (FollowState.NONE, FollowEvent.ASK): FollowState.PLANNING,
+    (FollowState.PLANNING, FollowEvent.PLAN): FollowState.PLANNED,
+    (FollowState.PLANNING, FollowEvent.CORNER): FollowState.PLANNING,
+    (FollowState.PLANNING, FollowEvent.END): FollowState.NONE,
+    (FollowState.PLANNED, FollowEvent.SEND): FollowState.SENT,
+    (FollowState.PLANNED, FollowEvent.CORNER): FollowState.PLANNING,
+    (FollowState.PLANNED, FollowEvent.END): FollowState.NONE,
+    (FollowState.SENT, FollowEvent.MISS): FollowState.PLANNED,
+    (FollowState.SENT, FollowEvent.END): FollowState.NONE,
+}
+"""Where an event leads from a state; what is not listed does not happen."""
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """Moves that follow, as they were planned."""
+
+    program: Program
+    planned: Planned
+    statements: int
+
+
+class Following:
+    """Moves that follow those of the program that is driven, of one request after the other.
+
+    Parameters
+    ----------
+    run, numbers
+        The program that runs, and the numbers of orders.
+
+    Attributes
+    ----------
+    state
+        What becomes of them.
+    number, since_s
+        Number of the newest order of such moves, and since when it waits.
+
+    """
+
+    def __init__(self, run: ProgramRun, numbers: OrderNumbers) -> None:
+        self._run, self._numbers = run, numbers
+        self.state = FollowState.NONE
+        self.number, self.since_s = 0, 0.0
+        self._base = 0  # newest order that was accepted
+        self._driven: Driven | None = None
+        self._seam: Seam | None = None
+        self._wanted: _Wanted | None = None
+        self._extension: Extension | None = None
+        self._lead_cycles = LEAD_CYCLES
+
+    def begin(self, number: int, program: Program | None, planned: Planned | None) -> None:
+        """Note that a program is driven under the number of its order; None: nothing can follow it."""
+        known = program is not None and planned is not None
+        self._base, self._driven = number, Driven.of(program, planned) if known else None  # type: ignore[arg-type]
+
+    def happen(self, event: FollowEvent) -> None:
+        """Let an event happen."""
+        self.state = TRANSITIONS.get((self.state, event), self.state)
+
+    @property
+    def busy(self) -> bool:
+        """Whether moves that follow are under way."""
+        return self.state is not FollowState.NONE
+
+    @property
+    def sent(self) -> bool:
+        """Whether they wait for their verdict."""
+        return self.state is FollowState.SENT
+
+    def behind(self, waiting: int, rounded: bool) -> Behind:
+        """Return what moves are planned behind, if so many statements follow already; raises ProgramError."""
+        timeline, known = self._run.timeline, self._driven
+        if known is None or timeline is None:
+            raise ProgramError('a program that goes on after a fault takes no more moves')
+        self._seam = seam = known.seam(rounded)
+        first = 0 if timeline.profile is None else timeline.profile.number
+        x, y, z = known.plan.end_m().tolist()
+        self.happen(FollowEvent.CORNER if self.busy else FollowEvent.ASK)
+        return Behind(seam, (x, y, z), known.load(min(first, seam.kept), seam.kept), FOLLOWING_MAX - waiting)
+
+    def take(self, result: Result) -> None:
+        """Take what was planned."""
+        if result.program is None or result.planned is None:
+            raise ProgramError('nothing was planned')
+        self._wanted = _Wanted(result.program, result.planned, result.statements)
+        self.happen(FollowEvent.PLAN)
+
+    def send(self, newest_cycle: int, now_s: float) -> Ordered | None:
+        """Send what was planned; None as long as it must wait.
+
+        Raises
+        ------
+        SeamError
+            The corner cannot be rounded any more.
+        ProgramError
+            They cannot follow.
+
+        """
+        timeline, wanted, seam = self._run.timeline, self._wanted, self._seam
+        if timeline is None or timeline.profile is None or wanted is None or seam is None:
+            return None
+        profile = timeline.profile
+        if profile.override > wanted.planned.override_max:
+            raise ProgramError(
+                f'the override is {100 * profile.override:g} %, but with these moves the motors bear at most '
+                f'{100 * wanted.planned.override_max:.0f} %'
+            )
+        cycle = max(newest_cycle + self._lead_cycles, profile.cycle + 1)
+        if profile.held:
+            cycle = max(cycle, timeline.end_cycle)
+        self._extension = extension = extend(timeline, cycle, seam, wanted.planned.plan)
+        self.number, self.since_s = self._numbers.next(), now_s
+        self._run.lengthen(extension.timeline)
+        self.happen(FollowEvent.SEND)
+        row = extension.row(self._base).tolist()
+        return Ordered(self.number, wanted.planned.plan.moves, (), tuple(row), EXTEND)
+
+    @property
+    def rounded(self) -> bool:
+        """Whether the corner to them is rounded."""
+        return self._seam is not None and bool(self._seam.again)
+
+    def miss(self) -> bool:
+        """Note that they came too late; whether they are sent again, for a later cycle."""
+        self._run.lengthen(None)
+        self.happen(FollowEvent.MISS)
+        again = self._lead_cycles < LEAD_CYCLES_MAX
+        self._lead_cycles = min(self._lead_cycles * LEAD_FACTOR, LEAD_CYCLES_MAX)
+        return again
+
+    def end(self) -> None:
+        """Give them up."""
+        self._run.lengthen(None)
+        self._lead_cycles = LEAD_CYCLES
+        self.happen(FollowEvent.END)
+
+    def taken(self) -> tuple[Driven, int, str]:
+        """Note that they are driven; returns what is driven now, how many statements they are, and a sentence."""
+        known, extension, seam, wanted = self._driven, self._extension, self._seam, self._wanted
+        if known is None or extension is None or seam is None or wanted is None:
+            raise ProgramError('no moves were to follow')
+        self._base = self.number
+        self._driven = now = driven(known, extension, seam, wanted.program, wanted.planned)
+        before = self._run.program
+        whole: Program | None = None
+        if before is not None:
+            statements = before.statements * before.repeat + wanted.program.statements[len(seam.again) :]
+            if len(statements) <= MOVES_MAX:
+                whole = replace(before, statements=statements, repeat=1, source='', places=())
+        self._run.lengthened(whole, min(self._run.override_max, wanted.planned.override_max))
+        self._lead_cycles = LEAD_CYCLES
+        self.happen(FollowEvent.END)
+        corner = ''
+        if known.open_from is not None and not seam.again:
+            corner = '; the corner before them is not rounded: it was too late'
+        count = wanted.statements
+        sentence = f'{count} statements follow, {_left_s(extension.timeline):.3f} s to go{corner}'
+        sentence += ''.join(f'; {notice}' for notice in wanted.planned.notices)
+        return now, count, sentence
+
+    @property
+    def ends(self) -> tuple[tuple[int, float] | None, ...]:
+        """Where the statements of what is driven end."""
+        return self._driven.ends if self._driven else ()
+
+
+def _left_s(timeline: Timeline) -> float:
+    profile = timeline.profile
+    if profile is None:
+        return 0.0
+    later = timeline.plan.duration_s - float(timeline.plan.tables.starts[profile.number + 1])
+    return float(profile.table[-1, 0]) + later / profile.override

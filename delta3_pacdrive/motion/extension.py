@@ -1,0 +1,189 @@
+"""More moves behind those of a plan that is driven: what stays of it, and how the master goes over to the longer plan.
+
+A plan is made of moves from rest to rest; a sequence with rounded corners is one of them. Moves that follow are planned
+behind the last one. If that has a blend, it is planned anew together with them: it is the same path up to the blend.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.motion.program import PathMove, Program, Statement
+from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.motion.resume import go_over
+from delta3_pacdrive.motion.thermal_load import ThermalLoad
+from delta3_pacdrive.numerics.types import Floats
+
+ROOM_M = 1e-6  # before a blend, where the paths with and without it part
+
+End = tuple[int, float]
+
+
+class SeamError(ProgramError):
+    """The corner between a plan that is driven and the moves that follow cannot be rounded any more."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A planner knows this of a plan that is driven, so that more moves may follow.
+
+    Attributes
+    ----------
+    plan
+        The plan.
+    loads
+        What each of its different moves asks of the motors.
+    statements, ends
+        Statements, and for each the number of the move with which it ends and where on that [m]; None for an output.
+        Those of a repeated program are those of its last round.
+    open_from
+        First statement of the last move, if that has a blend at its end; else None.
+    payload_kg
+        Payload behind the last move.
+
+    """
+
+    plan: Plan
+    loads: tuple[ThermalLoad, ...]
+    statements: tuple[Statement, ...]
+    ends: tuple[End | None, ...]
+    open_from: int | None
+    payload_kg: float
+
+    @staticmethod
+    def of(program: Program, planned: Planned) -> 'Driven':
+        """Return what is known of a program that is planned."""
+        return Driven(
+            planned.plan,
+            planned.loads,
+            program.statements,
+            planned.ends,
+            planned.open_from,
+            planned.payload_kg,
+        )
+
+    def seam(self, rounded: bool) -> 'Seam':
+        """Return where moves that follow are planned from; the corner is rounded if the last move has a blend."""
+        last = self.plan.move(len(self.plan) - 1)
+        if self.open_from is None or not rounded:
+            return Seam(len(self.plan), (), self.plan.end_m(), self.payload_kg, np.inf)
+        again = self.statements[self.open_from :]
+        blend = next(one.blend_m for one in reversed(again) if isinstance(one, PathMove))
+        return Seam(
+            len(self.plan) - 1, again, last.start_m(), last.payload_kg, last.length_m - blend - ROOM_M
+        )
+
+    def load(self, first: int, kept: int) -> ThermalLoad | None:
+        """Return what the moves number ``first`` to ``kept`` - 1 ask of the motors, None if there are none."""
+        counts = np.bincount(self.plan.tables.order[first:kept], minlength=len(self.loads))
+        total = None
+        for load, count in zip(self.loads, counts.tolist(), strict=True):
+            if count:
+                part = load.times(count)
+                total = part if total is None else total + part
+        return total
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Moves that follow are planned from here.
+
+    Attributes
+    ----------
+    kept
+        How many moves of the plan stay.
+    again
+        Statements of the last move, which is planned anew with those that follow.
+    start_m, payload_kg
+        Where the TCP stands then, and its payload.
+    common_m
+        Up to where the last move stays the same path [m].
+
+    """
+
+    kept: int
+    again: tuple[Statement, ...]
+    start_m: Floats
+    payload_kg: float
+    common_m: float
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A plan that is driven becomes this longer one.
+
+    Attributes
+    ----------
+    first, kept
+        The moves number ``first`` to ``kept`` - 1 of the present plan stay; those before have been driven.
+    more
+        Plan of the moves behind them.
+    profile
+        What the master follows from its bus cycle on, on the longer plan.
+    timeline
+        The longer plan in bus time.
+
+    """
+
+    first: int
+    kept: int
+    more: Plan
+    profile: MotionProfile
+    timeline: Timeline
+
+    def row(self, base: int) -> Floats:
+        """Return the extension of an order as a row of numbers, without its moves (for a message)."""
+        order = self.more.tables.order
+        header = [base, self.first, self.kept, len(order)]
+        return np.concatenate([np.array([*header, *order], dtype=np.float64), self.profile.to_array()])
+
+
+def extend(timeline: Timeline, cycle: int, seam: Seam, more: Plan) -> Extension:
+    """Return how a plan that is driven is extended from a bus cycle on.
+
+    Raises
+    ------
+    SeamError
+        The corner cannot be rounded any more; the moves can follow from rest.
+    ProgramError
+        The longer plan is too large, or cannot follow.
+
+    """
+    profile = timeline.profile
+    if profile is None:
+        raise ProgramError('no program runs')
+    first, now = timeline.at(cycle - 1).number, timeline.at(cycle)
+    plan = timeline.plan.extended(first, seam.kept, more)
+    if now.number >= seam.kept:
+        table = go_over(timeline, cycle, more.move(0), seam.common_m)
+        if table is None:
+            raise SeamError('the corner to the moves that follow cannot be rounded any more')
+    elif profile.held or cycle >= timeline.end_cycle:
+        place = now.distance_m if profile.held else timeline.plan.move(now.number).length_m
+        table = np.array([[0.0, place, 0.0, 0.0, 0.0]])
+    else:
+        table = timeline.rest_of_move(cycle)
+    follows = replace(profile, cycle=cycle, number=now.number - first, table=table)
+    return Extension(first, seam.kept, more, follows, timeline.extended(plan, follows))
+
+
+def driven(before: Driven, extension: Extension, seam: Seam, program: Program, planned: Planned) -> Driven:
+    """Return what is known of a plan once it is extended by a program: the statements of the seam and those behind."""
+    first, kept = extension.first, extension.kept
+    stay = len(before.statements) - len(seam.again)
+    ends = [end and (end[0] - first, end[1]) for end in before.ends[:stay]]
+    gone = next((n for n, end in enumerate(ends) if end is not None and end[0] >= 0), stay)
+    used = np.unique(before.plan.tables.order[first:kept])
+    later = [end and (end[0] + kept - first, end[1]) for end in planned.ends]
+    new = len(before.statements[gone:stay])
+    return Driven(
+        extension.timeline.plan,
+        (*(before.loads[int(n)] for n in used), *planned.loads),
+        before.statements[gone:stay] + program.statements,
+        (*ends[gone:], *later),
+        None if planned.open_from is None else planned.open_from + new,
+        planned.payload_kg,
+    )
