@@ -32,7 +32,7 @@ from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.request_tracker import RequestTracker
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
-from delta3_pacdrive.controller.trajectory import TrajectoryRequest
+from delta3_pacdrive.controller.trajectory import SOON, TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.extension import SeamError
@@ -495,6 +495,10 @@ class Planner:
         def launch(result: Result) -> None:
             self._require_rest()
             self._require_readiness()
+            if cycle != SOON and self._newest_cycle() >= cycle:
+                raise _refused(
+                    Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
+                )
             if result.program is not None and result.planned is not None:
                 self._launch(cycle, result.program, result.planned, result.statements)
 

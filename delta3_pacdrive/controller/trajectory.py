@@ -13,7 +13,7 @@ from delta3_pacdrive.controller.robot_state import START_CYCLES_MAX
 from delta3_pacdrive.errors import ProgramError, shown
 
 NAME = 'joint_trajectory'
-LEAD_S = 0.2  # in which a trajectory is planned and ordered, before its cycle comes
+LEAD_S, LEAD_PER_POINT_S = 0.2, 1.5e-3  # in which a trajectory is planned and ordered, before its cycle comes
 SOON = -1  # instead of a bus cycle: as soon as possible
 ROUNDING = 1e-6  # of a bus cycle
 
@@ -71,7 +71,8 @@ class TrajectoryRequest:
                 f'header.stamp is {self.stamp_s:.6g} s, but bus time is {newest_cycle * cycle_time_s:.3f} s, and the '
                 f'limit is {START_CYCLES_MAX * cycle_time_s:g} s ahead: it is no wall clock'
             )
-        soonest = newest_cycle + math.ceil(LEAD_S / cycle_time_s)
+        lead_s = LEAD_S + LEAD_PER_POINT_S * len(self.points)
+        soonest = newest_cycle + math.ceil(lead_s / cycle_time_s)
         if cycle >= soonest:
             return cycle, self._program(self.points)
         late = soonest * cycle_time_s - self.stamp_s

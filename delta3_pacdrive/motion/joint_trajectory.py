@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError
@@ -120,8 +121,7 @@ def course(points: Sequence[JointPoint], here_rad: Floats) -> JointCourse:
     _require_rest(knots[-1], len(points))
     segments = np.zeros((len(times) - 1, SEGMENT_COLUMNS))
     segments[:, 0] = times[:-1]
-    for row, before, after in zip(segments, knots, knots[1:], strict=False):
-        row[1:] = _piece(before, after).ravel()
+    segments[:, 1:] = _pieces(knots, np.diff(times)).reshape(len(segments), -1)
     return JointCourse(times, np.array([knot.angles_rad for knot in knots]), segments, first)
 
 
@@ -133,26 +133,35 @@ def _require_rest(last: JointPoint, number: int) -> None:
             )
 
 
-def _piece(before: JointPoint, after: JointPoint) -> Floats:
-    """Coefficients of three angles between two points in powers of the time since the first, shape (3, 6)."""
+def _pieces(knots: Sequence[JointPoint], durations: Floats) -> Floats:
+    """Coefficients of three angles between points in powers of the time since the point before, shape (n, 3, 6)."""
     from scipy.interpolate import BPoly, PPoly  # takes half a second, which other programs do without
 
-    left, right = [before.angles_rad], [after.angles_rad]
-    for one, other in (
-        (before.speeds_rad_s, after.speeds_rad_s),
-        (before.accelerations_rad_s2, after.accelerations_rad_s2),
-    ):
-        if one is None or other is None:
-            break
-        left.append(one)
-        right.append(other)
-    polynomial = PPoly.from_bernstein_basis(
-        BPoly.from_derivatives([0.0, after.time_s - before.time_s], [np.array(left), np.array(right)])
-    )
-    coefficients = np.zeros((3, DEGREE + 1))
-    found = polynomial.c[::-1, 0]
-    coefficients[:, : len(found)] = found.T
-    return coefficients
+    told = np.array([1 + (knot.speeds_rad_s is not None) + _has_all(knot) for knot in knots])
+    orders = np.minimum(told[:-1], told[1:])  # derivatives that count, the angles among them
+    pieces = np.zeros((len(durations), 3, DEGREE + 1))
+    for order in np.unique(orders).tolist():
+        chosen = np.flatnonzero(orders == order)
+        # all of them at once, each in shares of its duration
+        shares = durations[chosen] ** np.arange(order)[:, None]
+        ends = [_derivatives(knots, chosen + side, order) * shares[..., None] for side in (0, 1)]
+        polynomial = PPoly.from_bernstein_basis(BPoly.from_derivatives([0.0, 1.0], ends))
+        found = polynomial.c[::-1, 0] / (durations[chosen] ** np.arange(2 * order)[:, None])[..., None]
+        pieces[chosen, :, : 2 * order] = np.moveaxis(found, 0, -1)
+    return pieces
+
+
+def _has_all(knot: JointPoint) -> bool:
+    return knot.speeds_rad_s is not None and knot.accelerations_rad_s2 is not None
+
+
+def _derivatives(knots: Sequence[JointPoint], numbers: NDArray[np.int64], order: int) -> Floats:
+    """Angles and so many less one of their derivatives in some points, shape (order, points, 3)."""
+    rows = [
+        (knots[n].angles_rad, knots[n].speeds_rad_s, knots[n].accelerations_rad_s2)[:order]
+        for n in numbers.tolist()
+    ]
+    return np.array(rows, dtype=np.float64).swapaxes(0, 1)
 
 
 def plan_joints(

@@ -6,13 +6,12 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Revoked, Working
-from delta3_pacdrive.controller.trajectory import LEAD_S, SOON, TrajectoryRequest
+from delta3_pacdrive.controller.trajectory import LEAD_PER_POINT_S, LEAD_S, SOON, TrajectoryRequest
 from delta3_pacdrive.errors import Code, ProgramError
 from delta3_pacdrive.motion.plan import MoveKind
 from planner_client import LINE, Client
 
 CYCLE_S = 1e-3
-LEAD = round(LEAD_S / CYCLE_S)
 NEWEST = 5000
 HOME = (0.0, 0.0, -0.75)
 
@@ -49,15 +48,15 @@ def test_without_a_stamp_it_begins_as_soon_as_possible():
     assert due(0.0, 0.5, 1.0) == (SOON, [0.5, 1.0])
 
 
-@pytest.mark.parametrize(('stamp_s', 'cycle'), [(6.0, 6000), (5.9991, 6000), (5.0 + LEAD_S, NEWEST + LEAD)])
+@pytest.mark.parametrize(('stamp_s', 'cycle'), [(6.0, 6000), (5.9991, 6000), (5.203, 5203)])
 def test_a_stamp_ahead_is_the_bus_time_of_its_start(stamp_s, cycle):
     assert due(stamp_s, 0.0, 1.0) == (cycle, [0.0, 1.0])
 
 
 def test_points_that_are_late_are_dropped_and_the_others_keep_their_bus_time():
     cycle, times = due(4.0, 0.5, 1.2, 1.3, 2.0)
-    assert cycle == NEWEST + LEAD
-    assert times == pytest.approx([0.1, 0.8])
+    assert cycle * CYCLE_S == pytest.approx(5.0 + LEAD_S + 4 * LEAD_PER_POINT_S)
+    assert times == pytest.approx([1.3 - 1.206, 2.0 - 1.206])
 
 
 def test_a_trajectory_that_is_over_is_refused_with_its_times():
@@ -65,7 +64,7 @@ def test_a_trajectory_that_is_over_is_refused_with_its_times():
         due(2.0, 0.5, 1.5)
     assert str(caught.value) == (
         'it is over: header.stamp is 2.000 s, the last point 1.500 s later, '
-        'the robot could begin at 5.200 s of bus time'
+        'the robot could begin at 5.203 s of bus time'
     )
 
 
@@ -109,6 +108,15 @@ def test_a_trajectory_is_planned_and_ordered_by_itself_for_its_bus_cycle(client,
     assert [move.kind for move in ordered.moves] == [MoveKind.JOINTS]
     client.verdict(ordered.number)
     assert client.answer() == (None, 'started "joint_trajectory": 1 moves, 1.000 s')
+
+
+def test_a_trajectory_whose_cycle_is_over_when_it_is_planned_is_refused(client, robot):
+    client.ask('trajectory', trajectory(robot, stamp_s=10.0))
+    client.cycle = 10_000
+    client.plan()
+    reason, _ = client.answer()
+    assert (reason.code, reason.sentence[:15]) == (Code.LATE, 'bus cycle 10000')
+    assert client.none(Ordered)
 
 
 def test_a_refused_trajectory_leaves_the_robot_as_it_was(client, robot):

@@ -81,6 +81,10 @@ moves:
 - move_sb: {through_m: [[-0.1, 0.05, -0.82], [-0.12, -0.1, -0.83], [0.0, 0.0, -0.85]]}
 - cubic: {to_m: [0.05, 0.0, -0.84], duration_s: 0.15, end_velocity_m_s: [0.3, 0.1, 0.0]}
 - cubic: {to_m: [0.1, 0.05, -0.85], duration_s: 0.2}
+- joints:
+    points:
+    - {time_s: 0.3, angles_rad: [0.3, 0.35, 0.4], speeds_rad_s: [0.1, 0, 0]}
+    - {time_s: 0.6, angles_rad: [0.35, 0.3, 0.35], speeds_rad_s: [0, 0, 0]}
 """
 
 
