@@ -140,7 +140,8 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
                 first_cycle = progress['cycles']
                 meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
                 if port is not None:
-                    watchers.append(PageWatcher(serving.HOST, port))
+                    (page,) = (child for child in bringup.processes() if child.name == 'view')
+                    watchers.append(PageWatcher(serving.HOST, port, page.pid))
                     stack.callback(watchers[0].close)
             if progress['finished']:
                 meters[0].look()
@@ -148,7 +149,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
         result = bringup.run(show)
     if watchers:
         result['page_kb_s'] = 1e-3 * watchers[0].received_bytes / max(watchers[0].watched_s, 1e-3)
-        result['page_watched_s'] = watchers[0].watched_s
+        result |= {'page_watched_s': watchers[0].watched_s, 'page_cores': watchers[0].cores}
     return result | meters[0].figures(result['cycles'] - first_cycle)
 
 
@@ -222,7 +223,8 @@ def _rows(result: dict[str, Any]) -> dict[str, str]:
         f'{sum(result["cores"].values()):.2f} cores, {result["us_per_cycle"]:.0f} us per cycle'
     )
     if 'page_kb_s' in result:
-        rows['page'] = f'{result["page_kb_s"]:.0f} kB/s for {result["page_watched_s"]:.0f} s'
+        watched = f'{result["page_kb_s"]:.0f} kB/s for {result["page_watched_s"]:.0f} s'
+        rows['page'] = f'{result["page_cores"]:.3f} cores, {watched}'
     rows['memory (PSS)'] = f'{sum(result["memory_mib"].values()):.0f} MiB'
     return rows
 

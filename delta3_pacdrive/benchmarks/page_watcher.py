@@ -6,7 +6,7 @@ from contextlib import suppress
 from importlib import metadata
 
 APPEAR_S = 30.0  # for the page to be served
-LOOK_S, TRY_S = 0.5, 0.2
+LOOK_S, TRY_S, SETTLE_S = 0.5, 0.2, 2.0
 CAMERA = {
     'type': 'ViewerCameraMessage',
     'wxyz': (1.0, 0.0, 0.0, 0.0),
@@ -28,15 +28,20 @@ class PageWatcher:
     ----------
     host, port
         Where the page is served.
+    pid
+        Number of the process that serves it.
 
     Attributes
     ----------
     received_bytes, watched_s
         How much came, and for how long.
+    cores
+        Processor time of the page while it was watched, its start left out, over that time.
 
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, pid: int) -> None:
+        self._pid, self.cores = pid, 0.0
         self._address = f'ws://{host}:{port}'
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -56,12 +61,24 @@ class PageWatcher:
                 options = {'subprotocols': [protocol], 'compression': None, 'max_size': None}
                 with connect(self._address, **options) as socket:
                     socket.send(msgspec.msgpack.encode(CAMERA))
-                    start = time.monotonic()
+                    self._stop.wait(SETTLE_S)
+                    start, spent_s = time.monotonic(), self._spent_s()
                     while not self._stop.is_set():
                         with suppress(TimeoutError):
                             self.received_bytes += len(socket.recv(timeout=LOOK_S))
-                        self.watched_s = time.monotonic() - start
+                        self.watched_s = max(time.monotonic() - start, 1e-3)
+                        if (now_s := self._spent_s()) > spent_s:
+                            self.cores = (now_s - spent_s) / self.watched_s
             self._stop.wait(TRY_S)
+
+    def _spent_s(self) -> float:
+        import psutil
+
+        try:
+            times = psutil.Process(self._pid).cpu_times()
+        except psutil.NoSuchProcess:  # the robot has ended, and its page with it
+            return 0.0
+        return float(times.user + times.system)
 
     def close(self) -> None:
         """Close the page."""

@@ -22,9 +22,9 @@ from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
 from delta3_pacdrive.view.serving import address, require_free, require_viser, taken
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
-PICTURES_HZ = 33.0
-READ_S, PLOT_S = 0.1, 0.25  # between two updates of what is read, and of plots and the path travelled
-FLASH_S = 0.4
+PICTURES_HZ = 30.5
+READ_S, PLOT_S = 0.15, 0.4  # between two updates of what is read, and of plots and the path travelled
+FLASH_S = 0.5
 HISTORY_S = 30.0  # of the path travelled; plots show as much at most
 GHOST_FAR_M = 0.4  # a ghost goes no further away, however much its error is magnified
 GHOST_NEAR_M = 5e-4  # nearer it would only tint the robot
@@ -194,7 +194,7 @@ class Page:
                 self._read_s = now
                 self._bars.content = readout.bars(instant, self._facts.drives, self._scales)
                 self._status.content = readout.status(self._facts, tcp)
-            self._flash(now)
+                self._flash(now)
             if now - self._plot_s >= PLOT_S:
                 self._plot_s = now
                 rows = self.rows(HISTORY_S)
