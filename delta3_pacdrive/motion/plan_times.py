@@ -4,16 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.motion.plan import OUTPUTS, UNCHANGED, Move, Plan
+from delta3_pacdrive.motion.plan import OUTPUTS, TIMED, UNCHANGED, Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 
 
 def driven_moves(plan: Plan) -> list[dict[str, Any]]:
     """Return kind, start [s], end [s] and length [m] of each move that is driven.
 
-    The length of a cubic in time, whose parameter is no distance, and of a dwell is 0.
+    The length of a dwell, and of a move in time, whose parameter is no distance, is 0.
     """
-    lengths = [0.0 if move.kind.name in ('DWELL', 'CUBIC') else move.length_m for move in plan.moves]
+    lengths = [0.0 if move.kind in (MoveKind.DWELL, *TIMED) else move.length_m for move in plan.moves]
     kinds = [move.kind.name.lower() for move in plan.moves]
     edges = plan.tables.starts.tolist()
     return [
