@@ -97,7 +97,7 @@ def bring_up(
     bringup = Bringup(asked, started_s)
     if asked.view_port is not None:
         page = serving.address(serving.HOST, asked.view_port)
-        print(f'the page is at {page}', file=sys.stderr, flush=True)
+        print(f'the page comes up at {page}', file=sys.stderr, flush=True)
     with Progress(quiet=options.json) as display:
         return bringup, bringup.run(shown(display, bringup))
 

@@ -10,7 +10,7 @@ import delta3_pacdrive as d3
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 LINES_MAX = 40
-WITH_A_ROBOT = {'own_node', 'swing_the_arms', 'react_to_a_fault', 'a_second_robot'}
+WITH_A_ROBOT = {'own_node', 'stream_of_moves', 'swing_the_arms', 'react_to_a_fault', 'a_second_robot'}
 
 
 @pytest.fixture

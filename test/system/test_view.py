@@ -3,6 +3,7 @@
 import json
 import re
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -37,6 +38,12 @@ def ready(process: subprocess.Popen[str]) -> None:
     while line and not line.startswith('ready after'):
         line = process.stderr.readline()
     assert line, 'the robot did not come up'
+
+
+def served(url: str) -> bool:
+    host, _, port = url.removeprefix('http://').partition(':')
+    with socket.socket() as trial:
+        return trial.connect_ex((host, int(port))) == 0
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -162,6 +169,7 @@ def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
     found = re.search(r'http\S+', process.stderr.readline())
     assert found
     ready(process)
+    wait_for(lambda: served(found[0]), 'a page that is served')
     with Visit(browser, found[0], 390, 844) as visit:
         visit.page.get_by_text('idle', exact=True).first.wait_for(state='attached')
     (page,) = [line for line in processes() if ' view ' in line]

@@ -24,7 +24,7 @@ from delta3_pacdrive.ros.nodes.recorder import RecorderNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
-TMPFS_BYTES = 600_000
+TMPFS_BYTES = 1 << 20
 SOON_S = 1.0  # for a recorder that has nothing else to do
 AT_ONCE = 50  # messages, fewer than the queues hold
 FRAME = 'x' * 200
