@@ -19,7 +19,7 @@ from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
 from delta3_pacdrive.view.history import History
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
-from delta3_pacdrive.view.serving import address, require_free, require_viser, taken
+from delta3_pacdrive.view.serving import address, own_pages_only, require_free, require_viser, taken
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
 PICTURES_HZ = 30.5
@@ -61,7 +61,7 @@ class Page:
         require_free(host, port)
         import viser
 
-        with contextlib.redirect_stdout(io.StringIO()):  # it greets
+        with own_pages_only(host), contextlib.redirect_stdout(io.StringIO()):  # it greets
             self.server: Any = viser.ViserServer(host=host, port=port, label=title, verbose=False)
         if port and self.server.get_port() != port:  # somebody was quicker
             self.server.stop()

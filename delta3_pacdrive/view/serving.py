@@ -1,6 +1,12 @@
 """Where the page is served. Light: what is missing or taken is said before anything that takes long is loaded."""
 
+import contextlib
+import http
+import ipaddress
 import socket
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
 
 from delta3_pacdrive.errors import RunError, shown
 
@@ -19,7 +25,10 @@ def refusal(name: str, port: int | None) -> str:
 
 def is_here(host: str) -> bool:
     """Whether only this machine can reach an address."""
-    return host in ('localhost', '::1') or host.startswith('127.')
+    try:
+        return host == 'localhost' or ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name, wherever it leads
+        return False
 
 
 def require_viser() -> None:
@@ -60,6 +69,52 @@ def choose(host: str, port: int | None) -> int:
 def taken(host: str, port: int, reason: str) -> RunError:
     """Return the error of a place where no page can be served."""
     return RunError(f'cannot serve the page on port {port} of {shown(host)}: {reason}')
+
+
+def is_foreign(origin: str | None, asked: str, host: str) -> bool:
+    """Whether a connection comes from a page that is not ours.
+
+    Browsers let every page that is open in them connect to this machine, and tell only in ``Origin`` whose page it is.
+
+    Parameters
+    ----------
+    origin
+        As the browser tells it; None: it is no browser.
+    asked
+        Name and port that the browser believes to talk to, its ``Host``.
+    host
+        Where the page is served.
+
+    """
+    if origin is None:
+        return False
+    # a name of somebody else that leads to this machine would be the same in both
+    renamed = is_here(host) and not is_here(urlsplit(f'//{asked}').hostname or '')
+    return renamed or urlsplit(origin).netloc != asked
+
+
+@contextlib.contextmanager
+def own_pages_only(host: str) -> Iterator[None]:
+    """Let the servers that viser starts meanwhile turn away the pages of others; viser asks nobody where he is from."""
+    import importlib
+
+    server: Any = importlib.import_module('websockets.asyncio.server')
+    plain = server.serve
+
+    def serve(*arguments: Any, process_request: Any, **options: Any) -> Any:
+        def judged(connection: Any, request: Any) -> Any:
+            headers = request.headers
+            if is_foreign(headers.get('Origin'), headers.get('Host', ''), host):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
+            return process_request(connection, request)
+
+        return plain(*arguments, process_request=judged, **options)
+
+    server.serve = serve
+    try:
+        yield
+    finally:
+        server.serve = plain
 
 
 def address(host: str, port: int) -> str:

@@ -6,6 +6,7 @@ import pytest
 
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
+from delta3_pacdrive.view.page import Page
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
@@ -44,7 +45,14 @@ def test_an_address_that_is_not_ours_is_refused():
 
 @pytest.mark.parametrize(
     ('host', 'here'),
-    [('127.0.0.1', True), ('localhost', True), ('::1', True), ('0.0.0.0', False), ('10.0.0.1', False)],
+    [
+        ('127.0.0.1', True),
+        ('localhost', True),
+        ('::1', True),
+        ('0.0.0.0', False),
+        ('10.0.0.1', False),
+        ('127.evil.test', False),
+    ],
 )
 def test_only_the_loopback_is_this_machine(host, here):
     assert serving.is_here(host) is here
@@ -54,3 +62,36 @@ def test_a_browser_is_told_an_address_that_it_can_reach():
     assert serving.address('127.0.0.1', 80) == 'http://127.0.0.1:80'
     assert serving.address('0.0.0.0', 81) == 'http://localhost:81'
     assert serving.address('::1', 82) == 'http://[::1]:82'
+
+
+@pytest.mark.parametrize(
+    ('origin', 'asked', 'host', 'foreign'),
+    [
+        (None, 'localhost:8642', '127.0.0.1', False),
+        ('http://127.0.0.1:8642', '127.0.0.1:8642', '127.0.0.1', False),
+        ('http://localhost:9000', 'localhost:9000', '127.0.0.1', False),  # through a tunnel
+        ('http://cell.plant.test:8642', 'cell.plant.test:8642', '0.0.0.0', False),
+        ('http://evil.test', '127.0.0.1:8642', '127.0.0.1', True),
+        ('http://127.0.0.1:8000', '127.0.0.1:8642', '127.0.0.1', True),
+        ('null', '127.0.0.1:8642', '127.0.0.1', True),
+        ('http://evil.test:8642', 'evil.test:8642', '127.0.0.1', True),  # its name leads to this machine
+        ('http://127.evil.test:8642', '127.evil.test:8642', '127.0.0.1', True),
+    ],
+)
+def test_the_pages_of_others_are_foreign(origin, asked, host, foreign):
+    assert serving.is_foreign(origin, asked, host) is foreign
+
+
+def test_a_page_of_others_cannot_connect(robot):
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    page = Page(robot, serving.HOST, serving.choose(serving.HOST, None), 'a robot of the tests')
+    try:
+        there = page.url.replace('http', 'ws')
+        with connect(there, origin=page.url):
+            pass
+        with pytest.raises(InvalidStatus, match='403'):
+            connect(there, origin='http://evil.test')
+    finally:
+        page.close()

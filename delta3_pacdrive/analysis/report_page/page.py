@@ -84,8 +84,8 @@ def _assembled(title: str, runs: Sequence[Run], tables: str, document: str) -> s
         'runs': ''.join(f'<li class="run run{n}">{escape(text)}</li>' for n, text in enumerate(told)),
         'style': (files / 'page.css').read_text(encoding='utf-8'),
         'tables': tables,
-        # nothing in it may end the element it stands in
-        'document': document.replace('</', '<\\/'),
+        # nothing in it may end the element it stands in, nor keep it from ending as <!--<script> does
+        'document': document.replace('<', '\\u003c'),
         'licences': escape((files / 'LICENSES.txt').read_text(encoding='utf-8')),
         'script': (files / 'page.js').read_text(encoding='utf-8'),
     }

@@ -87,12 +87,13 @@ def test_a_page_is_whole_and_names_nothing_that_would_be_loaded(text, both):
         assert "default-src 'none'" in whole
 
 
-def test_a_name_cannot_break_the_page(one):
+@pytest.mark.parametrize('name', ['</script><b>{{script}}', '<!-- <script>'])
+def test_a_name_cannot_break_the_page(name, one):
     from dataclasses import replace
 
-    name = '</script><b>{{script}}'
     found = page.page([replace(one, title=name)], ORIGIN)
     assert document_of(found)['runs'][0]['title'] == name
+    assert '<' not in re.search(r'id="report">(.*?)</script>', found, re.DOTALL)[1]
     tags = Tags(found)
     assert [tag for tag, _ in tags.tags].count('script') == 2
     assert tags.texts.count(name) >= 1
