@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -31,6 +32,7 @@ from delta3_pacdrive.ros.qos import LATCHED
 DEADLINE_S = 8.0
 
 STRETCH_MAX = 6.0  # by which a deadline may be stretched on a machine that has other things to do
+END_S = 30.0  # for what a failed test has left running to come to its end
 DOMAINS = 100  # below the ports that Linux hands out by itself
 
 
@@ -134,15 +136,26 @@ def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 @pytest.fixture(scope='session')
-def start_delta3() -> Callable[..., subprocess.Popen[str]]:
-    """Start the real command line."""
+def start_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the real command line; what a failed test leaves running is ended."""
+    started = []
 
     def start(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
-        return subprocess.Popen(
+        process = subprocess.Popen(
             _command_line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
         )
+        started.append(process)
+        return process
 
-    return start
+    yield start
+    running = [process for process in started if process.poll() is None]
+    for process in running:
+        process.send_signal(signal.SIGINT)
+    for process in running:
+        try:
+            process.communicate(timeout=END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
 
 
 _WORK = """
