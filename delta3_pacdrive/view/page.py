@@ -70,6 +70,7 @@ class Page:
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
         self._tcp_m: Floats | None = None
+        self._instant: Instant | None = None
         self._history = History(round(HISTORY_S * PICTURES_HZ), COLUMNS)
         self.rows: Callable[[float], Floats] = self._history.last
         self._read_s = self._plot_s = 0.0
@@ -184,7 +185,7 @@ class Page:
             return
         self._history.add(row[0], row[1:])
         tcp, error = 1e-3 * row[TCP], 1e-3 * row[ERROR]
-        self._tcp_m = tcp
+        self._tcp_m, self._instant = tcp, instant
         if not self.watched:
             return
         now = time.monotonic()
@@ -192,8 +193,7 @@ class Page:
             self._figure.place(instant.theta_rad, tcp, self._ghost_of(instant, tcp, error))
             if now - self._read_s >= READ_S:
                 self._read_s = now
-                self._bars.content = readout.bars(instant, self._facts.drives, self._scales)
-                self._status.content = readout.status(self._facts, tcp)
+                self._write()
                 self._flash(now)
             if now - self._plot_s >= PLOT_S:
                 self._plot_s = now
@@ -221,11 +221,16 @@ class Page:
         self._facts = facts
         if not self.watched:
             return
-        self._status.content = readout.status(facts, self._tcp_m)
+        self._write()
         self._figure.carry(facts.payload_kg)
         self._flash(time.monotonic())
         if self.controls is not None:
             self.controls.show(facts)
+
+    def _write(self) -> None:
+        self._status.content = readout.status(self._facts, self._tcp_m)
+        if self._instant is not None:
+            self._bars.content = readout.bars(self._instant, self._facts.drives, self._scales)
 
     def _flash(self, now: float) -> None:
         self._figure.alarm(self._facts.sources, self._facts.fault, int(now / FLASH_S) % 2 == 0)

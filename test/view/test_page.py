@@ -108,8 +108,8 @@ def test_what_there_is_to_read_is_on_the_page(page, visit, robot):
     drives = (DriveFacts('ENABLED', 'free'), DriveFacts('FAULT', 'held'), DriveFacts('READY', 'held'))
     sentence = 'axis2: following error over its limit (8111)'
     facts = Facts(state='error', phase='CP4', cycle=4711, override=0.8, fault=sentence, drives=drives)
-    page.read(facts)
     page.show(instant_at(PLACES[1], robot, 4.7, (1e-4, -2e-4, 0.0)))
+    page.read(facts)  # at once after it, with nothing to show afterwards: drives are read as well
     for text in ('error', 'CP4', '4711', '80 %', 'brake free', 'fault'):
         visit.page.get_by_text(text, exact=True).first.wait_for()
     assert visit.page.get_by_role('alert').filter(has_text='axis2').inner_text() == sentence
