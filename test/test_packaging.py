@@ -213,12 +213,10 @@ def ways_to_ros(graph, start):
 
 
 ROS_ROOMS = ('ros', 'bringup', 'verification', 'benchmarks', 'cli')
-ROS_OF_THE_PAGE = 'view.live'  # the others of its room draw plain values
 
 
 def is_core(name):
-    path = name.removeprefix(f'{PACKAGE}.')
-    return path.split('.')[0] not in ROS_ROOMS and path != ROS_OF_THE_PAGE
+    return name.removeprefix(f'{PACKAGE}.').split('.')[0] not in ROS_ROOMS
 
 
 def test_core_modules_are_free_of_ros():

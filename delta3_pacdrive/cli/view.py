@@ -70,7 +70,7 @@ def _watch(options: Options) -> int:
     parameters = core.load()
     page = _page(options, parameters, f'Delta-3 in {options.namespace}')
     try:
-        from delta3_pacdrive.view import live
+        from delta3_pacdrive.ros import live_view
 
         if serving.is_here(options.host) or options.control:
             page.add_controls()
@@ -78,7 +78,8 @@ def _watch(options: Options) -> int:
             page.note(
                 'This page only shows the robot: `--control` lets people operate it from other machines.'
             )
-        live.run(page, parameters, options.namespace, float('inf') if options.wait else live.APPEAR_S)
+        patience_s = float('inf') if options.wait else live_view.APPEAR_S
+        live_view.run(page, parameters, options.namespace, patience_s)
     finally:
         page.close()
     return 0

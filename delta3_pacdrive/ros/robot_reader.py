@@ -1,0 +1,208 @@
+"""What a robot tells of itself, as the page shows it.
+
+It is read from what the robot tells anyway: joint states (100 Hz), reports and states; and one cyclic topic, the
+following error, of which only the newest message is looked at when a picture is due. Nothing of it wakes the process a
+thousand times a second.
+"""
+
+import json
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Float64MultiArray
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Origin
+from delta3_pacdrive.errors import Delta3Error, TelegramError
+from delta3_pacdrive.motion.plan import Move
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.ros import cdr, interfaces
+from delta3_pacdrive.ros.numbers import row_of
+from delta3_pacdrive.ros.parameters import shows
+from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+
+SILENT_S = 2.0  # without a report, after which no robot is there
+PLAN_ROWS_MAX, PLAN_POINTS_MAX = 400, 4000  # of a plan that are drawn
+MOVE_POINTS = 24
+TELL_PARAMETERS = {
+    'plant': 'plant',
+    'mc4_drive_1': 'mc4_drive',
+    'transformation_task': 'transformation_task',
+}  # kinds
+OVERLOAD = 'overload_s'
+
+
+class RobotReader:
+    """What is known of a robot, from its topics.
+
+    Attributes
+    ----------
+    parameters
+        Of the robot, as far as they are known.
+    planned
+        Points of the path that was planned last [m], shape (n, 3), and how often that changed.
+
+    """
+
+    def __init__(self, operator: OperatorNode, parameters: Parameters) -> None:
+        self.operator = operator
+        self.parameters = parameters
+        self.planned: tuple[Floats, int] = np.empty((0, 3)), 0
+        self._joints = interfaces.JOINT_STATES.polled_subscription(operator, profile=NEWEST)
+        self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
+        self._joint_codec = cdr.codec(telegrams.JOINT_STATES)
+        self._lag_codec = cdr.codec(telegrams.FOLLOWING_ERROR)
+        self._lag = np.zeros(3)
+        self._overload = np.zeros(3)
+        self._drives = [DriveFacts()] * len(DRIVES)
+        self._prefix = operator.get_namespace().rstrip('/') + '/mc4_drive_'
+        interfaces.DIAGNOSTICS.subscription(operator, self._on_diagnostics)
+        # whoever only looks must not hold the planner up: what is lost of a plan is not drawn
+        seen = QoSProfile(depth=PLAN_ROWS_MAX, reliability=ReliabilityPolicy.BEST_EFFORT)
+        operator.create_subscription(
+            Float64MultiArray, interfaces.MOTION_PLAN.name, self._on_plan, seen, raw=True
+        )
+        self._rows: list[Floats] = []
+        self._order = ('', -1)
+        # all parameters of the robot, each of a node that shows it
+        self._questions = {
+            node: operator.create_client(GetParameters, f'{node}/get_parameters') for node in TELL_PARAMETERS
+        }
+        self._answers: dict[str, tuple[list[str], Any]] = {}  # by node: names, and what is to come
+        self._asked_in = ''  # session
+
+    @property
+    def here(self) -> bool:
+        """Whether the robot has said something lately."""
+        return bool(self.operator.progress) and time.monotonic() - self.operator.progress_s < SILENT_S
+
+    def instant(self) -> Instant | None:
+        """Return the newest joint states, None if there are no new ones."""
+        found = None
+        while (taken := self._lags()) is not None:
+            with suppress(TelegramError):
+                self._lag = np.array(self._lag_codec.decode(taken[0])[3])
+        while (taken := self._joints()) is not None:
+            with suppress(TelegramError):  # joints of somebody else: the topic belongs to everybody
+                found = self._joint_codec.decode(taken[0])
+        if found is None:
+            return None
+        sec, nanosec, _, values = found
+        theta, speed, torque = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
+        return Instant(
+            sec + nanosec / NANOSECONDS, theta, self._lag, torque,
+            torque / self.parameters.motor.torque_constant_n_m_a, self._overload, self._tcp_speed(theta, speed),
+        )  # fmt: skip
+
+    def _tcp_speed(self, theta: Floats, speed: Floats) -> float:
+        tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
+        if not np.isfinite(tcp).all():
+            return 0.0
+        return float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed))
+
+    def facts(self) -> Facts:
+        """Return what there is to read."""
+        p, queue = self.operator.progress, self.operator.queue
+        if not self.here:
+            where = self.operator.get_namespace()
+            return Facts(waiting=f'no word of a robot in namespace {where}')
+        return Facts(
+            state=p['state'],
+            enabled=p['enabled'],
+            in_torque=p['in_torque'],
+            phase=p['phase'],
+            cycle=int(p['cycles']),
+            bus_time_s=p['bus_time_s'],
+            override=queue.override if queue else p['rate'],
+            overruns=int(p['overruns']),
+            lost_telegrams=int(p['lost_telegrams']),
+            waiting=p['waiting'],
+            fault=p['fault'],
+            sources=tuple(filter(None, p['fault_source'].split(', '))),
+            drives=tuple(self._drives),
+            move=int(p['move']),
+            moves=int(p['moves']),
+            remaining_s=p['remaining_s'],
+            queue=queue.moves if queue else 0,
+            working=queue.working if queue else '',
+            operator=p['operator'],
+            payload_kg=p['payload_kg'],
+            outputs=int(p['outputs']),
+        )
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            number = status.name.removeprefix(self._prefix)
+            if number == status.name or number not in ('1', '2', '3'):
+                continue
+            facts = {item.key: item.value for item in status.values}
+            with suppress(ValueError, TypeError):
+                warnings = tuple(str(text) for text in json.loads(facts.get('warnings', '[]')))
+                index = int(number) - 1
+                self._drives[index] = DriveFacts(facts.get('state', ''), facts.get('brake', ''), warnings)
+                self._overload[index] = (
+                    float(facts.get(OVERLOAD, 0.0)) / self.parameters.drive.overload_time_s
+                )
+
+    def _on_plan(self, data: bytes) -> None:
+        with suppress(Delta3Error, RuntimeError, ValueError, UnicodeDecodeError):  # a foreign writer
+            label, row = row_of(deserialize_message(data, Float64MultiArray))
+            origin = Origin.from_label(label)
+            order = origin.planner, origin.number
+            if order != self._order:
+                self._order, self._rows = order, []
+            if origin.kind in (FAULT, REVOKE):
+                return
+            if origin.kind in (ORDER, EXTEND):
+                points = np.concatenate(self._rows) if self._rows else np.empty((0, 3))
+                self.planned = points[:PLAN_POINTS_MAX], self.planned[1] + 1
+            elif len(self._rows) < PLAN_ROWS_MAX:
+                move, _, _ = Move.from_array(row, self.parameters.kinematics)
+                count = MOVE_POINTS if len(move.segments) < MOVE_POINTS else 2 * len(move.segments)
+                distances = np.linspace(move.master[0, 1], move.length_m, count)
+                self._rows.append(move.sample(distances)[:, 0])
+
+    def learn(self) -> bool:
+        """Ask for the parameters of the robot once in each session; whether others than before are known now."""
+        session = str(self.operator.progress.get('session', '')) if self.here else ''
+        ready = all(question.service_is_ready() for question in self._questions.values())
+        if session and session != self._asked_in and ready:
+            self._asked_in = session
+            self._ask_for_parameters()
+        if not self._answers or not all(answer.done() for _, answer in self._answers.values()):
+            return False
+        answers, self._answers = self._answers, {}
+        plain: dict[str, Any] = {}
+        for names, answer in answers.values():
+            response = answer.result()
+            for name, told in zip(names, response.values if response else (), strict=False):
+                value = parameter_value_to_python(told)
+                if value is not None:
+                    plain[name] = value if isinstance(value, (bool, int, float, str)) else list(value)
+        try:
+            found = core.from_flat(plain)
+        except Delta3Error:
+            return False  # a robot of another version
+        before, self.parameters = self.parameters, found
+        return found.checksum != before.checksum
+
+    def _ask_for_parameters(self) -> None:
+        left = list(core.flatten(self.parameters))
+        for node, question in self._questions.items():
+            names = [name for name in left if shows(TELL_PARAMETERS[node], name)]
+            left = [name for name in left if name not in names]
+            self._answers[node] = names, question.call_async(GetParameters.Request(names=names))
