@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from delta3_pacdrive.analysis.run_signals import positive
-from delta3_pacdrive.controller.messages import FAULT, ORDER, REVOKE, Origin
+from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import ProgramError, TelegramError
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
@@ -56,6 +58,23 @@ def read(path: Path, trace: Trace) -> dict[str, Any]:
     return story.told(round(float(trace.time_s[-1]) / period))
 
 
+@dataclass(frozen=True)
+class _Longer:
+    """More moves for a plan that is driven."""
+
+    told: Row
+    more: Plan
+
+    def taken_with(self, profile: MotionProfile) -> bool:
+        """Whether they follow from a motion profile on; a robot that stands takes them later than asked for."""
+        asked = self.told.profile
+        later = profile.held and asked.held and profile.cycle > asked.cycle
+        return later or (profile.cycle, profile.held) == (asked.cycle, asked.held)
+
+
+_Followed = tuple[MotionProfile, _Longer | None]  # and what follows from it on, if a plan became longer
+
+
 class _Story:
     """A story takes the messages of a bag in their order."""
 
@@ -63,7 +82,8 @@ class _Story:
         self._typestore, self._period_s, self._start = typestore, period_s, start
         self._moves: list[Move] = []
         self._plan: Plan | None = None
-        self._timelines: list[tuple[Timeline, list[MotionProfile]]] = []
+        self._longer: _Longer | None = None  # ordered, and perhaps taken
+        self._timelines: list[tuple[Timeline, list[_Followed]]] = []
         self._switched: list[tuple[int, list[float]]] = []
         self._faults: list[dict[str, Any]] = []
         self._trips: dict[int, str] = {}
@@ -84,12 +104,16 @@ class _Story:
         """Take a row of a plan: a move, or the order that ends the plan."""
         label = message.layout.dim[0].label if message.layout.dim else ''
         kind, row = Origin.from_label(label).kind, np.asarray(message.data)
-        if kind == ORDER:
+        if kind in (ORDER, EXTEND):
             moves, self._moves = self._moves, []
             builder = PlanBuilder()
             for move in moves:
                 builder.add(move)
-            self._plan = builder.build(row[ORDER_HEADER:].astype(np.int64))
+            if kind == ORDER:
+                self._plan = builder.build(row[ORDER_HEADER:].astype(np.int64))
+            else:
+                told = Row.from_array(row)
+                self._longer = _Longer(told, builder.build(told.order))
         elif kind not in (FAULT, REVOKE):
             move, number, _ = Move.from_array(row)
             self._moves = [*self._moves[:number], move]
@@ -98,10 +122,12 @@ class _Story:
         """Take what the master follows from a bus cycle on."""
         profile = MotionProfile.from_array(np.asarray(message.data))
         starts = profile.number == 0 and not profile.held and profile.table[0, 1] == 0.0
-        if starts and self._plan is not None:
-            self._timelines.append((Timeline(self._plan, self._period_s), [profile]))
+        if starts and len(profile.table) == 1 and self._plan is not None:
+            self._timelines.append((Timeline(self._plan, self._period_s), [(profile, None)]))
         elif self._timelines:
-            self._timelines[-1][1].append(profile)
+            longer = self._longer if self._longer and self._longer.taken_with(profile) else None
+            self._longer = None if longer else self._longer
+            self._timelines[-1][1].append((profile, longer))
 
     def outputs(self, message: Any) -> None:
         """Take the state of all outputs since a bus cycle."""
@@ -131,9 +157,11 @@ class _Story:
         moves: list[dict[str, Any]] = []
         events: list[dict[str, Any]] = []
         for n, (timeline, profiles) in enumerate(self._timelines):
-            follows = self._timelines[n + 1][1][0].cycle if n + 1 < len(self._timelines) else last_cycle + 1
+            follows = (
+                self._timelines[n + 1][1][0][0].cycle if n + 1 < len(self._timelines) else last_cycle + 1
+            )
             moves += self._driven(timeline, profiles, min(follows, last_cycle + 1))
-            events += [self._event(profile) for profile in profiles[1:]]
+            events += [self._event(profile, longer) for profile, longer in profiles[1:]]
         return {
             'moves': moves,
             'events': events,
@@ -147,21 +175,28 @@ class _Story:
     def _time(self, cycle: int) -> float:
         return (cycle - self._start) * self._period_s
 
-    def _driven(self, timeline: Timeline, profiles: list[MotionProfile], end: int) -> list[dict[str, Any]]:
+    def _driven(self, timeline: Timeline, profiles: list[_Followed], end: int) -> list[dict[str, Any]]:
         """Return the moves of a program that were begun before a bus cycle, each from its first cycle to its last."""
-        timeline.start(profiles[0].cycle, profiles[0].override)
+        timeline.start(profiles[0][0].cycle, profiles[0][0].override)
         found: dict[int, list[int]] = {}
-        follows = [*(profile.cycle for profile in profiles[1:]), end]
-        for number, (profile, until) in enumerate(zip(profiles, follows, strict=True)):
-            if number:
+        known: dict[int, Move] = {}
+        left_out = 0  # moves that are not in a longer plan any more
+        follows = [*(profile.cycle for profile, _ in profiles[1:]), end]
+        for number, ((profile, longer), until) in enumerate(zip(profiles, follows, strict=True)):
+            if longer is not None:
+                plan = timeline.plan.extended(longer.told.first, longer.told.kept, longer.more)
+                timeline = timeline.extended(plan, profile)
+                left_out += longer.told.first
+            elif number:
                 timeline.change(profile)
             over = timeline.end_cycle
             for cycle in range(profile.cycle, min(until, over, end)):
-                now = timeline.at(cycle).number
+                now = timeline.at(cycle).number + left_out
+                known[now] = timeline.plan.move(now - left_out)
                 found.setdefault(now, [cycle, cycle])[1] = cycle + 1
         moves = []
         for number, (first, last) in sorted(found.items()):
-            move = timeline.plan.move(number)
+            move = known[number]
             kind = move.kind.name.lower()
             moves.append(
                 {
@@ -173,8 +208,9 @@ class _Story:
             )
         return moves
 
-    def _event(self, profile: MotionProfile) -> dict[str, Any]:
+    def _event(self, profile: MotionProfile, longer: _Longer | None) -> dict[str, Any]:
         text = 'stop on the path' if profile.held else f'on at {100.0 * profile.override:g} %'
+        text = 'more moves follow' if longer else text
         return {'time_s': self._time(profile.cycle), 'text': text}
 
     def _changes(self) -> Any:

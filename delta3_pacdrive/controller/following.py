@@ -109,13 +109,20 @@ class Following:
         """Whether they wait for their verdict."""
         return self.state is FollowState.SENT
 
-    def behind(self, waiting: int, rounded: bool) -> Behind:
-        """Return what moves are planned behind, if so many statements follow already; raises ProgramError."""
+    def behind(self, waiting: int, rounded: bool, cycle: int) -> Behind:
+        """Return what moves are planned behind in a bus cycle, if so many statements follow already.
+
+        Raises
+        ------
+        ProgramError
+            Nothing can follow.
+
+        """
         timeline, known = self._run.timeline, self._driven
         if known is None or timeline is None:
             raise ProgramError('a program that goes on after a fault takes no more moves')
         self._seam = seam = known.seam(rounded)
-        first = 0 if timeline.profile is None else timeline.profile.number
+        first = timeline.at(cycle).number if timeline.start_cycle <= cycle else 0
         x, y, z = known.plan.end_m().tolist()
         self.happen(FollowEvent.CORNER if self.busy else FollowEvent.ASK)
         return Behind(seam, (x, y, z), known.load(min(first, seam.kept), seam.kept), FOLLOWING_MAX - waiting)

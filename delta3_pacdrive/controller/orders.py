@@ -204,9 +204,11 @@ class Orders:
 
     def _extend(self, origin: Origin, order: MoreMoves) -> Reason | None:
         taken_back = (origin.planner, origin.number) in self._revoked
-        if taken_back or (origin.planner, order.base) != (self._planner, self._order):
+        if taken_back or (origin.planner, order.told.base) != (self._planner, self._order):
             what = (
-                'the planner has taken it back' if taken_back else f'order {order.base} of it is not driven'
+                'the planner has taken it back'
+                if taken_back
+                else f'order {order.told.base} of it is not driven'
             )
             return Reason(Code.WITHDRAWN if taken_back else Code.STATE, what)
 

@@ -12,7 +12,8 @@ import numpy as np
 from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Numbering, Origin
 from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.faults.fault import Fault
-from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN, MotionProfile
+from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
+from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.program_file import FAULTS_MAX
@@ -41,22 +42,15 @@ class MoreMoves:
 
     Attributes
     ----------
-    base
-        Number of the newest order, which may have been extended itself.
-    first, kept
-        The moves number ``first`` to ``kept`` - 1 of the present plan stay.
+    told
+        Of which order, what stays of its plan, and what the master follows.
     more
         What follows.
-    profile
-        What the master follows from its bus cycle on, on the longer plan.
 
     """
 
-    base: int
-    first: int
-    kept: int
+    told: Row
     more: Plan
-    profile: MotionProfile
 
 
 class PlanIntake:
@@ -153,21 +147,13 @@ class PlanIntake:
         return Order(self._builder.build(numbers), cycle, override, tuple(self._faults))
 
     def _more(self, row: Any) -> MoreMoves:
-        head = np.asarray(row[:MORE_HEADER])
-        if len(head) < MORE_HEADER or not np.isfinite(head).all() or (head % 1.0).any() or (head < 0.0).any():
-            raise ProgramError(
-                'moves that follow must come with whole numbers of the order and of what stays'
-            )
-        base, first, kept, count = (int(value) for value in head)
-        numbers = np.asarray(row[MORE_HEADER : MORE_HEADER + count])
-        if not self._builder.moves or len(numbers) < count or (numbers % 1.0).any():
-            raise ProgramError('moves that follow came without themselves or their order')
-        if self._faults:
-            raise ProgramError('moves that follow come without faults')
-        profile = MotionProfile.from_array(row[MORE_HEADER + count :])
+        told = Row.from_array(row)
+        if not self._builder.moves or self._faults:
+            raise ProgramError('moves that follow come with moves, and without faults')
         check_reach(self._builder.moves[0], self._robot)  # only who stands may come back from beyond limits
+        profile = told.profile
         if profile.override > min(self._overrides):
             check_speed(self._builder.moves[int(np.argmin(self._overrides))], profile.override, self._robot)
-        more = self._builder.build(numbers)
-        self._builder.require_joined(numbers)
-        return MoreMoves(base, first, kept, more, profile)
+        more = self._builder.build(told.order)
+        self._builder.require_joined(told.order)
+        return MoreMoves(told, more)

@@ -45,6 +45,7 @@ from delta3_pacdrive.parameters import Parameters
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
 NO_CAPS = (0.0, 0.0, 0.0)
 NO_TOLERANCES = Tolerances()
+LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
 ACTIONS = ('program', 'move', 'trajectory', 'start', 'resume', 'clear', 'override', 'withdraw')
@@ -101,6 +102,7 @@ class Planner:
         self._override = Override(self._run, numbers, newest_cycle)
         self._change = self._override.change
         self._following = Following(self._run, numbers)
+        self._orphaned = False  # whether the operator of moves that follow has lost control meanwhile
         self._came_to_its_end = False  # the program that ran last
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
 
@@ -149,7 +151,8 @@ class Planner:
             self._begin_session()
         elif before is not None and status.losses != before.losses and not self._starts_by_itself:
             # its operator has lost control
-            self._empty(Reason(Code.CONTROL, 'its operator has lost control'))
+            self._empty(LOST_CONTROL)
+            self._orphaned = self._following.busy and bool(self._serving and self._serving.operator)
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
@@ -311,6 +314,9 @@ class Planner:
                 self._reply(reason)
             elif self._run.waits:
                 self._revoke_order(reason)
+            elif self._following.busy and not self._following.sent:
+                self._following.end()
+                self._reply(reason)
             # a change of motion profile that is under way is answered at once
         given_up = self._requests.withdraw(*what)
         self.actions.extend(planner_actions.Replied(waiting, reason, '') for waiting in given_up)
@@ -359,6 +365,7 @@ class Planner:
                 wrapped = request.action == 'move'
                 if wrapped and self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
                     self._tracker.begin(request.identity)
+                    self._orphaned = False
                     self._follow(request, rounded=True)
                     return
                 then = self._take_moves if wrapped else self._take_planned
@@ -529,7 +536,7 @@ class Planner:
 
     def _follow(self, request: Request, rounded: bool) -> None:
         """Let moves be planned behind those of the program that is driven."""
-        behind = self._following.behind(self._tracker.following, rounded)
+        behind = self._following.behind(self._tracker.following, rounded, self._newest_cycle())
         here = np.array(behind.seam.start_m)
         self._work(here, self._take_following, request.text, request.caps, True, behind)
 
@@ -544,6 +551,8 @@ class Planner:
             return
         try:
             self._require_control(request)
+            if self._orphaned:
+                raise RefusedError(LOST_CONTROL)
             if self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
                 ordered = self._following.send(self._newest_cycle(), self._now_s)
                 if ordered is not None:

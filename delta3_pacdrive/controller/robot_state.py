@@ -215,19 +215,21 @@ class RobotState:
         if self.motion == MotionState.STOPPED:
             # who stands has time: an order that came late is as good as one in time
             profile = replace(profile, cycle=max(profile.cycle, self._bus.earliest()))
-        if profile.cycle < self._task.next_cycle:
-            return Reason(
-                Code.LATE, f'bus cycle {profile.cycle} is over, the next one is {self._task.next_cycle}'
-            )
+        next_cycle = self._task.next_cycle
+        if profile.cycle < next_cycle:
+            return Reason(Code.LATE, f'bus cycle {profile.cycle} is over, the next one is {next_cycle}')
+        if profile.cycle > next_cycle + START_CYCLES_MAX:
+            return Reason(Code.CONTENT, f'bus cycle {profile.cycle} is too far ahead')
         return profile
 
     def extend(self, order: MoreMoves, tell: Told) -> Reason | None:
         """Let more moves follow; returns why not, else ``tell`` is called when they do, or when a stop was earlier."""
-        profile = self._in_time(Event.EXTEND, order.profile)
+        told = order.told
+        profile = self._in_time(Event.EXTEND, told.profile)
         if isinstance(profile, Reason):
             return profile
         try:
-            self._task.extend(order.first, order.kept, order.more, profile)
+            self._task.extend(told.first, told.kept, order.more, profile)
         except ProgramError as error:
             return Reason.of(error)
         self._extending = self._task.extensions, tell

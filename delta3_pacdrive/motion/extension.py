@@ -5,6 +5,7 @@ behind the last one. If that has a blend, it is planned anew together with them:
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from delta3_pacdrive.motion.resume import go_over
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 
+HEADER = 4  # numbers of a row before the order of its moves
 ROOM_M = 1e-6  # before a blend, where the paths with and without it part
 
 End = tuple[int, float]
@@ -112,6 +114,50 @@ class Seam:
 
 
 @dataclass(frozen=True)
+class Row:
+    """A message says this of an extension, without its moves.
+
+    Attributes
+    ----------
+    base
+        Number of the newest order, which may have been extended itself.
+    first, kept
+        The moves number ``first`` to ``kept`` - 1 of the present plan stay.
+    order
+        Numbers of the moves that follow.
+    profile
+        What the master follows from its bus cycle on, on the longer plan.
+
+    """
+
+    base: int
+    first: int
+    kept: int
+    order: Floats
+    profile: MotionProfile
+
+    def to_array(self) -> Floats:
+        """Return the row of numbers."""
+        header = np.array([self.base, self.first, self.kept, len(self.order)], dtype=np.float64)
+        return np.concatenate([header, self.order, self.profile.to_array()])
+
+    @staticmethod
+    def from_array(values: Any) -> 'Row':
+        """Read back what ``to_array`` wrote; raises ProgramError."""
+        row = np.asarray(values, dtype=np.float64)
+        head = row[:HEADER]
+        if len(head) < HEADER or not np.isfinite(head).all() or (head % 1.0).any() or (head < 0.0).any():
+            raise ProgramError(
+                'moves that follow must come with whole numbers of the order and of what stays'
+            )
+        base, first, kept, count = (int(value) for value in head)
+        order = row[HEADER : HEADER + count]
+        if not len(order) or len(order) < count or not np.isfinite(order).all() or (order % 1.0).any():
+            raise ProgramError('moves that follow came without their order')
+        return Row(base, first, kept, order, MotionProfile.from_array(row[HEADER + count :]))
+
+
+@dataclass(frozen=True)
 class Extension:
     """A plan that is driven becomes this longer one.
 
@@ -136,9 +182,8 @@ class Extension:
 
     def row(self, base: int) -> Floats:
         """Return the extension of an order as a row of numbers, without its moves (for a message)."""
-        order = self.more.tables.order
-        header = [base, self.first, self.kept, len(order)]
-        return np.concatenate([np.array([*header, *order], dtype=np.float64), self.profile.to_array()])
+        order = self.more.tables.order.astype(np.float64)
+        return Row(base, self.first, self.kept, order, self.profile).to_array()
 
 
 def extend(timeline: Timeline, cycle: int, seam: Seam, more: Plan) -> Extension:
@@ -163,7 +208,8 @@ def extend(timeline: Timeline, cycle: int, seam: Seam, more: Plan) -> Extension:
             raise SeamError('the corner to the moves that follow cannot be rounded any more')
     elif profile.held or cycle >= timeline.end_cycle:
         place = now.distance_m if profile.held else timeline.plan.move(now.number).length_m
-        table = np.array([[0.0, place, 0.0, 0.0, 0.0]])
+        # two phases: one alone, at 0, would be the start of a program
+        table = np.array([[0.0, place, 0.0, 0.0, 0.0]] * (1 if profile.held else 2))
     else:
         table = timeline.rest_of_move(cycle)
     follows = replace(profile, cycle=cycle, number=now.number - first, table=table)

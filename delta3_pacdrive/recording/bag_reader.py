@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 TYPES = {telegram.topic: telegram.type for telegram in CARRIED}
 COURSE = 'motion/course'
+PROFILE_OF_START = 9  # numbers of a motion profile with a single phase
 PROFILE_ROW = 6  # numbers that tell a start of a program from a change of its motion profile
 
 
@@ -202,8 +203,9 @@ class Profiles:
         if len(row) < PROFILE_ROW or not np.isfinite(row[:PROFILE_ROW]).all():
             return
         cycle, number, _, held, _, distance = row[:PROFILE_ROW].tolist()
-        # a change of override, a stop and a resume begin further on
-        if number == 0.0 and not held and distance == 0.0 and 0.0 <= cycle < 2**53:
+        # a change of override, a stop and a resume begin further on, or have phases; so has a plan that became longer
+        one_phase = len(row) <= PROFILE_OF_START
+        if number == 0.0 and not held and distance == 0.0 and one_phase and 0.0 <= cycle < 2**53:
             self._starts.add(int(cycle))
 
     @property

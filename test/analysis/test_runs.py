@@ -10,13 +10,16 @@ import pytest
 from bags import CLOCK, META, STORE, TYPES, message, messages, numbers, record
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import runs
-from delta3_pacdrive.controller.messages import ORDER, Origin
+from delta3_pacdrive.controller.messages import EXTEND, ORDER, Origin
 from delta3_pacdrive.errors import ProgramError, TraceError
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.extension import Driven, extend
+from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
@@ -164,6 +167,40 @@ def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
         (42, 'fault', 'axis1: two AT are lost'),
         (50, 'output', 'output1 on'),
     ]
+
+
+def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):
+    lines = [
+        MoveL(Target(point), limits=Limits(0.5, 12.0, 400.0))
+        for point in ((0.01, 0, -0.75), (0.01, 0.01, -0.75))
+    ]
+    program = Program('driven', (lines[0],))
+    planned = program_planner.plan(program, (0.0, 0.0, -0.75), robot, open_end=True)
+    timeline = Timeline(planned.plan, 1e-3)
+    timeline.start(STARTS)
+    more = program_planner.plan(Program('more', (lines[1],)), planned.plan.end_m(), robot).plan
+    extension = extend(timeline, STARTS + 20, Driven.of(program, planned).seam(True), more)
+    arrivals = []
+    for number, plan, kind, last in (
+        (1, planned.plan, ORDER, [-1.0, 1.0, 0.0]),
+        (2, more, EXTEND, extension.row(1)),
+    ):
+        arrivals.append(
+            ('motion/plan', row(Origin('LINE', 'a', '3fa9', number).label(), plan.moves[0].to_array(0, 1)))
+        )
+        arrivals.append(('motion/plan', row(Origin(kind, 'a', '3fa9', number).label(), last)))
+        profile = timeline.profile if number == 1 else extension.profile
+        arrivals.append(('motion/course', row('', profile.to_array())))
+    end = extension.timeline.end_cycle
+    arrivals += [
+        (t, message(t, CLOCK.stamp(k), numbers(t, k % 8))) for k in range(90, end + 10) for t in TYPES
+    ]
+    kinds = TYPES | dict.fromkeys(['motion/plan', 'motion/course'], MULTI_ARRAY)
+    meta = META | {'parameters': parameters.flat_document(robot), 'checksum': robot.checksum}
+    run = runs.load(str(record(tmp_path / 'bag', arrivals, meta, types=kinds)))
+    assert [(move.number, move.kind) for move in run.moves] == [(1, 'line'), (2, 'line')]
+    assert run.moves[1].start_s == pytest.approx(planned.plan.duration_s, abs=2e-3)
+    assert (20, 'more moves follow') in [(round(1e3 * mark.time_s), mark.text) for mark in run.marks]
 
 
 def test_messages_that_are_missing_or_spoilt_are_told_in_one_note(tmp_path):

@@ -1,5 +1,6 @@
 """Facts about moves that follow while the robot moves or is held: the path goes on without a jump, whatever comes."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -236,6 +237,22 @@ def test_the_same_requests_in_the_same_cycles_give_the_same_bits(new_rig: Any) -
         return np.array(driver.tcp)
 
     assert np.array_equal(drive(), drive())
+
+
+def test_moves_of_an_operator_who_loses_control_before_they_are_taken_are_refused(driver: Driver) -> None:
+    rig = driver.rig
+    rig.take_control('A')
+    rig.ask('move', ALONG % '', 'A')
+    rig.asked += 1
+    rig.planner.ask(replace(request(rig, UP), operator='A'), rig.now_s)
+    rig.planner.ask(request(rig, UP), rig.now_s)  # of nobody, while A has control
+    rig.state.hold()
+    rig.settle()
+    rig.take_control('B', by_force=True)
+    rig.run(300)
+    told = [(operator, accepted) for operator, number, accepted, _ in rig.answers if number == rig.asked]
+    assert sorted(told) == [('', False), ('A', False)]
+    assert len(rig.task.timeline.plan) == 1
 
 
 @pytest.mark.parametrize('state', FollowState)

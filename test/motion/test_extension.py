@@ -96,6 +96,10 @@ def test_a_corner_is_rounded_before_its_blend_and_not_behind_it(robot: Any) -> N
         late.follow(behind, SECOND)
     from_rest, _, _ = late.follow(behind, SECOND, rounded=False)
     assert (from_rest.first, from_rest.kept) == (0, 1)
+    held = Drive(robot, blended)
+    held.timeline.change(held.timeline.stop(behind))
+    with pytest.raises(SeamError, match='rounded'):
+        held.follow(held.timeline.end_cycle, SECOND)
 
 
 def test_a_plan_that_would_let_the_tcp_jump_is_refused(robot: Any) -> None:
@@ -161,3 +165,15 @@ def test_moves_follow_a_path_of_arm_angles_as_well(robot: Any) -> None:
     assert extension.timeline.plan.tables.moves['joints'].tolist() == [1, 0]
     end = extension.timeline.at(extension.timeline.end_cycle)
     assert (end.number, end.distance_m) == (1, pytest.approx(0.02, abs=1e-9))
+
+
+def test_no_longer_plan_looks_like_the_start_of_a_program(robot: Any) -> None:
+    # a recording takes a single phase at 0 of the first move for a start
+    for statement in (Dwell(0.1), FIRST):
+        end = Drive(robot, statement).timeline.end_cycle
+        for cycle in (102, 150, end - 1, end, end + 500):
+            drive = Drive(robot, statement)
+            here = drive.planned.plan.end_m()
+            up = MoveL(Target((here[0], here[1], here[2] - 0.01)), limits=LIMITS)
+            extension, _, _ = drive.follow(cycle, up)
+            assert len(extension.profile.table) > 1, (statement, cycle)

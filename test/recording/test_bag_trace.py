@@ -305,9 +305,9 @@ def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
 # programs
 
 
-def profile(cycle, number=0, distance=0.0, held=0.0):
+def profile(cycle, number=0, distance=0.0, held=0.0, phases=1):
     layout = STORE.types['std_msgs/msg/MultiArrayLayout']([], 0)
-    row = np.array([cycle, number, 1.0, held, 0.0, distance, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    row = np.array([cycle, number, 1.0, held, *[0.0, distance, 0.0, 0.0, 0.0] * phases])
     kind = 'std_msgs/msg/Float64MultiArray'
     return 'motion/course', bytes(STORE.serialize_cdr(STORE.types[kind](layout, row), kind))
 
@@ -322,6 +322,7 @@ WITH_PROFILES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
         ([profile(0), profile(3), profile(6)], [0, 3, 6], 3),  # recorded from cycle 2 on
         ([profile(1)], [1], 1),  # who joined later was told of the program that runs
         ([profile(3), profile(5, number=1), profile(6, distance=0.2), profile(7, held=1.0)], [3], 3),
+        ([profile(3), profile(6, phases=2)], [3], 3),  # more moves follow a dwell
     ],
 )
 def test_a_program_starts_where_its_motion_profile_says(profiles, starts, start, tmp_path):
