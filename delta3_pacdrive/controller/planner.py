@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.controller import planner_actions
-from delta3_pacdrive.controller.control import control_refusal
 from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import MotionState
@@ -28,8 +27,7 @@ from delta3_pacdrive.controller.program_run import (
     RunEvent,
     RunState,
 )
-from delta3_pacdrive.controller.request_queue import RequestQueue
-from delta3_pacdrive.controller.request_tracker import RequestTracker
+from delta3_pacdrive.controller.request_service import WITHDRAWN, RequestService
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import SOON, TrajectoryRequest
@@ -85,15 +83,14 @@ class Planner:
         self._watch = ToleranceWatch(tolerances, parameters)
         self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
         self.actions: list[planner_actions.Action] = []
-        self._tracker = RequestTracker(lambda report: self.actions.append(planner_actions.Reported(report)))
         self._now_s = 0.0
         self._task = TaskStatus()
+        self._requests = RequestService(self._task, self._act)
+        self._tracker, self._reply = self._requests.tracker, self._requests.reply
         self._profiles = Numbering()
         self._here: Floats | None = None
         self._mirrored: MotionState | None = None
 
-        self._requests = RequestQueue()
-        self._serving: Request | None = None
         self._job: tuple[Job, Callable[[Result], None]] | None = None
         self._jobs = 0
         numbers = OrderNumbers()
@@ -105,6 +102,9 @@ class Planner:
         self._orphaned = False  # whether the operator of moves that follow has lost control meanwhile
         self._came_to_its_end = False  # the program that ran last
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
+
+    def _act(self, action: planner_actions.Action) -> None:
+        self.actions.append(action)
 
     # what is known ----------------------------------------------------------------------------------------------------
 
@@ -152,7 +152,9 @@ class Planner:
         elif before is not None and status.losses != before.losses and not self._starts_by_itself:
             # its operator has lost control
             self._empty(LOST_CONTROL)
-            self._orphaned = self._following.busy and bool(self._serving and self._serving.operator)
+            self._orphaned = self._following.busy and bool(
+                self._requests.serving and self._requests.serving.operator
+            )
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
@@ -187,7 +189,7 @@ class Planner:
         self._happen(RunEvent.LOCATE)
         self._queue.forget_plan()
         if first and self._queue.program is not None and not self._starts_by_itself:
-            self._requests.add(Request('', '', 0, 0, PLAN), self._now_s, 0)
+            self._requests.add(Request('', '', 0, 0, PLAN), self._now_s)
 
     def receive_profile(self, origin: Origin, row: Any) -> bool:
         """Follow the motion profile that the task follows, its own stops included; False for what is old."""
@@ -247,7 +249,7 @@ class Planner:
         if reason is not None and reason.code == Code.FOREIGN and (again := self._run.renumber()):
             self.actions.extend(again)
             return
-        order, request = self._run.order, self._serving
+        order, request = self._run.order, self._requests.serving
         if reason is None:
             self._queue.clear()
             self._tracker.give_up(Reason(Code.STATE, 'another program was started'))
@@ -274,10 +276,9 @@ class Planner:
         """Take a request; its answer is an action, now or later."""
         self._now_s = now_s
         if request.action == 'withdraw':
-            self._withdraw(request)
-        elif (reason := self._requests.add(request, now_s, self._task.received)) is not None:
-            self.actions.append(planner_actions.Replied(request, reason, ''))
-        else:
+            self._requests.withdraw(request, self._withdraw)
+            self._go_on()
+        elif self._requests.add(request, now_s):
             self._go_on()
 
     def look(self, now_s: float) -> None:
@@ -302,26 +303,19 @@ class Planner:
             now = timeline.at(cycle)
             self._tracker.reach(now.number, now.distance_m)
 
-    def _withdraw(self, request: Request) -> None:
-        """Give up the request of the same operator whose number is the text."""
-        what = (request.operator, request.text)
-        reason = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
-        if self._serving is not None and what == (self._serving.operator, str(self._serving.number)):
-            if self._job is not None:
-                job, self._job = self._job[0], None
-                self._following.end()
-                self.actions.append(planner_actions.Cancelled(job.number))
-                self._reply(reason)
-            elif self._run.waits:
-                self._revoke_order(reason)
-            elif self._following.busy and not self._following.sent:
-                self._following.end()
-                self._reply(reason)
-            # a change of motion profile that is under way is answered at once
-        given_up = self._requests.withdraw(*what)
-        self.actions.extend(planner_actions.Replied(waiting, reason, '') for waiting in given_up)
-        self.actions.append(planner_actions.Replied(request, None, 'withdrawn'))
-        self._go_on()
+    def _withdraw(self) -> None:
+        """Give up what is done for the request that is served."""
+        if self._job is not None:
+            job, self._job = self._job[0], None
+            self._following.end()
+            self.actions.append(planner_actions.Cancelled(job.number))
+            self._reply(WITHDRAWN)
+        elif self._run.waits:
+            self._revoke_order(WITHDRAWN)
+        elif self._following.busy and not self._following.sent:
+            self._following.end()
+            self._reply(WITHDRAWN)
+        # a change of motion profile that is under way is answered at once
 
     @property
     def _busy(self) -> bool:
@@ -333,31 +327,11 @@ class Planner:
             self._start_by_itself()
         if self._following.busy and self._job is None and not self._following.sent:
             self._send_following()
-        while not self._busy and (waiting := self._requests.first) is not None:
-            request = waiting.request
-            unknown = self.status is None or self.status.control < request.control
-            builds = request.action in ('override', 'move')
-            changes = builds and self._override.must_wait(self.motion)
-            if (unknown and waiting.may_wait(self._now_s)) or changes:
-                return
-            self._serving = request
-            reason = None
-            try:
-                self._require_control(request)
-                self._serve(request)
-            except Delta3Error as error:
-                reason = Reason.of(error)
-            if reason is not None and waiting.may_be_outdated(reason, self._now_s, self._task.received):
-                self._serving = None
-                return
-            self._requests.pop()
-            if reason is not None:
-                self._reply(reason)
+        while not self._busy and self._requests.serve_next(self._now_s, self._must_wait, self._serve):
+            pass
 
-    def _require_control(self, request: Request) -> None:
-        status = self.status
-        if status is not None and status.operator not in ('', request.operator):
-            raise RefusedError(control_refusal(status.operator_name))
+    def _must_wait(self, request: Request) -> bool:
+        return request.action in ('override', 'move') and self._override.must_wait(self.motion)
 
     def _serve(self, request: Request) -> None:
         match request.action:
@@ -390,15 +364,6 @@ class Planner:
                 raise ProgramError(
                     f'there is no action {request.action!r:.40}, expected {", ".join(ACTIONS)}'
                 )
-
-    def _reply(self, outcome: Reason | str) -> None:
-        """Answer the request that is being served: why it is refused, or what was done."""
-        request, self._serving = self._serving, None
-        if request is not None:
-            reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
-            if reason is not None:
-                self._tracker.refuse(request.identity, reason)
-            self.actions.append(planner_actions.Replied(request, reason, sentence))
 
     def _tell(self, outcome: planner_actions.Changed | Reason | str) -> None:
         """Send a change of motion profile to the task, or answer whoever asked for one."""
@@ -444,8 +409,8 @@ class Planner:
             return
         then, self._job = self._job[1], None
         try:
-            if result.reason is UNROUNDED and self._serving is not None:
-                self._follow(self._serving, rounded=False)
+            if result.reason is UNROUNDED and self._requests.serving is not None:
+                self._follow(self._requests.serving, rounded=False)
                 return
             if result.reason is not None:
                 self._starts_by_itself = False
@@ -463,8 +428,8 @@ class Planner:
         planned = result.planned
         if planned is None:
             return
-        if self._serving is not None and result.statements:
-            self._tracker.queue(self._serving.identity, result.statements)
+        if self._requests.serving is not None and result.statements:
+            self._tracker.queue(self._requests.serving.identity, result.statements)
         self._reply(self._planned_sentence(planned))
 
     def _planned_sentence(self, planned: Planned) -> str:
@@ -546,11 +511,11 @@ class Planner:
 
     def _send_following(self) -> None:
         """Send moves that are planned, unless they must wait for a stop, or the program is over."""
-        request = self._serving
+        request = self._requests.serving
         if request is None or self.motion == MotionState.STOPPING:
             return
         try:
-            self._require_control(request)
+            self._requests.require_control(request)
             if self._orphaned:
                 raise RefusedError(LOST_CONTROL)
             if self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
@@ -572,7 +537,7 @@ class Planner:
 
     def _end_following(self, reason: Reason | None) -> None:
         """Answer whoever waits for the verdict on moves that follow, or send them again for a later cycle."""
-        following, request = self._following, self._serving
+        following, request = self._following, self._requests.serving
         if reason is not None and reason.code == Code.LATE and following.miss():
             return
         if reason is not None:
@@ -596,17 +561,17 @@ class Planner:
             return
         own = Request('', '', 0, 0, 'start')
         if self._queue.planned is None:
-            self._serving = own
+            self._requests.serving = own
             self._work(self._here, self._keep_own)
         elif self.listened_to and self._refusal is None:
             self._starts_by_itself = False
-            self._serving = own
+            self._requests.serving = own
             self._launch_queue(self._robot.motion.start_cycle)
 
     def _keep_own(self, result: Result) -> None:
         """Keep the plan of the program that starts by itself, until it can."""
         self._queue.put(result.program, result.planned)
-        self._serving = None
+        self._requests.serving = None
 
     def _start(self) -> None:
         here = self._require_rest()

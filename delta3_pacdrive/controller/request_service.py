@@ -1,0 +1,115 @@
+"""Service of requests of operators: one at a time, in the order in which they came, each answered once.
+
+Pure: what is done for a request, and what is known of the transformation task, come in as calls.
+"""
+
+from collections.abc import Callable
+
+from delta3_pacdrive.controller.control import control_refusal
+from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.planner_actions import Action, Replied, Reported
+from delta3_pacdrive.controller.request_queue import RequestQueue
+from delta3_pacdrive.controller.request_tracker import RequestTracker
+from delta3_pacdrive.controller.task_status import TaskStatus
+from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
+
+WITHDRAWN = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
+
+
+class RequestService:
+    """The requests that one planner serves.
+
+    Parameters
+    ----------
+    task
+        What the transformation task says.
+    act
+        Called with what has to be done, answers among it.
+
+    Attributes
+    ----------
+    serving
+        The request that is served and not yet answered, None if there is none.
+    tracker
+        What becomes of the moves of each.
+
+    """
+
+    def __init__(self, task: TaskStatus, act: Callable[[Action], None]) -> None:
+        self._task, self._act = task, act
+        self._queue = RequestQueue()
+        self.tracker = RequestTracker(lambda report: act(Reported(report)))
+        self.serving: Request | None = None
+
+    def add(self, request: Request, now_s: float) -> bool:
+        """Let a request wait, or refuse it."""
+        reason = self._queue.add(request, now_s, self._task.received)
+        if reason is not None:
+            self._act(Replied(request, reason, ''))
+        return reason is None
+
+    def serve_next(
+        self, now_s: float, must_wait: Callable[[Request], bool], serve: Callable[[Request], None]
+    ) -> bool:
+        """Serve the request that came first.
+
+        Parameters
+        ----------
+        now_s
+            Time [s].
+        must_wait
+            Whether a request has to wait for something that is under way.
+        serve
+            Does what it asks for, or raises why not; whoever does it replies, now or later.
+
+        Returns
+        -------
+        bool
+            Whether it was served; False if there is none, or none can be served yet.
+
+        """
+        waiting, status = self._queue.first, self._task.newest
+        if waiting is None:
+            return False
+        request = waiting.request
+        unknown = status is None or status.control < request.control
+        if (unknown and waiting.may_wait(now_s)) or must_wait(request):
+            return False
+        self.serving = request
+        reason = None
+        try:
+            self.require_control(request)
+            serve(request)
+        except Delta3Error as error:
+            reason = Reason.of(error)
+        if reason is not None and waiting.may_be_outdated(reason, now_s, self._task.received):
+            self.serving = None
+            return False
+        self._queue.pop()
+        if reason is not None:
+            self.reply(reason)
+        return True
+
+    def require_control(self, request: Request) -> None:
+        """Raise RefusedError if somebody else has control of the robot."""
+        status = self._task.newest
+        if status is not None and status.operator not in ('', request.operator):
+            raise RefusedError(control_refusal(status.operator_name))
+
+    def reply(self, outcome: Reason | str) -> None:
+        """Answer the request that is served: why it is refused, or what was done."""
+        request, self.serving = self.serving, None
+        if request is not None:
+            reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
+            if reason is not None:
+                self.tracker.refuse(request.identity, reason)
+            self._act(Replied(request, reason, sentence))
+
+    def withdraw(self, request: Request, give_up: Callable[[], None]) -> None:
+        """Give up the request of the same operator whose number is the text; ``give_up`` does so if it is served."""
+        serving, what = self.serving, (request.operator, request.text)
+        if serving is not None and what == (serving.operator, str(serving.number)):
+            give_up()
+        for waiting in self._queue.withdraw(request.operator, request.text):
+            self._act(Replied(waiting, WITHDRAWN, ''))
+        self._act(Replied(request, None, 'withdrawn'))
