@@ -18,7 +18,14 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
-LONG = ('test_interrupts.py', 'docs/test_long_pages.py', 'numerics/test_kernel.py', 'docs/test_pages.py')
+LONG = (
+    'guides/test_pages.py',
+    'test_interrupts.py',
+    'docs/test_long_pages.py',
+    'numerics/test_kernel.py',
+    'docs/test_pages.py',
+    'guides/test_executables.py',
+)
 
 
 def pytest_collection_modifyitems(items):

@@ -16,7 +16,7 @@ from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.errors import RunInterruptedError
 
 COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
-MOMENTS = 20
+MOMENTS = 14
 LIMIT_S = 900.0  # of one command on a machine whose cores are all busy
 LOOK_S = 1e-3  # between two looks
 # each offline command in the shortest way that goes through all of its stages
@@ -122,7 +122,7 @@ def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, fi
     # denser at the begin: imports, kernels and the first work come one after the other there
     for moment in range(MOMENTS):
         process = start(arguments, tmp_path)
-        if not over_within(process, whole_s * (moment / MOMENTS) ** 5):
+        if not over_within(process, whole_s * (moment / MOMENTS) ** 6):
             process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=LIMIT_S)
         assert 'Traceback' not in errors

@@ -60,6 +60,8 @@ class Delivery:
     @property
     def recorder(self) -> QoSProfile:
         """What the recorder asks for."""
+        if self is PLAN:
+            return qos.PLAN_LATECOMER
         return qos.RECORDER if self in (CYCLIC, CYCLIC_NEWEST, REPORT) else self.subscription
 
 
@@ -81,8 +83,13 @@ LATCHED_FROM_MANY = Delivery(
     'The newest word of every participant, for latecomers as well.',
 )  # fmt: skip
 PLAN = Delivery(
-    'plan', qos.PLAN, qos.PLAN,
-    'Every move of a program comes at once and none may be missed; who joins later must not take an old one for new.',
+    'plan', qos.PLAN_WRITER, qos.PLAN,
+    'Every move of a program comes at once and none may be missed. Recorders and views that join later get the newest '
+    'rows; the transformation task does not ask for them, since it must not take an old plan for a new one.',
+)  # fmt: skip
+CHANGE_OF_PLAN = Delivery(
+    'change', qos.PLAN, qos.PLAN,
+    'No change of a motion profile may be missed; who joins later must not take an old one for new.',
 )  # fmt: skip
 REQUEST = Delivery(
     'request', qos.REQUEST, qos.REQUEST,
@@ -93,7 +100,17 @@ FAULTS = Delivery(
     'No injected fault may be missed, however many a program holds; who joins later has nothing to do with them.',
 )  # fmt: skip
 REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for people and tools.')
-DELIVERIES = (CYCLIC, CYCLIC_NEWEST, LATCHED, LATCHED_FROM_MANY, PLAN, REQUEST, FAULTS, REPORT)
+DELIVERIES = (
+    CYCLIC,
+    CYCLIC_NEWEST,
+    LATCHED,
+    LATCHED_FROM_MANY,
+    PLAN,
+    CHANGE_OF_PLAN,
+    REQUEST,
+    FAULTS,
+    REPORT,
+)
 
 
 @dataclass(frozen=True)
@@ -352,7 +369,7 @@ MOTION_PLAN = Topic(
     ASKED, recorded=True,
 )
 MOTION_CHANGE = Topic(
-    'motion/change', Float64MultiArray, PLAN, (PLANNER,), (TASK,),
+    'motion/change', Float64MultiArray, CHANGE_OF_PLAN, (PLANNER,), (TASK,),
     'motion profile that the planner asks for: override, resume', ASKED,
 )
 COURSE = Topic(

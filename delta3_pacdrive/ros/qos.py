@@ -7,6 +7,12 @@ CYCLIC_SUBSCRIPTION = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EF
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+# Rows of the newest plans are kept, more of them than are ever under way (UNCHECKED_MAX in controller/plan_rows).
+PLAN_WRITER = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PLAN_LATECOMER = QoSProfile(
+    history=HistoryPolicy.KEEP_ALL, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+PLAN_SHOWN = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REQUEST = QoSProfile(depth=100)
 FAULTS = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

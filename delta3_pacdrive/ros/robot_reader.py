@@ -14,7 +14,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray
 
@@ -28,7 +27,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.parameters import shows
-from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.ros.qos import NEWEST, PLAN_SHOWN
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
@@ -71,11 +70,8 @@ class RobotReader:
         self._drives = [DriveFacts()] * len(DRIVES)
         self._prefix = operator.get_namespace().rstrip('/') + '/mc4_drive_'
         interfaces.DIAGNOSTICS.subscription(operator, self._on_diagnostics)
-        # whoever only looks must not hold the planner up: what is lost of a plan is not drawn
-        seen = QoSProfile(depth=PLAN_ROWS_MAX, reliability=ReliabilityPolicy.BEST_EFFORT)
-        operator.create_subscription(
-            Float64MultiArray, interfaces.MOTION_PLAN.name, self._on_plan, seen, raw=True
-        )
+        # whoever only looks does not hold the planner up: what is too much is not drawn
+        interfaces.MOTION_PLAN.subscription(operator, self._on_plan, raw=True, profile=PLAN_SHOWN)
         self._rows: list[Floats] = []
         self._order = ('', -1)
         # all parameters of the robot, each of a node that shows it

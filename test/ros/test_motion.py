@@ -20,7 +20,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.numbers import numbers
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, REQUEST
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, PLAN_LATECOMER, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 
 CYCLE_S = 1e-3
@@ -280,6 +280,15 @@ def test_a_path_with_a_pose_in_another_frame_is_refused(cell: Cell) -> None:
     publisher.publish(stranger)
     cell.graph.spin_until(lambda: cell.answers, 'the answer')
     assert cell.answers[-1].data == 'refused: frame_id is \'world\', but must be "base"'
+
+
+def test_who_joins_late_gets_the_plan_that_is_driven(cell: Cell) -> None:
+    cell.start(LONG)
+    rows = cell.graph.listen(Float64MultiArray, 'motion/plan', PLAN_LATECOMER)
+    cell.graph.spin_until(lambda: len(rows) == 2, 'the line and the order of it')
+    line, order = (row.layout.dim[0].label.split()[0] for row in rows)
+    assert (line, order) == ('LINE', ORDER)
+    assert cell.operator.state == 'moving'
 
 
 def test_spoilt_plans_and_motion_profiles_from_a_stranger_move_nothing(cell: Cell) -> None:

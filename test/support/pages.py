@@ -83,7 +83,7 @@ def environment(folder: Path) -> dict[str, str]:
     programs = folder / 'bin'
     programs.mkdir()
     stand_in = programs / 'ros2'
-    script = SOURCE / 'test' / 'system' / 'ros2.py'
+    script = SOURCE / 'test' / 'support' / 'ros2.py'
     stand_in.write_text(f'#!/bin/sh\nexec "{sys.executable}" -P "{script}" "$@"\n', encoding='utf-8')
     stand_in.chmod(0o755)
     path = [str(programs), str(Path(sys.executable).parent), os.environ['PATH']]

@@ -96,14 +96,32 @@ def processes_of_domain() -> list[str]:
 
 @contextmanager
 def nothing_is_left() -> Iterator[None]:
-    """Fail if what runs inside leaves a process or a shared-memory file."""
-    before = set(os.listdir('/dev/shm'))
+    """Fail if what runs inside leaves a process, or a shared-memory file that nobody uses."""
+    before = _shared_memory()
     yield
     deadline = time.monotonic() + 2.0
     while processes_of_domain() and time.monotonic() < deadline:
         time.sleep(0.02)
     assert processes_of_domain() == []
-    assert {name for name in os.listdir('/dev/shm') if 'fastrtps' in name or 'fastdds' in name} <= before
+    left = _shared_memory() - before
+    assert left - _mapped(left) == set()
+
+
+def _shared_memory() -> set[str]:
+    return {name for name in os.listdir('/dev/shm') if 'fastrtps' in name or 'fastdds' in name}
+
+
+def _mapped(names: set[str]) -> set[str]:
+    """Return the shared-memory files that a process has mapped or open: other tests run beside this one."""
+    found = set()
+    for folder in Path('/proc').glob('[0-9]*') if names else ():
+        try:
+            used = (folder / 'maps').read_text(errors='replace')
+            used += ' '.join(os.readlink(link) for link in (folder / 'fd').iterdir())
+        except OSError:
+            continue
+        found |= {name for name in names if name in used}
+    return found
 
 
 @pytest.fixture

@@ -37,7 +37,6 @@ COMPARED = (
     'shaft_speed',
     'coupling_torque',
 )
-ATTEMPTS = 3  # to record a plan
 FIGURES = ('tcp_error_max_m', 'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a')
 
 
@@ -158,13 +157,9 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     program.write_text(MIXED)
     robot = parameters.load()
     simulated = simulation.run(programs.load(program, robot.motion), robot)
-    # The plan is told once, and not latched: a recorder that the planner finds late, on a busy machine, lacks it.
-    for attempt in range(ATTEMPTS):
-        bag = tmp_path / f'bag{attempt}'
-        recorded, result = _run(delta3, bag, '--real-time-factor', '0', *options, program=str(program))
-        _assert_same(simulated, recorded, result)
-        if runs.load(str(bag)).moves:
-            break
+    bag = tmp_path / 'bag'
+    recorded, result = _run(delta3, bag, '--real-time-factor', '0', *options, program=str(program))
+    _assert_same(simulated, recorded, result)
     _assert_same_story(runs.load(str(program)), runs.load(str(bag)))
 
 

@@ -34,7 +34,7 @@ from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import NEWEST
+from delta3_pacdrive.ros.qos import NEWEST, PLAN_SHOWN
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
 from delta3_pacdrive.sercos.telegram_codec import Decoded
 
@@ -43,7 +43,6 @@ TICK_S = 0.01  # while somebody does
 ROBOT_EVERY, TRAVELLED_EVERY, STILL_EVERY = 5, 25, 100  # ticks: 20, 4 and 1 Hz
 # all joint states between two ticks, and some more where a tick is late
 JOINT_STATES_QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)
-PLAN_QUEUE = QoSProfile(depth=1000)  # bounded: who only looks on never makes the planner wait
 
 
 class _Heard:
@@ -94,7 +93,7 @@ class RobotVisualizationNode(PollingNode):
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
         self._ticks = 0
-        MOTION_PLAN.bounded_subscription(self, self._on_plan, ROW_BYTES_MAX, profile=PLAN_QUEUE)
+        MOTION_PLAN.bounded_subscription(self, self._on_plan, ROW_BYTES_MAX, profile=PLAN_SHOWN)
         OUTPUTS.bounded_subscription(self, self._on_outputs)
         self.create_timer(LOOK_S, self._look)
         self._ticker = self.create_timer(TICK_S, self._tick, autostart=False)

@@ -22,7 +22,7 @@ def elsewhere(page: str) -> str:
     (block,) = (
         block
         for block in pages.blocks(pages.SOURCE / page)
-        if block.words == 'test/system/test_executables.py'
+        if block.words == 'test/guides/test_executables.py'
     )
     return block.text
 
@@ -82,7 +82,7 @@ def test_single_nodes_make_a_robot_that_drives_its_program(
     with ExitStack() as nodes:
         for line in (plant, *drives, task, planner):
             nodes.enter_context(started(line, environment))
-        graph.spin_until(finished, 'the end of the program', 40.0)
+        graph.spin_until(finished, 'the end of the program', 300.0)
     assert 'moving' in [state.data for state in states]
     done = subprocess.run(
         ['bash', '-c', bringup], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
