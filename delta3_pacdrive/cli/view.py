@@ -66,7 +66,6 @@ def _watch(options: Options) -> int:
 
     from delta3_pacdrive import parameters as core
 
-    os.nice(NICENESS)
     parameters = core.load()
     page = _page(options, parameters, f'Delta-3 in {options.namespace}')
     try:
@@ -78,6 +77,7 @@ def _watch(options: Options) -> int:
             page.note(
                 'This page only shows the robot: `--control` lets people operate it from other machines.'
             )
+        os.nice(NICENESS)  # not before: people wait for the first picture
         patience_s = float('inf') if options.wait else live_view.APPEAR_S
         live_view.run(page, parameters, options.namespace, patience_s)
     finally:
