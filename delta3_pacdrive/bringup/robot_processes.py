@@ -82,6 +82,8 @@ class RobotProcesses:
         }
         planner = UnitRobotNode, {'program': str(program)} if program else {}
         shown: Nodes = {VISUALIZATION: (RobotVisualizationNode, {})}
+        if options.view_port is not None:
+            self._start_view(options.view_port)  # first: it takes longest until it shows something
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program}
             self._spawn('recorder', {'recorder': (RecorderNode, bag)}, Schedule.PREFERRED)
@@ -96,8 +98,6 @@ class RobotProcesses:
         if options.markers:
             self._spawn(VISUALIZATION, shown)
         self._spawn('unit_robot', {'unit_robot': planner}, waits=True)
-        if options.view_port is not None:
-            self._start_view(options.view_port)
 
     def let_planner_go(self) -> None:
         """Let the planner begin."""
