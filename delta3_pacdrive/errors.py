@@ -104,6 +104,11 @@ class FaultCode(StrEnum):
         return next((code for code in cls if code == text), cls.DRIVE)
 
 
+def sources_of(source: str) -> tuple[str, ...]:
+    """Return one by one whom the ``source`` of a fault names."""
+    return tuple(source.split(', ')) if source else ()
+
+
 @dataclass(frozen=True)
 class RobotFault:
     """A fault has stopped the robot, or keeps it from starting.
@@ -136,7 +141,7 @@ class RobotFault:
     @property
     def sources(self) -> tuple[str, ...]:
         """Who is or may be its cause, one by one."""
-        return tuple(self.source.split(', ')) if self.source else ()
+        return sources_of(self.source)
 
     @staticmethod
     def facts(fault: 'RobotFault | None') -> dict[str, Any]:

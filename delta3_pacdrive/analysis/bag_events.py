@@ -86,7 +86,7 @@ class _Story:
         self._timelines: list[tuple[Timeline, list[_Followed]]] = []
         self._switched: list[tuple[int, list[float]]] = []
         self._faults: list[dict[str, Any]] = []
-        self._trips: dict[int, str] = {}
+        self._trips: dict[int, tuple[str, str]] = {}  # sentence and source by bus cycle
 
     def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
         """Return what takes the bytes of a message."""
@@ -150,7 +150,8 @@ class _Story:
         """Take a report: it tells the fault of the robot, and the bus cycle in which that came."""
         facts = json.loads(message.data)
         if facts['fault'] and int(facts['fault_cycle']) >= 0:
-            self._trips.setdefault(int(facts['fault_cycle']), str(facts['fault']))
+            told = str(facts['fault']), str(facts.get('fault_source', ''))
+            self._trips.setdefault(int(facts['fault_cycle']), told)
 
     def told(self, last_cycle: int) -> dict[str, Any]:
         """Return everything up to a bus cycle."""
@@ -168,7 +169,8 @@ class _Story:
             'outputs': list(self._changes()),
             'faults': self._faults,
             'trips': [
-                {'time_s': self._time(cycle), 'text': text} for cycle, text in sorted(self._trips.items())
+                {'time_s': self._time(cycle), 'text': text, 'source': source}
+                for cycle, (text, source) in sorted(self._trips.items())
             ],
         }
 

@@ -11,7 +11,7 @@ from delta3_pacdrive.analysis import bag_events, derived_signals, run_signals
 from delta3_pacdrive.analysis.inputs import is_recording, noted
 from delta3_pacdrive.analysis.planning.evaluation import study
 from delta3_pacdrive.analysis.planning.report import limited_text
-from delta3_pacdrive.errors import ParameterError, TraceError
+from delta3_pacdrive.errors import ParameterError, TraceError, sources_of
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
@@ -52,11 +52,21 @@ class DrivenMove:
 
 @dataclass(frozen=True)
 class Mark:
-    """Something happened at a time [s] from the start of the program; ``kind`` is one of the constants above."""
+    """Something happened at a time [s] from the start of the program.
+
+    Attributes
+    ----------
+    kind
+        One of the constants above.
+    sources
+        Who is or may be the cause of a fault of the robot, as ``RobotFault`` has them.
+
+    """
 
     time_s: float
     kind: str
     text: str
+    sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -258,11 +268,15 @@ def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
         marks.append(Mark(after, FAULT, f'injected: {row["text"]}'))
         if math.isfinite(lasting):
             marks.append(Mark(after + lasting, EVENT, f'over: {row["text"]}'))
-    marks += [Mark(float(row['time_s']), FAULT, str(row['text'])) for row in story.get('trips', ())]
+    marks += [
+        Mark(float(row['time_s']), FAULT, str(row['text']), sources_of(str(row.get('source', ''))))
+        for row in story.get('trips', ())
+    ]
     stop = _stop_s(part)
     marks = [mark for mark in marks if mark.kind != OUTPUT or mark.time_s <= stop]
     if math.isfinite(stop):
-        marks.append(Mark(stop, FAULT, f'stop: {part.meta["stopped"]}'))
+        source = sources_of(str(part.meta.get('stop_source', '')))
+        marks.append(Mark(stop, FAULT, f'stop: {part.meta["stopped"]}', source))
     within = [mark for mark in marks if part.time_s[0] <= mark.time_s <= part.time_s[-1]]
     return tuple(sorted(within, key=lambda mark: mark.time_s))
 

@@ -7,6 +7,7 @@ limit must come nearer to it, without a step back, and keep it from where it has
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -327,6 +328,17 @@ def excess(
     return Excess(total, f'{what} {place}, the limit is {bound:.4g} {found.unit}')
 
 
+class Limited(StrEnum):
+    """A quantity of a motion that has a limit, in words; those of motors are followed by the number of the motor."""
+
+    TCP_SPEED = 'TCP speed'
+    TCP_ACCELERATION = 'TCP acceleration'
+    TCP_JERK = 'TCP jerk'
+    MOTOR_SPEED = 'speed of motor'
+    MOTOR_VOLTAGE = 'voltage of motor'
+    MOTOR_CURRENT = 'current of motor'
+
+
 class Comparison(NamedTuple):
     """One quantity of a motion is compared with its limit.
 
@@ -334,18 +346,24 @@ class Comparison(NamedTuple):
     ----------
     stretch
         Factor of time that keeps the limit just so, shape (n,): below 1 there is room.
-    name, unit
-        The quantity in words, and its unit.
+    quantity, axis, unit
+        Which it is, the number of its motor, 1 to 3, None for the TCP, and its unit.
     value, limit
         Of it, shape (n,); the limit may be a number.
 
     """
 
     stretch: Floats
-    name: str
+    quantity: Limited
+    axis: int | None
     unit: str
     value: Floats
     limit: Floats | float
+
+    @property
+    def name(self) -> str:
+        """The quantity in words, with the number of its motor."""
+        return self.quantity.value if self.axis is None else f'{self.quantity} {self.axis}'
 
 
 def compared(
@@ -358,9 +376,14 @@ def compared(
     entries = list(_motor_stretches(dynamics, parameters))
     if limits is not None:
         tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
-        names = (('TCP speed', 'm/s'), ('TCP acceleration', 'm/s2'), ('TCP jerk', 'm/s3'))
+        names = (
+            (Limited.TCP_SPEED, 'm/s'),
+            (Limited.TCP_ACCELERATION, 'm/s2'),
+            (Limited.TCP_JERK, 'm/s3'),
+        )
         for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
-            entries.append(Comparison(np.asarray((value / limit) ** (1.0 / power)), name, unit, value, limit))
+            stretch = np.asarray((value / limit) ** (1.0 / power))
+            entries.append(Comparison(stretch, name, None, unit, value, limit))
     return entries
 
 
@@ -379,8 +402,8 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
     current = np.where(over, np.maximum(current, 1.0), amperes / motor.peak_current_a)
     for axis in range(AXES):
         for stretch, name, unit, values, limit in (
-            (rpm / motor.max_speed_rpm, 'speed', 'rpm', rpm, motor.max_speed_rpm),
-            (volts / voltage_max, 'voltage', 'V', volts, voltage_max),
-            (current, 'current', 'A', amperes, motor.peak_current_a),
+            (rpm / motor.max_speed_rpm, Limited.MOTOR_SPEED, 'rpm', rpm, motor.max_speed_rpm),
+            (volts / voltage_max, Limited.MOTOR_VOLTAGE, 'V', volts, voltage_max),
+            (current, Limited.MOTOR_CURRENT, 'A', amperes, motor.peak_current_a),
         ):
-            yield Comparison(stretch[:, axis], f'{name} of motor {axis + 1}', unit, values[:, axis], limit)
+            yield Comparison(stretch[:, axis], name, axis + 1, unit, values[:, axis], limit)

@@ -133,8 +133,8 @@ class SimulatedOperation:
     ----------
     stopped
         Why the program was given up, empty while it was not.
-    stop_cycle
-        First bus cycle of the stop, ``NEVER`` without one.
+    stop_source, stop_cycle
+        ``RobotFault.source`` of it, and first bus cycle of the stop, ``NEVER`` without one.
 
     Raises
     ------
@@ -157,7 +157,8 @@ class SimulatedOperation:
         self._axes = AxisMonitor(parameters)
         self._controller = ControllerCycle(task, self._axes, parameters)
         self._signals = np.empty((len(NAMES), task.last_cycle + 1, 3))
-        self.stopped, self.stop_cycle = '', NEVER
+        self.stopped = self.stop_source = ''
+        self.stop_cycle = NEVER
 
     @property
     def lost(self) -> int:
@@ -256,7 +257,8 @@ class SimulatedOperation:
 
     def _stop(self, stop: Stop, cause: str = '') -> None:
         if not self.stopped:
-            self.stopped, self.stop_cycle = f'{stop.fault}{cause}', stop.first
+            self.stopped, self.stop_source = f'{stop.fault}{cause}', stop.fault.source
+            self.stop_cycle = stop.first
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:

@@ -70,6 +70,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
     meta = _meta(planned, parameters, task) | {
         'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
         'stopped': operation.stopped,
+        'stop_source': operation.stop_source,
         'stop_cycle': operation.stop_cycle if operation.stopped else None,
         'lost_telegrams': operation.lost,
     }

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import interrupts, kinematics
-from delta3_pacdrive.analysis.runs import FAULT, Run
+from delta3_pacdrive.analysis.runs import FAULT, Mark, Run
 from delta3_pacdrive.drive.state_machine import overload_after
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.plots import rows_of
-from delta3_pacdrive.view.values import AXES, Facts, Instant
+from delta3_pacdrive.view.values import Facts, Instant
 
 PICTURE_S = 1.0 / PICTURES_HZ
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -120,9 +120,8 @@ class Film:
         """Return what there is to read in a cycle, while it is played at a speed or stands."""
         run, time_s = self.run, float(self.time_s[row])
         begun = [move for move in run.moves if move.start_s <= time_s]
-        fault = next(
-            (mark.text for mark in reversed(run.marks) if mark.kind == FAULT and mark.time_s <= time_s), ''
-        )
+        faults = [mark for mark in run.marks if mark.kind == FAULT and mark.time_s <= time_s]
+        fault = faults[-1] if faults else Mark(time_s, FAULT, '')
         payload_kg = self.robot.dynamics.payload_mass_kg
         on: dict[str, bool] = {}
         for change in run.outputs:
@@ -135,8 +134,8 @@ class Film:
             cycle=round(time_s / run.period_s),
             bus_time_s=time_s,
             override=speed,
-            fault=fault,
-            sources=tuple(axis for axis in AXES if axis in fault),
+            fault=fault.text,
+            sources=fault.sources,
             move=max(len(begun) - 1, 0),
             moves=len(run.moves),
             remaining_s=max(float(self.time_s[-1]) - time_s, 0.0),

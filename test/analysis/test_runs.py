@@ -31,6 +31,7 @@ moves:
   - output: {name: gripper, value: true, payload_kg: 0.5}
   - dwell: {time_s: 0.02}
 """
+TRIP = {'fault': 'axis1: two AT are lost', 'fault_source': 'axis1', 'fault_cycle': 142}
 STARTS, HELD, LAST = 100, 130, 400  # bus cycles
 MULTI_ARRAY, TEXT = 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String'
 
@@ -86,8 +87,8 @@ def bag(program, tmp_path, robot):
         ('outputs', outputs(135, 1.0, 0.5)),
         ('outputs', outputs(150, 1.0, 0.5, 1.0)),
         ('faults/schedule', text(Scheduled(Fault('drop_at', 'axis1'), 140, 141).to_document())),
-        ('motion/progress', text({'fault': 'axis1: two AT are lost', 'fault_cycle': 142})),
-        ('motion/progress', text({'fault': 'axis1: two AT are lost', 'fault_cycle': 142})),
+        ('motion/progress', text(TRIP)),
+        ('motion/progress', text(TRIP)),
         ('motion/progress', b'\x00\x01\x00\x00nonsense'),
     ]
     cycles = range(90, LAST + 1)
@@ -167,6 +168,7 @@ def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
         (42, 'fault', 'axis1: two AT are lost'),
         (50, 'output', 'output1 on'),
     ]
+    assert [mark.sources for mark in run.marks if mark.kind == 'fault'] == [(), ('axis1',)]
 
 
 def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):

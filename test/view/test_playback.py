@@ -73,6 +73,10 @@ def test_what_there_is_to_read_is_that_of_its_time(run):
     assert (first.moves, first.fault) == (len(run.moves), '')
     middle = film.facts(film.row(0.1), 'playing', 0.5)
     assert (middle.outputs, middle.payload_kg, middle.override) == (1, 0.4, 0.5)
+    injected = next(mark for mark in run.marks if mark.text.startswith('injected: '))
+    disturbed = film.facts(film.row(injected.time_s + 0.5 * run.period_s), 'playing', 1.0)
+    assert 'axis2' in disturbed.fault
+    assert disturbed.sources == ()  # no drive has told of it yet
     last = film.facts(len(film.time_s) - 1, 'paused', 1.0)
     assert 'axis2' in last.fault
     assert last.sources == ('axis2',)

@@ -31,12 +31,6 @@ STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
 AT_LIMIT = 0.95  # of a limit: from there on it is used up
 QUANTITIES = tuple(Quantity)
-OF_MOTORS = {
-    'speed': Quantity.MOTOR_SPEED,
-    'voltage': Quantity.MOTOR_VOLTAGE,
-    'current': Quantity.MOTOR_CURRENT,
-}
-OF_TCP = (Quantity.TCP_SPEED, Quantity.TCP_ACCELERATION, Quantity.TCP_JERK)
 STANDING_M_S = 1e-9
 
 
@@ -135,19 +129,12 @@ def _limiters(
     bends = _bends(master, samples)
     for demand in compared(dynamics, parameters, limits):
         limit = np.broadcast_to(np.asarray(demand.limit, dtype=np.float64), shape)
-        if ' of motor ' in demand.name:
-            name, _, axis = demand.name.partition(' of motor ')
-            found.append(
-                _Limiter(OF_MOTORS[name], int(axis), demand.stretch, demand.value, limit, demand.unit)
-            )
-            continue
-        quantity = next(one for one in OF_TCP if one == demand.name)
+        quantity = Quantity[demand.quantity.name]
         bend = bends.get(quantity, np.zeros(shape, dtype=np.bool_))
         for kind, here in ((quantity, ~bend), (Quantity.CURVATURE, bend)):
             if here.any():
-                found.append(
-                    _Limiter(kind, None, demand.stretch * here, demand.value * here, limit, demand.unit)
-                )
+                stretch, value = demand.stretch * here, demand.value * here
+                found.append(_Limiter(kind, demand.axis, stretch, value, limit, demand.unit))
     return tuple(found)
 
 

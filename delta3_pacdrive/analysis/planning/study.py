@@ -11,7 +11,7 @@ from delta3_pacdrive.numerics.types import Floats
 
 
 class Quantity(StrEnum):
-    """A quantity that may keep a move from being faster."""
+    """A quantity that may keep a move from being faster; those of ``motion.limits.Limited`` have the same names."""
 
     TCP_SPEED = 'TCP speed'
     TCP_ACCELERATION = 'TCP acceleration'
