@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -105,4 +106,5 @@ def save(figure: Figure, path: Path, metadata: Mapping[str, str]) -> None:
     """Write a figure as PNG, with ``metadata`` in the text fields of the file; raises OSError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    FigureCanvasAgg(figure).print_png(path, metadata=metadata)
+    with whole_file.replacing(path) as partial:
+        FigureCanvasAgg(figure).print_png(partial, metadata=metadata)

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import os
 import platform
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import Delta3Error, ReportError
 from delta3_pacdrive.numerics.kernel import sources_digest
 from delta3_pacdrive.parameters import DEFAULT_FILE, Parameters
@@ -112,22 +112,15 @@ def write_json(document: Any, path: Path) -> Path:
 def write_text(text: str, path: Path) -> Path:
     """Write a text so that a reader sees the old file or the new one, never half of it; raises ReportError."""
     with excused(f'cannot write {path}'):
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            path.write_text(text, encoding='utf-8')  # a device or a pipe must stay one
-            return path
-        partial = path.with_name(f'.{path.name}.{os.getpid()}')
-        try:
-            partial.write_text(text, encoding='utf-8')
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
-    return path
+        return whole_file.write_text(text, path)
 
 
 def write_table(
     path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]], provenance: Provenance
 ) -> Path:
     """Write a CSV file: how it came about in lines that begin with '#', then a header with units, then the rows.
+
+    The file is there whole or not at all.
 
     Raises
     ------
@@ -137,7 +130,10 @@ def write_table(
     """
     with excused(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open('w', encoding='utf-8', newline='') as file:
+        with (
+            whole_file.replacing(path) as partial,
+            partial.open('w', encoding='utf-8', newline='') as file,
+        ):
             for name, text in provenance.lines().items():
                 file.write(f'# {name}: {text}\n')
             writer = csv.writer(file, lineterminator='\n')

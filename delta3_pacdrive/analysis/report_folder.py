@@ -16,10 +16,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.figure_style import add_foot, save
 from delta3_pacdrive.analysis.index_page import IndexPage, offered
-from delta3_pacdrive.analysis.provenance import Provenance, excused, json_text, write_json, write_table
-from delta3_pacdrive.errors import FigureError
+from delta3_pacdrive.analysis.provenance import (
+    Provenance,
+    excused,
+    json_text,
+    write_json,
+    write_table,
+    write_text,
+)
+from delta3_pacdrive.errors import FigureError, ReportError
 from delta3_pacdrive.numerics.types import Floats
 
 if TYPE_CHECKING:
@@ -157,8 +165,12 @@ class ReportFolder:
         told = '\n'.join(text).strip('\n')
         whole = self._page.html(title, self.provenance.lines(), told, more)
         self.make()
-        with excused(f'cannot write to {self.path}'):
-            (self.path / INDEX).write_text(whole, encoding='utf-8')
+        write_text(whole, self.path / INDEX)
+
+    def require_writable(self) -> None:
+        """Refuse a folder that nothing can be written into, before anything is computed for it; raises ReportError."""
+        if why := whole_file.folder_refusal(self.path):
+            raise ReportError(f'cannot write to {self.path}: {why}')
 
     def make(self) -> None:
         """Make the folder before anything is computed for it; raises ReportError."""

@@ -160,8 +160,7 @@ def _design(options: Options, path: str, show: OnProgress) -> dict[str, Any]:
 
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.estimation import excitation
-    from delta3_pacdrive.analysis.provenance import versions
-    from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.analysis.provenance import versions, write_text
 
     robot = core.load(options.parameters)
     group = 'geometry' if options.group == 'geometry' else 'masses'
@@ -176,10 +175,7 @@ def _design(options: Options, path: str, show: OnProgress) -> dict[str, Any]:
     ]
     text = ''.join(f'# {line}\n' for line in lines)
     text += yaml.safe_dump(found.document, sort_keys=False, default_flow_style=None)
-    try:
-        Path(path).write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise EstimationError(f'cannot write {path}: {error.strerror or error}') from error
+    write_text(text, Path(path))
     return {
         'ok': True,
         'file': path,

@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.configuration.located import Fields, Items, Place
 from delta3_pacdrive.errors import Delta3Error, shown
 
@@ -159,5 +160,5 @@ def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
 
 
 def write(path: Path, document: Any) -> None:
-    """Write a document."""
-    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding='utf-8')
+    """Write a document, whole or not at all; raises OSError."""
+    whole_file.write_text(yaml.safe_dump(document, sort_keys=False), path)

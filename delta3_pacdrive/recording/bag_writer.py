@@ -27,6 +27,7 @@ from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_typestore
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
@@ -250,14 +251,7 @@ class BagWriter:
 
     def _write_metadata(self, custom: Mapping[str, str]) -> None:
         """Replace metadata.yaml: a reader sees the old one or the new one."""
-        path, whole = self.path / 'metadata.yaml', self._metadata(custom)[0]
-        partial = path.with_suffix('.yaml.tmp')
-        try:
-            partial.write_text(whole, encoding='utf-8')
-            partial.replace(path)
-        except OSError:
-            partial.unlink(missing_ok=True)
-            raise
+        whole_file.write_text(self._metadata(custom)[0], self.path / 'metadata.yaml')
 
     def _metadata(self, custom: Mapping[str, str]) -> tuple[str, str]:
         """Metadata of what is on the disk as rosbag2 has it (version 9): of the folder, and inside the file."""

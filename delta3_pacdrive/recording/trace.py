@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 
@@ -44,8 +45,12 @@ class Trace:
             ) from None
 
     def save(self, path: str | Path) -> None:
-        """Write to a ``.npz`` file."""
-        with told(f'write trace {path}'), Path(path).open('wb') as file:
+        """Write to a ``.npz`` file, whole or not at all; raises TraceError."""
+        with (
+            told(f'write trace {path}'),
+            whole_file.replacing(Path(path)) as partial,
+            partial.open('wb') as file,
+        ):
             np.savez_compressed(
                 file,
                 time_s=self.time_s,

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.recording import signals
 from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS
@@ -71,7 +72,11 @@ def write(trace: Trace, path: str | Path) -> Path:
     names = [name for name in trace.signals if name in QUANTITIES]
     header = ['time [s]', *(column for name in names for column in columns_of(name))]
     table = np.column_stack([trace.time_s, *(trace[name] for name in names)])
-    with told(f'write trace {path}'), path.open('w', encoding='utf-8', newline='') as file:
+    with (
+        told(f'write trace {path}'),
+        whole_file.replacing(path) as partial,
+        partial.open('w', encoding='utf-8', newline='') as file,
+    ):
         file.write(f'# {json.dumps(trace.meta)}\n')
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(header)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.bag_trace import read_bag
@@ -41,6 +42,12 @@ def save(trace: Trace, path: str | Path) -> None:
         trace_csv.write(trace, path)
     else:
         trace.save(path)
+
+
+def require_writable(path: str | Path) -> None:
+    """Refuse a trace that cannot be written, before anything is simulated for it; raises TraceError."""
+    if why := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
+        raise TraceError(f'cannot write trace {path}: {why}')
 
 
 def suffix_refusal(path: str | Path) -> str | None:

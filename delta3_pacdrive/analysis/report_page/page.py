@@ -5,13 +5,13 @@ licences stand in ``assets/LICENSES.txt`` and in the page.
 """
 
 import json
-import os
 import re
 from collections.abc import Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.provenance import Provenance, write_text
 from delta3_pacdrive.analysis.report_page.document import report_document
 from delta3_pacdrive.analysis.report_page.tables import sections
@@ -27,15 +27,10 @@ RUNS_MAX = 4
 
 def require_writable(path: Path) -> None:
     """Refuse a page that cannot be written, before anything is computed for it; raises ReportError."""
-    why = ''
-    if path.is_dir():
-        why = 'it is a folder'
-    elif path.suffix.lower() not in ('.html', '.htm'):  # a slip of the hand must not cost a recording
-        why = 'the name of a page must end in .html'
-    elif not path.parent.is_dir():
-        why = f'there is no folder {path.parent}'
-    elif not os.access(path.parent, os.W_OK):
-        why = f'the folder {path.parent} may not be written'
+    if not path.is_dir() and path.suffix.lower() not in ('.html', '.htm'):
+        why = 'the name of a page must end in .html'  # a slip of the hand must not cost a recording
+    else:
+        why = whole_file.file_refusal(path)
     if why:
         raise ReportError(f'cannot write {path}: {why}')
 

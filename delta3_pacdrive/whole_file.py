@@ -1,0 +1,72 @@
+"""Files are there whole or not at all; and why one cannot be written is known before anything is computed for it."""
+
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+NAME_LENGTH = 60  # of the file, in the name beside it, which must not become too long
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give the name under which a file is to be written; it takes the place of ``path`` if nothing goes wrong.
+
+    A reader sees the old file or the new one, never half of it. What is no file, but a device or a pipe, is written
+    itself. Raises OSError.
+    """
+    if path.exists():
+        if not path.is_file() and not path.is_dir():
+            yield path
+            return
+        if not os.access(path, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    whole = Path(os.path.realpath(path))  # a link stays one
+    partial = whole.with_name(f'.{whole.name[:NAME_LENGTH]}.{os.getpid()}')
+    try:
+        yield partial
+        if whole.is_file():
+            shutil.copymode(whole, partial)
+        partial.replace(whole)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(text: str, path: Path) -> Path:
+    """Write a text file as ``replacing`` does; raises OSError."""
+    with replacing(path) as partial:
+        partial.write_text(text, encoding='utf-8')
+    return path
+
+
+def file_refusal(path: Path) -> str:
+    """Return why no file can be written there, empty if one can, as far as that can be known before."""
+    if os.path.isdir(path):
+        return 'it is a folder'
+    if os.path.exists(path) and not os.access(path, os.W_OK):
+        return 'it may not be written'
+    if os.path.exists(path) and not os.path.isfile(path):
+        return ''
+    if not os.path.isdir(path.parent):
+        return f'there is no folder {path.parent}'
+    return _closed(path.parent)
+
+
+def folder_refusal(path: Path) -> str:
+    """Return why there can be no folder of this name with files in it; empty if there can, as far as can be known."""
+    above = next(here for here in (path, *path.parents) if os.path.lexists(here) or here == here.parent)
+    if not os.path.isdir(above):
+        return 'it is no folder' if above == path else f'{above} is no folder'
+    return _closed(above)
+
+
+def _closed(folder: Path) -> str:
+    """Return why nothing can be written into a folder; empty if something can."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return ''
+    except OSError as error:
+        return f'the folder {folder} may not be written: {error.strerror or error}'
