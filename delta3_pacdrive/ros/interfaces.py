@@ -64,6 +64,11 @@ class Delivery:
             return qos.PLAN_LATECOMER
         return qos.RECORDER if self in (CYCLIC, CYCLIC_NEWEST, REPORT) else self.subscription
 
+    @property
+    def view(self) -> QoSProfile:
+        """What those ask for who only look, and hold nobody up: what is too much for them is not drawn."""
+        return qos.PLAN_SHOWN if self is PLAN else self.subscription
+
 
 CYCLIC = Delivery(
     'cyclic',
@@ -377,7 +382,7 @@ COURSE = Topic(
     'motion profile: what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
 )
 STATUS = Topic(
-    'motion/status', String, LATCHED, (TASK,), (PLANNER,),
+    'motion/status', String, LATCHED, (TASK,), (PLANNER, VISUALIZATION),
     'JSON: session, state, place, why no program could start, who has control', CHANGE, recorded=True,
 )
 VERDICT = Topic(

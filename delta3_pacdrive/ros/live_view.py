@@ -63,7 +63,8 @@ class LiveView:
         self._operator.show = page.tell
         self._button = Button()
         self._jog_speed = 0.05
-        self._planned = self._session = ''
+        self._session = ''
+        self._planned = 0  # changes of the path that is drawn
         self._drawn_s = self._read_s = 0.0
         self._moving_s = self._watched_s = time.monotonic()
         self._urgent = False
@@ -121,7 +122,7 @@ class LiveView:
         robot, page = self._robot, self._page
         if robot.learn():
             page.use(robot.parameters)
-            page.plan(robot.planned[0])
+            page.plan(robot.planned.points_m)
         session = str(self._operator.progress.get('session', ''))
         if session != self._session:
             self._session = session
@@ -132,10 +133,9 @@ class LiveView:
         if now - self._read_s >= FACTS_S:
             self._read_s = now
             page.read(robot.facts())
-            points, number = robot.planned
-            if str(number) != self._planned:
-                self._planned = str(number)
-                page.plan(points)
+            if robot.planned.changes != self._planned:
+                self._planned = robot.planned.changes
+                page.plan(robot.planned.points_m)
         if page.watched:
             self._watched_s = now
 

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.scene.parts import NAMES, Colour, Part, parts
@@ -29,7 +28,6 @@ ERROR: Colour = (0.90, 0.15, 0.15, 1.0)
 LINE_M, ERROR_LINE_M, COMMAND_M = 0.003, 0.006, 0.03
 POINT_M = 2e-3  # least distance between two points of a line
 POINTS_MAX = 2000  # of a line; the path that was travelled loses its oldest ones
-MOVE_POINTS_MAX = 200
 
 
 class _Group:
@@ -77,7 +75,7 @@ class RobotMarkers:
         self._still = _Group(part for part in all_parts if not part.moves)
         self._moving = _Group(part for part in all_parts if part.moves and part.name != 'payload')
         self._payload: _Group | None = None
-        self._planned: list[Floats] = []
+        self._planned: Floats = np.empty((0, 3))
         self._travelled: deque[Point] = deque(maxlen=POINTS_MAX)
         self._last = np.full(3, math.inf)
         self.carry(parameters.dynamics.payload_mass_kg)
@@ -93,14 +91,9 @@ class RobotMarkers:
             marker.action = Marker.DELETE
         return [] if carried else before
 
-    def plan(self, move: Move, number: int) -> None:
-        """Add a move, the ``number``-th of a plan, to the path that is planned; the first one begins a new path."""
-        if number == 0:
-            self._planned = []
-        count = min(max(2, math.ceil(move.length_m / POINT_M)), MOVE_POINTS_MAX)
-        self._planned.append(move.sample(np.linspace(0.0, move.length_m, count))[:, 0])
-        if sum(map(len, self._planned)) > 10 * POINTS_MAX:
-            self._planned = [np.concatenate(self._planned)[::2]]
+    def plan(self, points_m: Floats) -> None:
+        """Show another path that is planned [m], shape (n, 3)."""
+        self._planned = points_m[:: max(1, math.ceil(len(points_m) / POINTS_MAX))]
 
     def travel(self, tcp_m: Floats) -> None:
         """Add a place [m], shape (3,), to the path that was travelled."""
@@ -112,9 +105,7 @@ class RobotMarkers:
 
     def still(self) -> list[Marker]:
         """Return what changes seldom: base, motors, workspace, and the path that is planned."""
-        points = np.concatenate(self._planned) if self._planned else np.empty((0, 3))
-        points = points[:: max(1, math.ceil(len(points) / POINTS_MAX))]
-        planned = _line('path_planned', [_point(place) for place in points], PLANNED, LINE_M)
+        planned = _line('path_planned', [_point(place) for place in self._planned], PLANNED, LINE_M)
         # what does not move is at the same place for all arm angles
         return [*self._still.placed(np.zeros(3), self._parameters), planned]
 

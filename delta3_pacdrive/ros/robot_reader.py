@@ -15,19 +15,19 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Origin
+from delta3_pacdrive.controller.messages import Status
+from delta3_pacdrive.controller.planned_path import PlannedPath
 from delta3_pacdrive.errors import Delta3Error, TelegramError
-from delta3_pacdrive.motion.plan import Move
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.parameters import shows
-from delta3_pacdrive.ros.qos import NEWEST, PLAN_SHOWN
+from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
@@ -35,8 +35,6 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 
 SILENT_S = 2.0  # without a report, after which no robot is there
-PLAN_ROWS_MAX, PLAN_POINTS_MAX = 400, 4000  # of a plan that are drawn
-MOVE_POINTS = 24
 TELL_PARAMETERS = {
     'plant': 'plant',
     'mc4_drive_1': 'mc4_drive',
@@ -53,14 +51,14 @@ class RobotReader:
     parameters
         Of the robot, as far as they are known.
     planned
-        Points of the path that was planned last [m], shape (n, 3), and how often that changed.
+        The path that is driven.
 
     """
 
     def __init__(self, operator: OperatorNode, parameters: Parameters) -> None:
         self.operator = operator
         self.parameters = parameters
-        self.planned: tuple[Floats, int] = np.empty((0, 3)), 0
+        self.planned = PlannedPath(parameters.kinematics)
         self._joints = interfaces.JOINT_STATES.polled_subscription(operator, profile=NEWEST)
         self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
         self._joint_codec = cdr.codec(telegrams.JOINT_STATES)
@@ -70,10 +68,9 @@ class RobotReader:
         self._drives = [DriveFacts()] * len(DRIVES)
         self._prefix = operator.get_namespace().rstrip('/') + '/mc4_drive_'
         interfaces.DIAGNOSTICS.subscription(operator, self._on_diagnostics)
-        # whoever only looks does not hold the planner up: what is too much is not drawn
-        interfaces.MOTION_PLAN.subscription(operator, self._on_plan, raw=True, profile=PLAN_SHOWN)
-        self._rows: list[Floats] = []
-        self._order = ('', -1)
+        plan = interfaces.MOTION_PLAN
+        plan.subscription(operator, self._on_plan, raw=True, profile=plan.delivery.view)
+        interfaces.STATUS.subscription(operator, self._on_status)
         # all parameters of the robot, each of a node that shows it
         self._questions = {
             node: operator.create_client(GetParameters, f'{node}/get_parameters') for node in TELL_PARAMETERS
@@ -156,21 +153,11 @@ class RobotReader:
 
     def _on_plan(self, data: bytes) -> None:
         with suppress(Delta3Error, RuntimeError, ValueError, UnicodeDecodeError):  # a foreign writer
-            label, row = row_of(deserialize_message(data, Float64MultiArray))
-            origin = Origin.from_label(label)
-            order = origin.planner, origin.number
-            if order != self._order:
-                self._order, self._rows = order, []
-            if origin.kind in (FAULT, REVOKE):
-                return
-            if origin.kind in (ORDER, EXTEND):
-                points = np.concatenate(self._rows) if self._rows else np.empty((0, 3))
-                self.planned = points[:PLAN_POINTS_MAX], self.planned[1] + 1
-            elif len(self._rows) < PLAN_ROWS_MAX:
-                move, _, _ = Move.from_array(row, self.parameters.kinematics)
-                count = MOVE_POINTS if len(move.segments) < MOVE_POINTS else 2 * len(move.segments)
-                distances = np.linspace(move.master[0, 1], move.length_m, count)
-                self._rows.append(move.sample(distances)[:, 0])
+            self.planned.take(*row_of(deserialize_message(data, Float64MultiArray)))
+
+    def _on_status(self, message: String) -> None:
+        with suppress(TelegramError):
+            self.planned.look(Status.from_json(message.data))
 
     def learn(self) -> bool:
         """Ask for the parameters of the robot once in each session; whether others than before are known now."""
@@ -194,6 +181,7 @@ class RobotReader:
         except Delta3Error:
             return False  # a robot of another version
         before, self.parameters = self.parameters, found
+        self.planned.use(found.kinematics)
         return found.checksum != before.checksum
 
     def _ask_for_parameters(self) -> None:

@@ -18,6 +18,7 @@ from delta3_pacdrive.ros.interfaces import (
     RECORDED,
     SERVICES,
     TOPICS,
+    VISUALIZATION,
     Topic,
 )
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
@@ -98,7 +99,10 @@ def test_every_topic_that_a_node_reads_is_in_the_table_with_its_type_and_qos(rob
     for node, name, info in endpoints(robot, 'subscriptions'):
         topic = BY_NAME[name]
         assert info.topic_type == topic.type_name, name
-        profile = topic.delivery.recorder if node == 'recorder' else topic.delivery.subscription
+        delivery = topic.delivery
+        profile = {'recorder': delivery.recorder, VISUALIZATION: delivery.view}.get(
+            node, delivery.subscription
+        )
         assert alike(info.qos_profile, profile), (node, name)
         if node not in ('recorder', 'operator'):
             found.add((node, topic.name))
@@ -164,7 +168,7 @@ def test_any_client_may_ask_for_reliable_delivery_of_any_topic() -> None:
 def test_no_reader_asks_for_what_the_writer_does_not_offer() -> None:
     for topic in TOPICS:
         offered = topic.delivery.publisher
-        for asked in (topic.delivery.subscription, topic.delivery.recorder):
+        for asked in (topic.delivery.subscription, topic.delivery.recorder, topic.delivery.view):
             latched = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL
             assert not latched or offered.durability == DurabilityPolicy.TRANSIENT_LOCAL, topic.name
 
@@ -174,6 +178,8 @@ def test_latecomers_hear_states_and_never_an_order() -> None:
         topic.name
         for topic in TOPICS
         if topic.delivery.publisher.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        # who would drive an old plan does not ask for it; who only looks or records does
+        and topic.delivery.subscription.durability == DurabilityPolicy.TRANSIENT_LOCAL
     }
     assert {
         topic.name for topic in TOPICS if topic.name.rpartition('/')[2] in ('state', 'status', 'phase')

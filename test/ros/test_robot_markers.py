@@ -5,7 +5,6 @@ import pytest
 from visualization_msgs.msg import Marker
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.ros.robot_markers import POINTS_MAX, RobotMarkers
 
 ROBOT = parameters.load()
@@ -65,15 +64,11 @@ def test_a_path_of_one_point_is_none_and_a_long_one_loses_its_beginning(markers:
     assert len(markers.travelled()[0].points) == POINTS_MAX
 
 
-def test_a_plan_of_thousands_of_moves_is_drawn_with_fewer_points(markers: RobotMarkers) -> None:
-    corners = [[0.2, 0.0, -0.8], [0.0, 0.2, -0.8]]
-    program = {'moves': [{'move_l': {'to_m': corner}} for corner in corners]}
-    planned = program_planner.plan(program_file.parse(program, ROBOT.motion), HOME, ROBOT)
-    for number in range(2000):
-        markers.plan(planned.plan.moves[min(number, 1)], number)
-    line = markers.still()[-1]
-    assert 0 < len(line.points) <= POINTS_MAX
-    markers.plan(planned.plan.moves[0], 0)  # another plan begins
+def test_a_planned_path_of_many_points_is_drawn_with_fewer(markers: RobotMarkers) -> None:
+    assert markers.still()[-1].action == Marker.DELETE
+    markers.plan(np.linspace(HOME, [0.2, 0.0, -0.8], 5 * POINTS_MAX))
     drawn = places(markers.still()[-1])
-    assert drawn[-1] == pytest.approx(corners[0])
-    assert drawn[0] == pytest.approx(HOME, abs=1e-6)
+    assert POINTS_MAX / 2 < len(drawn) <= POINTS_MAX
+    assert drawn[0] == pytest.approx(HOME)
+    markers.plan(np.array([HOME, [0.0, 0.2, -0.8]]))
+    assert places(markers.still()[-1]) == pytest.approx(np.array([HOME, [0.0, 0.2, -0.8]]))

@@ -1,7 +1,7 @@
 """Node for the eye: markers of the robot, and bus time as ``/clock``; it does nothing while nobody listens.
 
 In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``; always
-``motion/plan``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
+``motion/plan`` and ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
 """
 
 from collections.abc import Callable
@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.controller.messages import Origin
+from delta3_pacdrive.controller.messages import Status
+from delta3_pacdrive.controller.planned_path import PlannedPath
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.clock_output import ClockOutput
@@ -25,6 +25,7 @@ from delta3_pacdrive.ros.interfaces import (
     MARKERS,
     MOTION_PLAN,
     OUTPUTS,
+    STATUS,
     TCP_COMMAND,
     TCP_ERROR,
     Topic,
@@ -34,7 +35,7 @@ from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import NEWEST, PLAN_SHOWN
+from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
 from delta3_pacdrive.sercos.telegram_codec import Decoded
 
@@ -87,13 +88,17 @@ class RobotVisualizationNode(PollingNode):
         )
         self._robot = declare_robot(self, 'robot_visualization')
         self._markers = RobotMarkers(self._robot, magnification)
+        self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
         self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE)
         self._command, self._error = _Heard(self, TCP_COMMAND), _Heard(self, TCP_ERROR)
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
         self._ticks = 0
-        MOTION_PLAN.bounded_subscription(self, self._on_plan, ROW_BYTES_MAX, profile=PLAN_SHOWN)
+        MOTION_PLAN.bounded_subscription(
+            self, self._on_plan, ROW_BYTES_MAX, profile=MOTION_PLAN.delivery.view
+        )
+        STATUS.bounded_subscription(self, self._on_status)
         OUTPUTS.bounded_subscription(self, self._on_outputs)
         self.create_timer(LOOK_S, self._look)
         self._ticker = self.create_timer(TICK_S, self._tick, autostart=False)
@@ -138,10 +143,12 @@ class RobotVisualizationNode(PollingNode):
             self._output.publish(MarkerArray(markers=markers))
 
     def _on_plan(self, message: Float64MultiArray) -> None:
-        label, row = row_of(message)
-        if Origin.from_label(label).kind in MoveKind.__members__:
-            move, number, _ = Move.from_array(row, self._robot.kinematics)
-            self._markers.plan(move, number)
+        self._planned.take(*row_of(message))
+        self._markers.plan(self._planned.points_m)
+
+    def _on_status(self, message: String) -> None:
+        self._planned.look(Status.from_json(message.data))
+        self._markers.plan(self._planned.points_m)
 
     def _on_outputs(self, message: JointState) -> None:
         carried = dict(zip(message.name, message.position, strict=False)).get('payload_kg', -1.0)
