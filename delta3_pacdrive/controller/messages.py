@@ -271,7 +271,7 @@ class Origin:
     Attributes
     ----------
     kind
-        What the row is: ``ORDER``, ``EXTEND``, ``FAULT``, ``REVOKE``, ``COURSE``, or the kind of a move.
+        What the row is: ``ORDER``, ``EXACT``, ``EXTEND``, ``FAULT``, ``REVOKE``, ``COURSE``, or the kind of a move.
     planner
         Identity of its sender.
     session
@@ -300,6 +300,9 @@ class Origin:
 
 
 ORDER, EXTEND, FAULT, REVOKE, COURSE = 'ORDER', 'EXTEND', 'FAULT', 'REVOKE', 'COURSE'
+EXACT = 'EXACT'  # an order that begins in its bus cycle, or not at all
+ORDERS = (ORDER, EXACT)
+LAST = (*ORDERS, EXTEND)  # rows that end a plan
 ACCEPTED = ''  # code of what is not refused
 # what operators ask of the transformation task
 TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'

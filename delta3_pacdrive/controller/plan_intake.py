@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Numbering, Origin
-from delta3_pacdrive.errors import Code, ProgramError, Reason
+from delta3_pacdrive.controller.messages import EXACT, EXTEND, FAULT, LAST, REVOKE, Numbering, Origin
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
 from delta3_pacdrive.motion.extension import Row
@@ -28,12 +28,16 @@ NUMBERS_MAX = 20_000_000  # of all moves of a plan: 160 MB
 
 @dataclass(frozen=True)
 class Order:
-    """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at an override."""
+    """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at an override.
+
+    One that is ``exact`` begins in that cycle or not at all; any other one as soon as it can, if that is later.
+    """
 
     plan: Plan
     cycle: float
     override: float
     faults: tuple[Fault, ...]
+    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,15 +96,15 @@ class PlanIntake:
             self._number = origin.number
         self.checked += 1
         try:
-            if origin.kind in (ORDER, EXTEND):
+            if origin.kind in LAST:
                 order = self._error or self._ended(origin.kind, row)
                 self.begin()
                 return order
             if self._error is None:
                 self._take_part(origin.kind, row)
-        except ProgramError as error:
+        except Delta3Error as error:
             reason = Reason.of(error)
-            if origin.kind in (ORDER, EXTEND):
+            if origin.kind in LAST:
                 self.begin()
                 return reason
             self._error = reason
@@ -123,9 +127,9 @@ class PlanIntake:
         self._builder.add(move)
 
     def _ended(self, kind: str, row: Any) -> Order | MoreMoves:
-        return self._order(row) if kind == ORDER else self._more(row)
+        return self._more(row) if kind == EXTEND else self._order(row, kind == EXACT)
 
-    def _order(self, row: Any) -> Order:
+    def _order(self, row: Any, exact: bool) -> Order:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError(
                 'the order of a plan must be whole numbers behind a start cycle and an override'
@@ -144,7 +148,7 @@ class PlanIntake:
             check_speed(self._builder.moves[int(np.argmin(self._overrides))], override, self._robot)
         # so that a move that begins beyond limits can only be driven first, and once
         self._builder.require_joined(numbers)
-        return Order(self._builder.build(numbers), cycle, override, tuple(self._faults))
+        return Order(self._builder.build(numbers), cycle, override, tuple(self._faults), exact)
 
     def _more(self, row: Any) -> MoreMoves:
         told = Row.from_array(row)

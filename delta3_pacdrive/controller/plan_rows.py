@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER
+from delta3_pacdrive.controller.messages import FAULT, LAST
 from delta3_pacdrive.controller.planner_actions import Ordered
 
 UNCHECKED_MAX = 1000  # rows that are under way at once
@@ -35,7 +35,7 @@ class PlanRows:
         checked = checked if self._sent else 0
         while self._rows and self._sent - checked < UNCHECKED_MAX:
             kind, values = self._rows.popleft()
-            if kind not in (FAULT, ORDER, EXTEND):
+            if kind not in (FAULT, *LAST):
                 move, n, count = values
                 values = move.to_array(n, count)
             self._sent += 1

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.controller.messages import EXTEND, ORDER, Origin, Status
+from delta3_pacdrive.controller.messages import EXTEND, ORDERS, Origin, Status
 from delta3_pacdrive.controller.plan_intake import ORDER_HEADER
 from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind
@@ -128,7 +128,7 @@ class PlannedPath:
         coming = replace(origin, kind='')
         if coming != self._coming:
             self._coming, self._pieces = coming, {}
-        if origin.kind == ORDER:
+        if origin.kind in ORDERS:
             order = np.nan_to_num(row[ORDER_HEADER:]).clip(UNKNOWN, MOVES_MAX).astype(np.int64)
             self._keep(origin, _Path((), self._pieces, order))
         elif origin.kind == EXTEND:

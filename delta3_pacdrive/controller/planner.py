@@ -28,6 +28,7 @@ from delta3_pacdrive.controller.program_run import (
     RunState,
 )
 from delta3_pacdrive.controller.request_service import WITHDRAWN, RequestService
+from delta3_pacdrive.controller.stop_request import StopRequest
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import SOON, TrajectoryRequest
@@ -99,6 +100,7 @@ class Planner:
         self._override = Override(self._run, numbers, newest_cycle)
         self._change = self._override.change
         self._following = Following(self._run, numbers)
+        self._stopping = StopRequest()
         self._orphaned = False  # whether the operator of moves that follow has lost control meanwhile
         self._came_to_its_end = False  # the program that ran last
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
@@ -170,14 +172,16 @@ class Planner:
         if self._mirrored != self.motion:
             self._mirrored = self.motion
             self.actions.append(planner_actions.Mirrored(self.motion))
+        self._look_at_stop()
         self._go_on()
         return True
 
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
-        if self._run.waits or self._change.waits or self._following.busy:
+        if self._run.waits or self._change.waits or self._following.busy or self._stopping.waits:
             self._job = None
             self._following.end()
+            self._stopping.end()
             self._reply(PHASED_UP)
         self._change.happen(ChangeEvent.PHASE_UP)
         if self._run.waits or self.motion != MotionState.ERROR:
@@ -292,6 +296,9 @@ class Planner:
         if self._following.sent and now_s - self._following.since_s > VERDICT_S:
             self.actions.append(planner_actions.Revoked(self._following.number))
             self._end_following(silence)
+        if self._stopping.waits and now_s - self._stopping.since_s > VERDICT_S:
+            self._stopping.end()
+            self._reply(silence)
         self._track()
         self._go_on()
 
@@ -315,11 +322,15 @@ class Planner:
         elif self._following.busy and not self._following.sent:
             self._following.end()
             self._reply(WITHDRAWN)
+        elif self._stopping.waits:  # it stops all the same
+            self._stopping.end()
+            self._reply(WITHDRAWN)
         # a change of motion profile that is under way is answered at once
 
     @property
     def _busy(self) -> bool:
-        return self._job is not None or self._run.waits or self._change.waits or self._following.busy
+        waits = self._run.waits or self._change.waits or self._stopping.waits
+        return self._job is not None or waits or self._following.busy
 
     def _go_on(self) -> None:
         """Serve requests as long as none has to wait."""
@@ -472,17 +483,27 @@ class Planner:
                     Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
                 )
             if result.program is not None and result.planned is not None:
-                self._launch(cycle, result.program, result.planned, result.statements)
+                self._launch(cycle, result.program, result.planned, result.statements, cycle != SOON)
 
         self._work(here, launch, program)
 
     def _stop(self) -> None:
-        """Give up the program that runs: the task stops it on its path."""
+        """Give up the program that runs: the task stops it on its path, and tells so."""
         if self._run.state is not RunState.RUNNING:
             self._reply('nothing runs that could be stopped')
             return
+        self._stopping.begin(self.motion, self._now_s)
         self.actions.append(planner_actions.Revoked(self._run.number))
-        self._reply('stops on the path')
+
+    def _look_at_stop(self) -> None:
+        """Answer whoever has asked for a stop, once it is certain what became of it."""
+        if not self._stopping.waits:
+            return
+        self._stopping.note(self.motion, self._now_s)
+        sentence = self._stopping.answer(self._run.state, self.motion, self._came_to_its_end, self._refusal)
+        if sentence is not None:
+            self._stopping.end()
+            self._reply(sentence)
 
     def observe(self, cycle: int, angles_rad: Floats, speeds_rad_s: Floats) -> None:
         """Hold the arms [rad], [rad/s] of a bus cycle against the tolerances; whoever violates them is stopped."""
@@ -492,8 +513,11 @@ class Planner:
             if reason is not None and self.motion == MotionState.MOVING:
                 self._tracker.give_up(reason)
                 self.actions.append(planner_actions.Revoked(self._run.number))
-        else:
+        elif self._run.state is RunState.RUNNING or self._came_to_its_end:
             reason = self._watch.settle(cycle, angles_rad, speeds_rad_s)
+        else:
+            reason = None
+            self._watch.forget()
         if reason is not None:
             self.actions.append(planner_actions.Replied(Request('', '', 0, 0, 'trajectory'), reason, ''))
 
@@ -604,15 +628,20 @@ class Planner:
         if program is not None and planned is not None:
             self._launch(cycle, program, planned)
 
-    def _launch(self, cycle: int, program: Program, planned: Planned, own: int = 0) -> None:
-        """Order a program, the last statements of which may be those of the request that is served."""
+    def _launch(
+        self, cycle: int, program: Program, planned: Planned, own: int = 0, exact: bool = False
+    ) -> None:
+        """Order a program, the last statements of which may be those of the request that is served.
+
+        One that is ``exact`` begins in its cycle, or is refused.
+        """
         override = min(self.override, planned.override_max)
         moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / override:.3f} s'
         sentence = f'started "{planned.name}": {moves}'
         if own:
             sentence += ''.join(f'; {notice}' for notice in planned.notices)
         order = Order(planned.plan, program.faults, cycle, override, planned.override_max, program, sentence)
-        self._send(replace(order, queued=planned, own=own))
+        self._send(replace(order, queued=planned, own=own, exact=exact))
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from delta3_pacdrive.controller.messages import EXACT, ORDER
 from delta3_pacdrive.controller.planner_actions import Ordered, Revoked
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, MotionProfile, Timeline
@@ -99,6 +100,8 @@ class Order:
         What the planner knows of a program out of its queue, None for one that goes on after a fault.
     own
         How many statements at its end are those of whoever asked for it, and were not in the queue before.
+    exact
+        Whether it begins in its bus cycle or not at all; any other order begins later if it must.
 
     """
 
@@ -111,6 +114,7 @@ class Order:
     sentence: str
     queued: Planned | None = None
     own: int = 0
+    exact: bool = False
 
 
 class OrderNumbers:
@@ -212,7 +216,7 @@ class ProgramRun:
         if kind is Revoked or order is None:
             return Revoked(self.number)
         row = (float(order.start_cycle), order.override, *order.plan.tables.order.tolist())
-        return Ordered(self.number, order.plan.moves, order.faults, row)
+        return Ordered(self.number, order.plan.moves, order.faults, row, EXACT if order.exact else ORDER)
 
     def follow(self, row: Any) -> None:
         """Follow the motion profile that the transformation task follows, its own stops included."""

@@ -153,14 +153,12 @@ class RobotState:
 
     def start(self, order: Order) -> Reason | None:
         """Start a program; returns why not."""
-        reason = self.refusal() or self._misplaced(order)
+        reason = self.refusal() or self._misplaced(order) or self._belated(order)
         if reason is not None:
             return reason
         self._task.load(order.plan)
         self.finished = False
-        self.starts = max(int(order.cycle), self._bus.earliest())
-        if order.faults:
-            self.starts = max(self.starts, self._task.next_cycle + FAULTS_LEAD_CYCLES)
+        self.starts = max(int(order.cycle), self._earliest(order))
         self._task.start(self.starts, order.override)
         self._follow()
         if order.faults:
@@ -183,6 +181,19 @@ class RobotState:
         if away > STANDING_M:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from where the robot stands')
         return None
+
+    def _earliest(self, order: Order) -> int:
+        """Return the first bus cycle in which an order can begin."""
+        earliest = self._bus.earliest()
+        return max(earliest, self._task.next_cycle + FAULTS_LEAD_CYCLES) if order.faults else earliest
+
+    def _belated(self, order: Order) -> Reason | None:
+        """Say why an order that must begin in its bus cycle cannot, None if it can."""
+        earliest = self._earliest(order)
+        if not order.exact or order.cycle >= earliest:
+            return None
+        sentence = f'it came too late for bus cycle {order.cycle:g}: the first one in which it can begin is {earliest}'
+        return Reason(Code.LATE, sentence)
 
     def change(self, profile: MotionProfile) -> Reason | None:
         """Go over to another motion profile: override or resume; returns why not."""

@@ -56,7 +56,7 @@ class ToleranceWatch:
 
     def follow(self, run: int, timeline: Timeline, cycle: int, angles_rad: Floats) -> Reason | None:
         """Look where the arms are in a bus cycle of a program, known by its number; returns what is violated, once."""
-        self._goal, self._deadline = None, NEVER
+        self.forget()
         if run == self._violated or timeline.profile is None or cycle < timeline.start_cycle:
             return None
         now = timeline.at(cycle)
@@ -77,6 +77,10 @@ class ToleranceWatch:
                     f'trajectory, the limit is {tolerance:g} rad',
                 )
         return None
+
+    def forget(self) -> None:
+        """Watch no goal any more: the trajectory did not come to its end."""
+        self._goal, self._deadline = None, NEVER
 
     def _note_goal(self, timeline: Timeline, move: Move) -> None:
         if any(self._tolerances.goal_rad) and self._tolerances.goal_time_s > 0.0:

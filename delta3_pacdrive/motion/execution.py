@@ -17,6 +17,7 @@ Arguments of the kernel here:
 
 import copy
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,7 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.plan import Move, Plan, Tables, advance_number, check_phases, plan_master_at
+from delta3_pacdrive.motion.plan import (
+    PLAN_MAX_S,
+    Move,
+    Plan,
+    Tables,
+    advance_number,
+    check_phases,
+    plan_master_at,
+)
 from delta3_pacdrive.motion.virtual_master import (
     PHASE_COLUMNS,
     master_at,
@@ -41,6 +50,7 @@ JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, 
 HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration
 HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
 FASTER = 1e-3  # by which a stop may be faster than the present motion profile at the same place
+CYCLE_MAX = 2**53  # beyond it a number in a row is not exact
 PROFILE_HEADER = 4  # cycle, number of the move, override, whether it ends held
 
 PROFILE = np.dtype(
@@ -125,6 +135,11 @@ class MotionProfile:
                 'a motion profile must hold whole numbers in its header, and phases of 5 numbers'
             )
         table = row[PROFILE_HEADER:].reshape(-1, PHASE_COLUMNS).copy()
+        if not table[-1, 0] <= PLAN_MAX_S or row[0] > CYCLE_MAX:
+            raise ProgramError(
+                f'a motion profile begins in bus cycle {row[0]:g} and takes {table[-1, 0]:.3g} s, '
+                f'the limits are {CYCLE_MAX} and {PLAN_MAX_S:g} s'
+            )
         if (np.diff(table[:, 0]) < 0.0).any() or table[0, 0] != 0.0 or table[-1, 2:].any():
             raise ProgramError('a motion profile must begin at time 0, go forward and end at rest')
         if not OVERRIDE_MIN <= row[2] <= OVERRIDE_MAX or row[3] not in (0.0, 1.0):
@@ -318,9 +333,10 @@ class Timeline:
         if acceleration_m_s2 > acceleration:
             acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
         for harder in range(HARDER_MAX):
-            table = way_to_rest(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
-            if never_faster(table, present):
-                break
+            with suppress(ProgramError):  # limits that nobody can brake with
+                table = way_to_rest(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
+                if never_faster(table, present):
+                    break
             if harder == 0:
                 acceleration = max(acceleration, float(np.abs(present[:, 3]).max()))
                 jerk = max(jerk, float(np.abs(present[:, 4]).max()))

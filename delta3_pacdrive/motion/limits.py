@@ -152,7 +152,8 @@ class CheckedPath:
         wrong = ~(rising <= highest + ROUNDING)
         if not wrong.any():
             return
-        worst = int(np.nanargmax(np.where(wrong, rising, -np.inf)))
+        known = wrong & ~np.isnan(rising)
+        worst = int(np.argmax(np.where(known, rising, -np.inf) if known.any() else wrong))
         n, *axis = (int(index) for index in np.unravel_index(worst, rising.shape))
         which = f' {axis[0] + 1}' if axis else ''
         unit = f' {bound.unit}' if bound.unit else ''
@@ -257,7 +258,10 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     master = sample_master(times, move.master)
     samples = move.sample(master[:, 0])
     payload = np.zeros(len(samples), np.int64)
-    rates = path_coefficients(samples, payload, (move.payload_kg,), parameters)[:, RATE]
+    try:
+        rates = path_coefficients(samples, payload, (move.payload_kg,), parameters)[:, RATE]
+    except UnreachableError as error:
+        raise ProgramError(str(error)) from None
     speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
     CheckedPath(master[:, 0], samples[:, 0]).require(Bound(speed, limit, True, 'the speed of motor', 'rad/s'))

@@ -39,6 +39,7 @@ MOVES_MAX = 20_000
 ROWS_MAX = 200_000  # phases, segments or events of one move
 COUNT_MAX = 10**9  # larger numbers in a header are not worth printing
 BACKWARDS_M_S = 1e-6  # below it a speed is rounding
+PLAN_MAX_S = 1e12  # whose bus cycles can be counted, however slowly it is driven
 STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
 JOINED_M = 1e-5  # largest distance between the end of a move and the start of the next
 EXTENDED_MOVES_MAX, EXTENDED_NUMBERS_MAX = (
@@ -316,7 +317,7 @@ class Plan:
         for name, parts in rows.items():
             counts = np.array([len(part) for part in parts])
             table[f'{name}s'], table[f'first_{name}'] = counts, np.cumsum(counts) - counts
-        starts = np.concatenate([[0.0], np.cumsum(durations[order])])
+        starts = _starts(durations[order])
         phases, segments, events = (np.concatenate(parts) for parts in rows.values())
         return Plan(moves, Tables(order, starts, table, phases, segments, events))
 
@@ -331,6 +332,14 @@ class Plan:
     def end_m(self) -> Floats:
         """Point at which the plan ends, shape (3,)."""
         return self.move(len(self) - 1).end_m()
+
+
+def _starts(durations_s: Floats) -> Floats:
+    """Return when moves begin, and the last one ends [s]; raises ProgramError if that takes for ever."""
+    starts = np.concatenate([[0.0], np.cumsum(durations_s)])
+    if not starts[-1] <= PLAN_MAX_S:
+        raise ProgramError(f'the plan takes {starts[-1]:.3g} s, the limit is {PLAN_MAX_S:g} s')
+    return starts
 
 
 class _Rows:
@@ -410,7 +419,7 @@ class PlanBuilder:
             tuple(self.moves),
             Tables(
                 numbers,
-                np.concatenate([[0.0], np.cumsum(durations)]),
+                _starts(durations),
                 table,
                 self._phases.table(),
                 self._segments.table(),

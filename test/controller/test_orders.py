@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from delta3_pacdrive.controller.messages import ORDER, REVOKE, Origin
+from delta3_pacdrive.controller.messages import EXACT, ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.sercos.configuration_check import Identity
 
 ME, SESSION = 'a1b2c3d4', '5e55'
 LINE = {'moves': [{'move_l': {'to_m': [0.05, 0.0, -0.75], 'speed_m_s': 0.2}}]}
-START = [-1.0, 1.0, 0.0]
 
 
 def rows_from(robot: Any, here: Any) -> list[Any]:
@@ -21,10 +20,18 @@ def rows_from(robot: Any, here: Any) -> list[Any]:
     return [move.to_array(n, len(plan)) for n, move in enumerate(plan.moves)]
 
 
-def send(rig: Any, number: int, rows: list[Any], planner: str = ME, session: str = SESSION) -> None:
+def send(
+    rig: Any,
+    number: int,
+    rows: list[Any],
+    planner: str = ME,
+    session: str = SESSION,
+    kind: str = ORDER,
+    start: Any = -1,
+) -> None:
     for row in rows:
         rig.orders.take_row(Origin('LINE', planner, session, number).label(), row)
-    rig.orders.take_row(Origin(ORDER, planner, session, number).label(), np.array(START))
+    rig.orders.take_row(Origin(kind, planner, session, number).label(), np.array([start, 1.0, 0.0]))
 
 
 def verdicts(rig: Any) -> list[tuple[int, bool, str]]:
@@ -46,6 +53,25 @@ def test_an_order_of_the_planner_that_is_listened_to_starts(rig: Any, rows: list
     assert verdicts(rig) == [(100, True, '')]
     assert rig.state.motion == 'moving'
     assert rig.orders.status('CP4', 0).order == 100
+
+
+def test_an_exact_order_begins_in_its_cycle_or_is_refused_with_the_first_one_in_which_it_can(
+    rig: Any, rows: list[Any]
+) -> None:
+    first = rig.earliest()
+    send(rig, 100, rows, kind=EXACT, start=first - 1)
+    sentence = f'it came too late for bus cycle {first - 1}: the first one in which it can begin is {first}'
+    assert verdicts(rig) == [(100, False, sentence)]
+    assert (rig.state.motion, rig.state.refusal()) == ('idle', None)
+    send(rig, 101, rows, kind=EXACT, start=first)
+    assert verdicts(rig) == [(101, True, '')]
+    assert rig.state.starts == first
+
+
+def test_any_other_order_begins_later_if_it_must(rig: Any, rows: list[Any]) -> None:
+    send(rig, 100, rows, start=rig.earliest() - 1)
+    assert verdicts(rig) == [(100, True, '')]
+    assert rig.state.starts == rig.earliest()
 
 
 @pytest.mark.parametrize('stranger', [{'planner': 'ffffffff'}, {'session': 'ffff'}])

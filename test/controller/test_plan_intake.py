@@ -7,9 +7,11 @@ import pytest
 
 from delta3_pacdrive.controller.messages import FAULT, ORDER, Origin
 from delta3_pacdrive.controller.plan_intake import Order, PlanIntake
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion import program_file, program_planner
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.limits import Bound, CheckedPath
 
 MOVES = [[0.1, 0.0, -0.8], [0.0, 0.1, -0.8], [0.0, 0.0, -0.75]]
 
@@ -147,3 +149,78 @@ def test_a_rate_at_which_a_motor_would_turn_too_fast_is_refused(robot, rows: lis
     reason = order(PlanIntake(slow), 1, [single], [-1.0, 1.21, 0.0])
     assert isinstance(reason, Reason)
     assert 'the speed of motor' in reason.sentence
+
+
+# rows whose numbers are extreme, but finite
+
+
+def line(*pieces: Any, duration: float = 1.0, begins: float = 0.0) -> Any:
+    """Return the row of a move over pieces (from [m], x0, x1, ... of x), 0.75 m below the base."""
+    length = 0.02
+    speed = 2.0 * (length - begins) / duration
+    peak = 0.5 * duration
+    acceleration = speed / peak
+    phases = [
+        [0.0, begins, 0.0, acceleration, 0.0],
+        [peak, begins + 0.5 * speed * peak, speed, -acceleration, 0.0],
+        [duration, length, 0.0, 0.0, 0.0],
+    ]
+    rows = [[first, *(list(x) + [0.0] * 6)[:6], *[0.0] * 6, -0.75, *[0.0] * 5] for first, *x in pieces]
+    header = [2.0, 0.0, 1.0, 1.0, len(phases), len(rows), 0.0, 1.0, 0.0, 0.0]
+    return np.concatenate([header, np.ravel(phases), np.ravel(rows)])
+
+
+GOOD = line((0.0, 0.0, 1.0))
+# metres off and back within a tenth of a millimetre, between two of the places at which the reach is looked at
+SPIKE = line((0.0, 0.0, 1.0), (2e-5, 2e-5, 0.0, 5e9, -1e14, 5e17), (1.2e-4, 2e-5, 1.0))
+EXTREME = {
+    'out of reach between places': (SPIKE, 'is out of reach of arm'),
+    'longer than bus time': (
+        line((0.0, 0.0, 1.0), duration=1e18),
+        'the plan takes 1e+18 s, the limit is 1e+12 s',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', EXTREME)
+def test_a_forged_row_spoils_its_order_with_a_sentence_and_nothing_else(
+    case: str, intake: PlanIntake
+) -> None:
+    row, sentence = EXTREME[case]
+    reason = order(intake, 1, [row], [-1.0, 1.0, 0.0])
+    assert isinstance(reason, Reason)
+    assert (reason.code, sentence in reason.sentence) == (Code.CONTENT, True), reason
+    assert isinstance(order(intake, 2, [GOOD], [-1.0, 1.0, 0.0]), Order)
+
+
+def test_values_that_are_no_numbers_anywhere_break_their_bound() -> None:
+    path = CheckedPath(np.zeros(3), np.zeros((3, 3)))
+    with pytest.raises(ProgramError, match='the speed of motor 1 is nan rad/s'):
+        path.require(Bound(np.full((3, 3), np.nan), 1.0, True, 'the speed of motor', 'rad/s'))
+
+
+@pytest.mark.parametrize(('column', 'value'), [(0, 1e19), (4, 1e300), (9, 1e18)])
+def test_a_motion_profile_beyond_all_bus_time_is_refused(column: int, value: float) -> None:
+    row = np.array([100.0, 0.0, 1.0, 1.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0])
+    assert MotionProfile.from_array(row).cycle == 100
+    row[column] = value
+    with pytest.raises(ProgramError, match='motion profile'):
+        MotionProfile.from_array(row)
+
+
+@pytest.mark.parametrize(
+    ('acceleration', 'jerk'), [(5e-324, 0.0), (1e-300, 1e-300), (1e300, 1e300), (1e308, 5e-324)]
+)
+def test_a_move_that_tells_nonsense_of_its_stop_is_stopped_all_the_same(
+    acceleration: float, jerk: float, intake: PlanIntake
+) -> None:
+    row = GOOD.copy()
+    row[7:9] = acceleration, jerk
+    taken = order(intake, 1, [row], [-1.0, 1.0, 0.0])
+    assert isinstance(taken, Order)
+    timeline = Timeline(taken.plan, 1e-3)
+    timeline.start(100)
+    profile = timeline.stop(400)
+    timeline.change(profile)
+    assert profile.held
+    assert timeline.end_cycle <= 1100  # at the end of its move, if nobody can brake before

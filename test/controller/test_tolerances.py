@@ -119,7 +119,8 @@ def test_without_a_goal_time_nothing_is_watched_for_ever(robot, timeline):
     assert watch.settle(timeline.end_cycle + 10**6, goal + 1.0, np.zeros(3)) is None
 
 
-def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robot):
+def driven(robot):
+    """Return a client whose planner watches tolerances and drives a trajectory, and that in bus time."""
     client = Client(robot)
     client.planner = Planner(robot, client.told.planner, None, lambda: client.cycle, TIGHT)
     client.say()
@@ -135,11 +136,37 @@ def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robo
     timeline.start(START)
     client.follow(timeline.profile, 1)
     client.planner.actions.clear()
+    return client, timeline, ordered.number
+
+
+def test_a_trajectory_that_a_fault_has_stopped_has_no_goal(robot):
+    client, timeline, _ = driven(robot)
+    client.planner.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
+    client.say(state='error', refusal='there is a fault: axis1', refusal_code='fault')
+    client.planner.actions.clear()
+    for cycle in (310, timeline.end_cycle + 10, timeline.end_cycle + 5000):
+        client.planner.observe(cycle, answered(timeline, 300, 0.0), np.zeros(3))
+    client.say(state='idle', refusal='', refusal_code='', located=2)
+    client.planner.observe(timeline.end_cycle + 6000, answered(timeline, 300, 0.0), np.zeros(3))
+    assert client.none(Replied)
+
+
+def test_a_trajectory_that_came_to_its_end_off_its_goal_is_told(robot):
+    client, timeline, _ = driven(robot)
+    last = timeline.end_cycle - 1
+    client.planner.observe(last, answered(timeline, last, 0.0), np.zeros(3))
+    client.say(state='idle', located=2, cycle=timeline.end_cycle + 5)
+    client.planner.observe(timeline.end_cycle + 600, answered(timeline, last, 0.1), np.zeros(3))
+    assert 'goal tolerance violated: axis1 is 0.1' in client.do(Replied).reason.sentence
+
+
+def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robot):
+    client, timeline, number = driven(robot)
     client.planner.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
     assert client.planner.actions == []
     for cycle in (400, 410):
         client.planner.observe(cycle, answered(timeline, cycle, 0.0, 0.05, 0.0), np.zeros(3))
-    assert client.do(Revoked).number == ordered.number
+    assert client.do(Revoked).number == number
     assert 'path tolerance violated: axis2 is 0.05 rad off' in client.do(Replied).reason.sentence
     report = client.do(Reported).report
     assert (report.state, report.sentence[:23]) == ('aborted', 'path tolerance violated')

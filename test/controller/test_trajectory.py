@@ -5,6 +5,8 @@ import json
 import pytest
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.messages import EXACT, ORDER
+from delta3_pacdrive.controller.planner import VERDICT_S
 from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Revoked, Working
 from delta3_pacdrive.controller.trajectory import LEAD_PER_POINT_S, LEAD_S, SOON, TrajectoryRequest
 from delta3_pacdrive.errors import Code, ProgramError
@@ -104,10 +106,25 @@ def test_a_trajectory_is_planned_and_ordered_by_itself_for_its_bus_cycle(client,
     client.ask('trajectory', trajectory(robot, stamp_s=10.0))
     client.plan()
     ordered = client.do(Ordered)
-    assert ordered.row[0] == 10_000.0
+    assert (ordered.kind, ordered.row[0]) == (EXACT, 10_000.0)
     assert [move.kind for move in ordered.moves] == [MoveKind.JOINTS]
     client.verdict(ordered.number)
     assert client.answer() == (None, 'started "joint_trajectory": 1 moves, 1.000 s')
+
+
+def test_a_trajectory_without_a_stamp_begins_whenever_it_can(client, robot):
+    client.ask('trajectory', trajectory(robot))
+    client.plan()
+    ordered = client.do(Ordered)
+    assert (ordered.kind, ordered.row[0]) == (ORDER, SOON)
+
+
+def test_a_trajectory_that_reaches_the_task_too_late_for_its_cycle_is_refused(client, robot):
+    client.ask('trajectory', trajectory(robot, stamp_s=10.0))
+    client.plan()
+    client.verdict(client.do(Ordered).number, 'late', 'it came too late for bus cycle 10000')
+    reason, _ = client.answer()
+    assert reason.code == Code.LATE
 
 
 def test_a_trajectory_whose_cycle_is_over_when_it_is_planned_is_refused(client, robot):
@@ -155,7 +172,61 @@ def test_an_empty_trajectory_takes_the_order_back_that_is_driven(client):
     number = client.told.order
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
     assert client.do(Revoked).number == number
+    assert client.none(Replied)  # it is only asked for
+    client.say(state='moving')
+    assert client.none(Replied)
+    client.say(state='stopping')
     assert client.answer() == (None, 'stops on the path')
+
+
+ENDS_OF_A_STOP = {
+    'held before': (['stopped'], {'state': 'idle', 'located': 2}, 'it stands on its path and is given up'),
+    'stopping before': (['stopping'], {'state': 'idle', 'located': 2}, 'stopped on the path and given up'),
+    'held meanwhile': (
+        ['moving', 'stopped'],
+        {'state': 'idle', 'located': 2},
+        'stopped on the path and given up',
+    ),
+    'a fault': (
+        ['moving'],
+        {'state': 'error', 'refusal': 'there is a fault: axis1', 'refusal_code': 'fault'},
+        'there is a fault: axis1',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', ENDS_OF_A_STOP)
+def test_a_stop_is_answered_when_it_is_certain_and_with_what_has_happened(case, client):
+    states, end, sentence = ENDS_OF_A_STOP[case]
+    timeline = client.run()
+    client.say(state=states[0])
+    if states[0] != 'moving':
+        client.follow(timeline.stop(client.cycle), 2)
+    client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
+    for state in states:
+        client.say(state=state)
+        assert client.none(Replied)
+    if states == ['moving', 'stopped']:
+        client.follow(timeline.stop(client.cycle), 2)
+    client.say(**end)
+    assert client.answer() == (None, sentence)
+
+
+def test_a_program_that_ends_before_its_stop_is_told_so(client):
+    timeline = client.run()
+    client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
+    client.say(state='idle', located=2, cycle=timeline.end_cycle + 5)
+    assert client.answer() == (None, 'it was at its end before it could be stopped')
+
+
+def test_a_stop_that_nobody_answers_is_told_after_a_while_and_the_next_request_is_served(client):
+    client.run()
+    client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
+    client.now_s += VERDICT_S + 0.1
+    client.planner.look(client.now_s)
+    assert client.answer()[0].code == Code.SILENT
+    client.ask('clear')
+    assert client.answer()[0] is None
 
 
 def test_an_empty_trajectory_stops_nothing_where_nothing_runs(client):
