@@ -33,6 +33,8 @@ Arguments of the functions and kernels here:
     Lengths of the forearms [m], shape (3,).
 ``side``
     Number: -1 below the elbow plane, +1 above.
+``sb``
+    Number s_i.b_i [m^2/rad].
 ``s``, ``b``
     Forearm vectors s_i [m] and arm tangents b_i [m/rad] of the three arms, shape (3, 3), or of one, shape (3,).
 ``points``, ``angles``
@@ -86,6 +88,18 @@ def geometry(kinematics: Lengths, errors: Rich | None = None) -> NDArray[Any]:
 
 
 @kernel
+def sideways(i, p, g):
+    """Distance y_i of the plate from the plane of arm i, signed [m]."""
+    return p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
+
+
+@kernel
+def swing_sine(i, p, g):
+    """Sine |y_i|/l_B of the sideways swing of forearm i."""
+    return min(abs(sideways(i, p, g)) / g.l_b[i], 1.0)
+
+
+@kernel
 def arm_angle(p, i, g, elbow_in):
     """Angle of arm ``i`` for the plate at ``p``; nan if out of reach (4.4).
 
@@ -95,7 +109,7 @@ def arm_angle(p, i, g, elbow_in):
     """
     l_a, l_b = g.l_a[i], g.l_b[i]
     x = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r[i]
-    y = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
+    y = sideways(i, p, g)
     e, f = 2.0 * l_a * x, -2.0 * l_a * p[2]
     k = x * x + y * y + p[2] * p[2] + l_a * l_a - l_b * l_b
     radicand = e * e + f * f - k * k
@@ -198,6 +212,18 @@ def inverse_columns(s):
 
 
 @kernel
+def serial_distance(i, sb, g):
+    """Distance from the serial singularity of arm i: s_i.b_i/(l_A l_B)."""
+    return sb / (g.l_a[i] * g.l_b[i])
+
+
+@kernel
+def parallel_distance(s, g):
+    """Distance from the parallel singularity: |det S|/l_B^3."""
+    return abs(inverse_columns(s)[3]) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
+
+
+@kernel
 def pose(theta, g):
     """Plate position, forearm vectors s_1..3 and arm tangents b_1..3 of three arm angles (4.3, 4.5, 4.9)."""
     cosines = (math.cos(theta[0]), math.cos(theta[1]), math.cos(theta[2]))
@@ -280,13 +306,21 @@ def _jacobian(angles, points, out, geometry_record):
 
 @kernel
 def _singularity(angles, points, out, geometry_record):
-    """Fill ``out`` with s_i.b_i/(l_A l_B) of the arms and |det S|/l_B^3, shape (n, 4)."""
+    """Fill ``out`` with the distances from the three serial singularities and the parallel one, shape (n, 4)."""
     g = geometry_record[0]
     for n in range(angles.shape[0]):
         s, b = forearms(triple(angles[n]), triple(points[n]), g)
         for i in range(3):
-            out[n, i] = dot(s[i], b[i]) / (g.l_a[i] * g.l_b[i])
-        out[n, 3] = abs(inverse_columns(s)[3]) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
+            out[n, i] = serial_distance(i, dot(s[i], b[i]), g)
+        out[n, 3] = parallel_distance(s, g)
+
+
+@kernel
+def _swing_sines(points, out, geometry_record):
+    """Fill ``out`` with the sines of the swings of the three forearms, shape (n, 3)."""
+    for n in range(points.shape[0]):
+        for i in range(3):
+            out[n, i] = swing_sine(i, triple(points[n]), geometry_record[0])
 
 
 def rows(values: ArrayLike, name: str) -> tuple[Floats, tuple[int, ...]]:
@@ -444,6 +478,6 @@ def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> tuple[Fl
 def forearm_swing(p: ArrayLike, kinematics: Lengths) -> Floats:
     """Sideways swing asin(|y_i|/l_B) [rad] of the three forearms for TCP positions (..., 3)."""
     points, shape = rows(p, 'p')
-    g = geometry(kinematics)[0]
-    y = points[:, 1:2] * g['cos_alpha'] - points[:, 0:1] * g['sin_alpha']
-    return np.asarray(np.arcsin(np.minimum(np.abs(y) / g['l_b'], 1.0)).reshape(*shape, 3))
+    sines = np.empty_like(points)
+    _swing_sines(points, sines, geometry(kinematics))
+    return np.asarray(np.arcsin(sines).reshape(*shape, 3))

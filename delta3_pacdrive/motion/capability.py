@@ -42,13 +42,14 @@ from delta3_pacdrive.kinematics import (
     forearm_swing,
     forearms,
     geometry,
-    inverse_columns,
     jacobian_columns,
+    parallel_distance,
     rows,
+    serial_distance,
 )
-from delta3_pacdrive.motion.limits import arm_bounds, highest_motor_speed, workspace_bounds
+from delta3_pacdrive.motion.limits import Limit, arm_bounds, highest_motor_speed, workspace_bounds
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.numerics.singular_values import extreme_singular_values
+from delta3_pacdrive.numerics.singular_values import singular_values
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, dot, plus, triple
 from delta3_pacdrive.parameters import Parameters
@@ -85,7 +86,10 @@ DEMAND = np.dtype(
     ]
 )
 LOAD_MAX_KG = 1e4  # where gravity and acceleration ask for nothing
-REACHED, OUT_OF_REACH = 0, 1  # further codes: 2 + the number of the bound that is broken first
+REACHED, OUT_OF_REACH = 0, 1
+CODES: dict[str, int] = {
+    key: code for code, key in enumerate(Limit, start=2)
+}  # of the bound that is broken first
 
 
 def demand(parameters: Parameters, payload_kg: float, acceleration_m_s2: float) -> NDArray[Any]:
@@ -169,9 +173,9 @@ def _capability(points, out, geometry_record, inertia_record, demand_record):
             nominal = min(nominal, _acceleration(*here, d.nominal))
             payload = min(payload, _payload(table[i], j[i], weight[i], lift, d))
             out[n, i] = theta[i]
-            out[n, 3 + i] = sb[i] / (g.l_a[i] * g.l_b[i])
-        out[n, 6] = abs(inverse_columns(s)[3]) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
-        out[n, 7], out[n, 8] = extreme_singular_values(j[0], j[1], j[2])
+            out[n, 3 + i] = serial_distance(i, sb[i], g)
+        out[n, 6] = parallel_distance(s, g)
+        out[n, 8], _, out[n, 7] = singular_values(j[0], j[1], j[2])
         out[n, 9], out[n, 10], out[n, 11], out[n, 12] = speed, acceleration, nominal, payload
         apart = 0.0
         for second in (-1.0, 1.0):
@@ -201,8 +205,7 @@ class Capability:
     increment_m
         How far the TCP is off, at most, if each motor is off by one increment.
     limit
-        0 where the robot may be; 1 out of reach; else 2 and the number of the first bound that is broken, in the order
-        of ``motion.limits.arm_bounds`` and ``workspace_bounds``.
+        0 where the robot may be; 1 out of reach; else the first bound that is broken, by ``CODES``.
 
     """
 
@@ -281,7 +284,7 @@ def _first_broken(points: Floats, out: Floats, parameters: Parameters) -> NDArra
     code = np.where(np.isnan(out[:, 0]), OUT_OF_REACH, REACHED).astype(np.uint8)
     swing = forearm_swing(points, parameters.kinematics)
     arms = arm_bounds(out[:, :3], swing, out[:, 3:6], out[:, 6], parameters)
-    for number, bound in enumerate((*arms, *workspace_bounds(points, parameters))):
+    for bound in (*arms, *workspace_bounds(points, parameters)):
         broken = ~bound.kept if bound.values.ndim == 1 else ~bound.kept.all(axis=1)
-        code[(code == REACHED) & broken] = 2 + number
+        code[(code == REACHED) & broken] = CODES[bound.key]
     return code

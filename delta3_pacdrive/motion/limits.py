@@ -54,12 +54,30 @@ class Limits:
         return Limits(*map(min, astuple(self), astuple(other)))
 
 
+class Limit(StrEnum):
+    """A limit of places, by its name in results; what the codes of ``capability`` count."""
+
+    ARM_ANGLE_MAX = 'arm_angle_max'
+    ARM_ANGLE_MIN = 'arm_angle_min'
+    FOREARM_SWING = 'forearm_swing'
+    SERIAL_SINGULARITY = 'serial_singularity'
+    PARALLEL_SINGULARITY = 'parallel_singularity'
+    RADIUS = 'radius'
+    TOP = 'top'
+    BOTTOM = 'bottom'
+
+
+OF_WORKSPACE = (Limit.RADIUS, Limit.TOP, Limit.BOTTOM)
+
+
 @dataclass(frozen=True)
 class Bound:
     """A bound is what a quantity of places has to keep.
 
     Attributes
     ----------
+    key
+        Its name in results, of a place one of ``Limit``.
     values
         The quantity, shape (n,), or (n, 3) for one of each arm.
     limit
@@ -71,6 +89,7 @@ class Bound:
 
     """
 
+    key: str
     values: Floats
     limit: float
     is_upper: bool
@@ -91,18 +110,19 @@ class Bound:
 def workspace_bounds(position_m: Floats, parameters: Parameters) -> tuple[Bound, ...]:
     """Bounds of positions of shape (n, 3): the workspace cylinder."""
     k, (x, y, z) = parameters.kinematics, position_m.T
+    radius = np.hypot(x, y)
     return (
-        Bound(np.hypot(x, y), 0.5 * k.workspace_diameter_m, True, 'the distance from the z axis', 'm'),
-        Bound(z, k.workspace_top_m, True, 'z', 'm'),
-        Bound(z, k.workspace_bottom_m, False, 'z', 'm'),
+        Bound(Limit.RADIUS, radius, 0.5 * k.workspace_diameter_m, True, 'the distance from the z axis', 'm'),
+        Bound(Limit.TOP, z, k.workspace_top_m, True, 'z', 'm'),
+        Bound(Limit.BOTTOM, z, k.workspace_bottom_m, False, 'z', 'm'),
     )
 
 
 def _angle_bounds(theta_rad: Floats, parameters: Parameters) -> tuple[Bound, ...]:
     k, theta = parameters.kinematics, np.degrees(theta_rad)
     return (
-        Bound(theta, k.arm_angle_max_deg, True, 'the angle of arm', 'deg'),
-        Bound(theta, k.arm_angle_min_deg, False, 'the angle of arm', 'deg'),
+        Bound(Limit.ARM_ANGLE_MAX, theta, k.arm_angle_max_deg, True, 'the angle of arm', 'deg'),
+        Bound(Limit.ARM_ANGLE_MIN, theta, k.arm_angle_min_deg, False, 'the angle of arm', 'deg'),
     )
 
 
@@ -111,11 +131,15 @@ def arm_bounds(
 ) -> tuple[Bound, ...]:
     """Bounds of arm angles and forearm swings [rad], shapes (n, 3), and of the distances from the singularities."""
     k, swing = parameters.kinematics, np.degrees(swing_rad)
+    singularity = (
+        'the distance from the serial singularity of arm',
+        'the distance from the parallel singularity',
+    )
     return (
         *_angle_bounds(theta_rad, parameters),
-        Bound(swing, k.forearm_swing_max_deg, True, 'the forearm swing of arm', 'deg'),
-        Bound(serial, k.serial_singularity_min, False, 'the distance from the serial singularity of arm', ''),
-        Bound(parallel, k.parallel_singularity_min, False, 'the distance from the parallel singularity', ''),
+        Bound(Limit.FOREARM_SWING, swing, k.forearm_swing_max_deg, True, 'the forearm swing of arm', 'deg'),
+        Bound(Limit.SERIAL_SINGULARITY, serial, k.serial_singularity_min, False, singularity[0], ''),
+        Bound(Limit.PARALLEL_SINGULARITY, parallel, k.parallel_singularity_min, False, singularity[1], ''),
     )
 
 
@@ -264,7 +288,8 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
         raise ProgramError(str(error)) from None
     speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
-    CheckedPath(master[:, 0], samples[:, 0]).require(Bound(speed, limit, True, 'the speed of motor', 'rad/s'))
+    bound = Bound('motor_speed', speed, limit, True, 'the speed of motor', 'rad/s')
+    CheckedPath(master[:, 0], samples[:, 0]).require(bound)
     fastest = float(speed.max())
     return override * limit / fastest if fastest > 0.0 else math.inf
 

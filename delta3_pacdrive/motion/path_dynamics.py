@@ -36,7 +36,15 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.dynamics import inertia, motion_terms, multiply
 from delta3_pacdrive.errors import UnreachableError
-from delta3_pacdrive.kinematics import arm_angles, forearms, geometry, inverse_columns, upper_arm
+from delta3_pacdrive.kinematics import (
+    arm_angles,
+    forearms,
+    geometry,
+    parallel_distance,
+    serial_distance,
+    swing_sine,
+    upper_arm,
+)
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, dot
@@ -72,7 +80,6 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
         _, weight = motion_terms(theta, (0.0, 0.0, 0.0), g, m)
         inertial = multiply(mass, rate)
         centrifugal = multiply(mass, bend)
-        determinant = inverse_columns(s)[3]
         for i in range(3):
             out[n, i] = theta[i]
             out[n, 3 + i] = rate[i]
@@ -80,10 +87,9 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
             out[n, 9 + i] = inertial[i] / gear_ratio
             out[n, 12 + i] = (centrifugal[i] + bias[i] - weight[i]) / gear_ratio
             out[n, 15 + i] = weight[i] / gear_ratio
-            out[n, 18 + i] = sb[i] / (g.l_a[i] * g.l_b[i])
-            sideways = p[1] * g.cos_alpha[i] - p[0] * g.sin_alpha[i]
-            out[n, 21 + i] = np.arcsin(min(abs(sideways) / g.l_b[i], 1.0))
-        out[n, 24] = abs(determinant) / (g.l_b[0] * g.l_b[1] * g.l_b[2])
+            out[n, 18 + i] = serial_distance(i, sb[i], g)
+            out[n, 21 + i] = np.arcsin(swing_sine(i, p, g))
+        out[n, 24] = parallel_distance(s, g)
 
 
 @kernel

@@ -29,8 +29,8 @@ def _rotated(a, b):
 
 
 @kernel
-def extreme_singular_values(a, b, c):
-    """Smallest and largest singular value."""
+def singular_values(a, b, c):
+    """Singular values, the largest first."""
     for _ in range(SWEEPS_MAX):
         a, b, first = _rotated(a, b)
         a, c, second = _rotated(a, c)
@@ -38,4 +38,5 @@ def extreme_singular_values(a, b, c):
         if first and second and third:
             break
     aa, bb, cc = dot(a, a), dot(b, b), dot(c, c)
-    return math.sqrt(min(aa, bb, cc)), math.sqrt(max(aa, bb, cc))
+    middle = max(min(aa, bb), min(max(aa, bb), cc))
+    return math.sqrt(max(aa, bb, cc)), math.sqrt(middle), math.sqrt(min(aa, bb, cc))

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
-from delta3_pacdrive.analysis.pose.evaluation import KEYS
 from delta3_pacdrive.motion.limits import arm_bounds, compared, workspace_bounds
 from delta3_pacdrive.motion.move_planner import limits_at
 from delta3_pacdrive.motion.path_dynamics import (
@@ -243,7 +242,7 @@ def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
         *workspace_bounds(part.dynamics.position_m, parameters),
         *arm_bounds(c[:, THETA], c[:, SWING], c[:, SERIAL], c[:, PARALLEL], parameters),
     )
-    return {key: float(bound.margin.min()) for key, bound in zip(KEYS, bounds, strict=True)}
+    return {bound.key: float(bound.margin.min()) for bound in bounds}
 
 
 def _samples(

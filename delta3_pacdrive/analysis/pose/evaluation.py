@@ -8,20 +8,12 @@ from delta3_pacdrive.analysis.pose.study import Margin, Pose, Solution
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.motion.capability import capability
 from delta3_pacdrive.motion.limits import Bound, arm_bounds, workspace_bounds
+from delta3_pacdrive.numerics.singular_values import singular_values
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 
 SAME_RAD = 1e-7  # difference of angles that are one solution; near a serial singularity two of them meet
-KEYS = (
-    'radius',
-    'top',
-    'bottom',
-    'arm_angle_max',
-    'arm_angle_min',
-    'forearm_swing',
-    'serial_singularity',
-    'parallel_singularity',
-)
 
 
 def of_point(p: ArrayLike, parameters: Parameters) -> Pose:
@@ -97,7 +89,7 @@ def _pose(theta: Floats, point: Floats, solutions: tuple[Solution, ...], paramet
         tuple(refusals),
         parameters.dynamics.payload_mass_kg,
         jacobian if finite else None,
-        np.asarray(np.linalg.svd(jacobian, compute_uv=False), dtype=np.float64) if finite else None,
+        np.array(singular_values(*map(triple, jacobian.T))) if finite else None,
         capability(point, parameters) if works else None,
         torque,
         torque / per_ampere,
@@ -146,7 +138,7 @@ def _bounds(theta: Floats, point: Floats, parameters: Parameters) -> tuple[Bound
 
 def _margins(bounds: tuple[Bound, ...]) -> tuple[Margin, ...]:
     found = []
-    for key, bound in zip(KEYS, bounds, strict=False):
+    for bound in bounds:
         of_arms = bound.values.ndim == 2
         values, distances, kept = bound.values.ravel(), bound.margin.ravel(), bound.kept.ravel()
         for i, (value, distance) in enumerate(zip(values.tolist(), distances.tolist(), strict=True)):
@@ -154,6 +146,8 @@ def _margins(bounds: tuple[Bound, ...]) -> tuple[Margin, ...]:
             what = f'{bound.what} {arm}' if of_arms else bound.what
             limit = float(bound.limit)
             found.append(
-                Margin(what, key, arm, value, limit, bound.is_upper, distance, bound.unit, bool(kept[i]))
+                Margin(
+                    what, bound.key, arm, value, limit, bound.is_upper, distance, bound.unit, bool(kept[i])
+                )
             )
     return tuple(found)

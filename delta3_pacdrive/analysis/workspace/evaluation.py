@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.analysis.workspace.study import Extreme, Grid, Quantity, Results, Settings, Slice
 from delta3_pacdrive.errors import ReportError
-from delta3_pacdrive.motion.capability import OUT_OF_REACH, REACHED, Capability, capability
-from delta3_pacdrive.motion.limits import arm_bounds
+from delta3_pacdrive.motion.capability import CODES, OUT_OF_REACH, REACHED, Capability, capability
+from delta3_pacdrive.motion.limits import OF_WORKSPACE, Limit
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -31,18 +31,19 @@ QUANTITIES = (
     Quantity('payload', 'payload that is held and accelerated', 'kg', 1.0, 'kg', worst_is_large=False),
     Quantity('increment', 'TCP motion for one increment of each motor', 'm', 1e6, 'um', worst_is_large=True),
 )  # fmt: skip
-LIMITS = (
-    'the robot may be here',
-    'out of reach',
-    'largest arm angle',
-    'smallest arm angle',
-    'forearm swing',
-    'serial singularity',
-    'parallel singularity',
-    'rim of the workspace',
-    'top of the workspace',
-    'bottom of the workspace',
-)
+_CODES = {
+    REACHED: 'the robot may be here',
+    OUT_OF_REACH: 'out of reach',
+    CODES[Limit.ARM_ANGLE_MAX]: 'largest arm angle',
+    CODES[Limit.ARM_ANGLE_MIN]: 'smallest arm angle',
+    CODES[Limit.FOREARM_SWING]: 'forearm swing',
+    CODES[Limit.SERIAL_SINGULARITY]: 'serial singularity',
+    CODES[Limit.PARALLEL_SINGULARITY]: 'parallel singularity',
+    CODES[Limit.RADIUS]: 'rim of the workspace',
+    CODES[Limit.TOP]: 'top of the workspace',
+    CODES[Limit.BOTTOM]: 'bottom of the workspace',
+}
+LIMITS = tuple(_CODES[code] for code in range(len(_CODES)))
 
 
 def values_of(found: Capability) -> dict[str, Floats]:
@@ -130,16 +131,14 @@ def _layer(coordinates: tuple[Floats, Floats, Floats], settings: Settings, param
         payload_kg=settings.payload_kg,
         acceleration_m_s2=settings.acceleration_m_s2,
     )
-    legal = is_legal_for_the_arms(found.limit, parameters)
+    legal = is_legal_for_the_arms(found.limit)
     values = {key: np.where(legal, value, np.nan) for key, value in values_of(found).items()}
     return Grid(*coordinates, values, found.limit)
 
 
-def is_legal_for_the_arms(limit: NDArray[np.uint8], parameters: Parameters) -> NDArray[np.bool_]:
+def is_legal_for_the_arms(limit: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Tell where the arms may be, also beyond the workspace cylinder."""
-    one = np.zeros((1, 3))
-    of_arms = len(arm_bounds(one, one, one, one[0, :1], parameters))
-    return np.asarray((limit == REACHED) | (limit > OUT_OF_REACH + of_arms))
+    return np.isin(limit, [REACHED, *(CODES[key] for key in OF_WORKSPACE)])
 
 
 def _stacked(layers: list[Grid], z: Floats) -> Grid:
