@@ -16,6 +16,7 @@ from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
+from delta3_pacdrive.motion.plan_times import told_length_m
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
 
@@ -199,13 +200,12 @@ class _Story:
         moves = []
         for number, (first, last) in sorted(found.items()):
             move = known[number]
-            kind = move.kind.name.lower()
             moves.append(
                 {
-                    'kind': kind,
+                    'kind': move.kind.name.lower(),
                     'start_s': self._time(first),
                     'end_s': self._time(last),
-                    'length_m': 0.0 if kind in ('dwell', 'cubic', 'joints') else move.length_m,
+                    'length_m': told_length_m(move),
                 }
             )
         return moves

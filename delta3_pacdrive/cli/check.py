@@ -123,13 +123,17 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
 
 
 def _print(result: dict[str, Any]) -> None:
+    from delta3_pacdrive.motion.plan import MoveKind
+    from delta3_pacdrive.motion.plan_times import WITHOUT_LENGTH
+
     if not result['ok']:
         for error in result['errors']:
             print(f'error: {error}', file=sys.stderr)
         return
     print(f'{result["file"]}: good, {result["kind"]}')
     for number, move in enumerate(result.get('moves', ())):
-        length = '' if move['kind'] in ('dwell', 'cubic', 'joints') else f'{move["length_m"] * 1e3:9.3f} mm'
+        has_length = MoveKind[move['kind'].upper()] not in WITHOUT_LENGTH
+        length = f'{move["length_m"] * 1e3:9.3f} mm' if has_length else ''
         print(f'{number + 1:>6}  {move["kind"]:<8} {length:>12}  {move["time_s"]:8.3f} s')
     if 'time_s' in result:
         rounds = f' in {result["repeat"]} rounds' if result['repeat'] > 1 else ''

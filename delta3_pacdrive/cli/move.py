@@ -11,8 +11,10 @@ from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import finite_number
-from delta3_pacdrive.cli.output import millimetres
+from delta3_pacdrive.controller.messages import STOPS
+from delta3_pacdrive.controller.motion_state import UNDER_WAY
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
+from delta3_pacdrive.numerics.units import millimetres
 
 ACTIONS = {
     'l': 'straight line to X Y Z [m]',
@@ -33,9 +35,7 @@ ACTIONS = {
     'wait': 'wait until the robot is up: in cyclic operation, enabled or stopped by a fault',
 }
 MOVES = ('l', 'c', 'sb', 'program')
-STOPS = ('hold', 'abort', 'emergency_stop', 'disable')  # free for all, whoever has control
 POINTS = ('l', 'c', 'sb')
-UNDER_WAY = ('moving', 'stopping', 'stopped')  # moves are appended to what is driven
 RUNS = (*MOVES, 'start', 'resume')
 NEEDS_CONTROL = tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait'))
 COUNTS = {'override': 1, 'program': 1}  # of values, besides those of the moves; all others take none
@@ -179,7 +179,7 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
         operator.take_control(f'delta3 move {options.action}', options.take_over)
         try:
             operator.wait_until(lambda: operator.state, 'motion/state')
-            if document and operator.state in UNDER_WAY:
+            if document and operator.state in UNDER_WAY:  # moves are appended to what is driven
                 _set_off(lambda: operator.move(document, _caps(options)), options, operator, tell)
                 return sentences
             if document:
@@ -248,7 +248,7 @@ def _state_text(facts: dict[str, Any]) -> str:
         f'bus phase {facts["phase"]}',
         f'bus time {facts["bus_time_s"]:.3f} s',
     ]
-    if facts['state'] in ('moving', 'stopping', 'stopped'):
+    if facts['state'] in UNDER_WAY:
         parts.append(f'move {facts["move"] + 1} of {facts["moves"]}, master at {facts["master_m"]:.4f} m')
         parts.append(f'{facts["remaining_s"]:.2f} s left')
     if facts['override'] is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error, RunInterruptedError
+from delta3_pacdrive.numerics.units import millimetres
 
 INTERRUPTED = 130  # exit status after Ctrl-C
 
@@ -132,12 +133,6 @@ def print_answer(sentence: str, options: Any) -> int:
     """Print what a robot has answered; return the exit status."""
     print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
     return 0
-
-
-def millimetres(place_m: Sequence[float]) -> str:
-    """Return a place [m] for people; what is rounded to zero has no sign."""
-    x, y, z = (round(1e3 * value, 3) + 0.0 for value in place_m)
-    return f'({x:.3f}, {y:.3f}, {z:.3f}) mm'
 
 
 def print_figures(result: dict[str, Any]) -> None:

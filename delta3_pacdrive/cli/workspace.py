@@ -89,7 +89,7 @@ def run(options: Options) -> int:
     if options.output is not None:
         planes = tuple(Slice(axis, place) for axis, place in options.planes or ())
         slices = planes or evaluation.default_slices(robot)
-    settings = Settings(1e-3 * options.resolution, slices, None, options.acceleration)
+    settings = Settings(1e-3 * options.resolution, slices, options.acceleration)
     with Progress(quiet=options.json) as progress:
         progress.show('loading')
         evaluation.warm_up(robot)

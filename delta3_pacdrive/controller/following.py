@@ -164,11 +164,6 @@ class Following:
         row = extension.row(self._base).tolist()
         return Ordered(self.number, wanted.planned.plan.moves, (), tuple(row), EXTEND)
 
-    @property
-    def rounded(self) -> bool:
-        """Whether the corner to them is rounded."""
-        return self._seam is not None and bool(self._seam.again)
-
     def miss(self) -> bool:
         """Note that they came too late; whether they are sent again, for a later cycle."""
         self._run.lengthen(None)
@@ -183,13 +178,13 @@ class Following:
         self._lead_cycles = LEAD_CYCLES
         self.happen(FollowEvent.END)
 
-    def taken(self) -> tuple[Driven, int, str]:
-        """Note that they are driven; returns what is driven now, how many statements they are, and a sentence."""
+    def taken(self) -> tuple[int, str]:
+        """Note that they are driven; returns how many statements they are, and a sentence."""
         known, extension, seam, wanted = self._driven, self._extension, self._seam, self._wanted
         if known is None or extension is None or seam is None or wanted is None:
             raise ProgramError('no moves were to follow')
         self._base = self.number
-        self._driven = now = driven(known, extension, seam, wanted.program, wanted.planned)
+        self._driven = driven(known, extension, seam, wanted.program, wanted.planned)
         before = self._run.program
         whole: Program | None = None
         if before is not None:
@@ -205,7 +200,7 @@ class Following:
         count = wanted.statements
         sentence = f'{count} statements follow, {_left_s(extension.timeline):.3f} s to go{corner}'
         sentence += ''.join(f'; {notice}' for notice in wanted.planned.notices)
-        return now, count, sentence
+        return count, sentence
 
     @property
     def ends(self) -> tuple[tuple[int, float] | None, ...]:

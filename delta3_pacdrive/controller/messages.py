@@ -308,6 +308,8 @@ ACCEPTED = ''  # code of what is not refused
 TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'
 ENABLE, DISABLE, RESET = 'enable', 'disable', 'reset'
 HOLD, ABORT, EMERGENCY_STOP = 'hold', 'abort', 'emergency stop'
+# by the names of their services: free for all, whoever has control
+STOPS = {action.replace(' ', '_'): action for action in (HOLD, ABORT, EMERGENCY_STOP, DISABLE)}
 
 
 def verdict_of(origin: Origin, code: Code | str, sentence: str) -> Verdict:

@@ -13,6 +13,9 @@ class MotionState(StrEnum):
     ERROR = 'error'
 
 
+UNDER_WAY = (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)  # a program is driven, or held
+
+
 class Event(StrEnum):
     """What happens to a motion."""
 

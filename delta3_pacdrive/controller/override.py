@@ -6,15 +6,13 @@ motion profile for the task, or what whoever asked is answered with.
 
 from collections.abc import Callable
 
-from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.planner_actions import Changed
 from delta3_pacdrive.controller.profile_change import Change, ChangeEvent, ProfileChange
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
 from delta3_pacdrive.motion.resume import resume
-
-UNDER_WAY = (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)
 
 
 class Override:

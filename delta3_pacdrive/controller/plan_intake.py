@@ -20,9 +20,6 @@ from delta3_pacdrive.motion.program_file import FAULTS_MAX
 from delta3_pacdrive.parameters import Parameters
 
 ORDER_HEADER = 2  # start cycle (-1: as soon as possible), override; behind it the numbers of the moves
-MORE_HEADER = (
-    4  # order that is extended, first move and number of moves that stay, how many numbers of moves follow
-)
 NUMBERS_MAX = 20_000_000  # of all moves of a plan: 160 MB
 
 

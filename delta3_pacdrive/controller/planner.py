@@ -14,8 +14,8 @@ import numpy as np
 from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
-from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.override import UNDER_WAY, Override
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.controller.override import Override
 from delta3_pacdrive.controller.planning_job import UNROUNDED, Behind, Caps, Job, Result
 from delta3_pacdrive.controller.profile_change import ChangeEvent
 from delta3_pacdrive.controller.program_queue import ProgramQueue
@@ -568,7 +568,7 @@ class Planner:
             following.end()
             self._reply(reason)
             return
-        _, statements, sentence = following.taken()
+        statements, sentence = following.taken()
         if request is not None:
             self._tracker.follow(request.identity, statements, following.ends)
         if self._run.state is not RunState.RUNNING:  # a fault came right behind them

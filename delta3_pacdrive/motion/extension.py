@@ -18,7 +18,7 @@ from delta3_pacdrive.motion.resume import go_over
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 
-HEADER = 4  # numbers of a row before the order of its moves
+HEADER = 4  # of a row: order that is extended, first and kept move, how many numbers of moves follow
 ROOM_M = 1e-6  # before a blend, where the paths with and without it part
 
 End = tuple[int, float]

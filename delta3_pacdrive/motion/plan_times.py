@@ -7,13 +7,17 @@ import numpy as np
 from delta3_pacdrive.motion.plan import OUTPUTS, TIMED, UNCHANGED, Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 
+WITHOUT_LENGTH = (MoveKind.DWELL, *TIMED)  # the parameter of a move in time is no distance
+
+
+def told_length_m(move: Move) -> float:
+    """Return the length of a move's path, 0 if it has none."""
+    return 0.0 if move.kind in WITHOUT_LENGTH else move.length_m
+
 
 def driven_moves(plan: Plan) -> list[dict[str, Any]]:
-    """Return kind, start [s], end [s] and length [m] of each move that is driven.
-
-    The length of a dwell, and of a move in time, whose parameter is no distance, is 0.
-    """
-    lengths = [0.0 if move.kind in (MoveKind.DWELL, *TIMED) else move.length_m for move in plan.moves]
+    """Return kind, start [s], end [s] and length [m] of each move that is driven."""
+    lengths = [told_length_m(move) for move in plan.moves]
     kinds = [move.kind.name.lower() for move in plan.moves]
     edges = plan.tables.starts.tolist()
     return [

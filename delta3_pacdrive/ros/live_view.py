@@ -14,6 +14,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from delta3_pacdrive import interrupts
+from delta3_pacdrive.controller.messages import STOPS
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.numerics.types import Floats
@@ -38,8 +39,6 @@ FACTS_S = 0.2
 APPEAR_S = 10.0  # for a robot to be found, unless one is being brought up
 GONE_S = 2.0  # without a browser, after which what the page has set off is held: a page may be loaded anew meanwhile
 RELEASE_S = 0.5  # standing, after which the page gives control back
-# stops are free for all and wait for nothing that is under way
-URGENT = ('hold', 'abort', 'emergency_stop', 'disable')
 NAME = 'delta3 view'
 
 
@@ -150,7 +149,7 @@ class LiveView:
                 direction, speed = wish.text.split()
                 self._jog_speed = 1e-3 * float(speed)
                 self._button.beat(direction, now)
-            elif wish.action in URGENT:
+            elif wish.action in STOPS:  # they wait for nothing that is under way
                 self._wishes.clear()
                 self._button.drop()
                 self._stop(wish)

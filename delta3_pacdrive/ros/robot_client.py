@@ -36,9 +36,8 @@ PATIENCE_S = 10.0  # without a word
 AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
 ALIVE_S = 0.2
 NAME_MAX = 90
-_STOPS = messages.HOLD, messages.ABORT, messages.EMERGENCY_STOP, messages.DISABLE
 # what is asked of the transformation task, and how it calls that; the rest is asked of the planner
-OF_THE_TASK = {text.replace(' ', '_'): text for text in (*_STOPS, messages.ENABLE, messages.RESET)}
+OF_THE_TASK = messages.STOPS | {messages.ENABLE: messages.ENABLE, messages.RESET: messages.RESET}
 
 
 @dataclass

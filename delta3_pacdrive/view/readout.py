@@ -4,6 +4,7 @@ import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from delta3_pacdrive.controller.motion_state import UNDER_WAY
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
@@ -17,7 +18,7 @@ STATE_COLOURS = {
     'error': RED,
     'playing': BLUE,
 }
-UNDER_WAY = ('moving', 'stopping', 'stopped', 'playing', 'paused')
+SHOWS_MOVE = (*UNDER_WAY, 'playing', 'paused')
 DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'FAULT': RED}
 CUT = 'white-space:nowrap;overflow:hidden;text-overflow:ellipsis'
 HIGH, TOO_HIGH = 0.6, 0.9  # of a limit, from which a bar is amber and red
@@ -64,7 +65,7 @@ def status(facts: Facts, tcp_m: Floats | None) -> str:
     if tcp_m is not None:
         x, y, z = (1e3 * tcp_m).tolist()
         rows.append(_pairs(('TCP', f'{x:.2f}, {y:.2f}, {z:.2f} mm')))
-    if facts.moves and facts.state in UNDER_WAY:
+    if facts.moves and facts.state in SHOWS_MOVE:
         rows.append(
             _pairs(('move', f'{facts.move + 1} of {facts.moves}'), ('left', f'{facts.remaining_s:.1f} s'))
         )

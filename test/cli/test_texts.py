@@ -14,6 +14,7 @@ from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json, 
 from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.cli import estimate, experiment, jacobian, output, simulate, tune
 from delta3_pacdrive.errors import ReportError
+from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.recording.trace import Trace
 
 # every number is another one, so that none can stand for another
@@ -48,7 +49,7 @@ def printed(capsys):
 
 
 def test_a_place_that_is_rounded_to_zero_has_no_sign():
-    assert output.millimetres([-1e-9, 1e-9, -0.8000004]) == '(0.000, 0.000, -800.000) mm'
+    assert millimetres([-1e-9, 1e-9, -0.8000004]) == '(0.000, 0.000, -800.000) mm'
 
 
 def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsys):

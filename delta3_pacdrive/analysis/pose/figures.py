@@ -18,10 +18,10 @@ from delta3_pacdrive.analysis.figure_style import (
 )
 from delta3_pacdrive.analysis.pose import drawing
 from delta3_pacdrive.analysis.pose.evaluation import elbows
-from delta3_pacdrive.analysis.pose.report import point_text
 from delta3_pacdrive.analysis.pose.study import Pose
 from delta3_pacdrive.analysis.report_folder import Drawings
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def forward_kinematics(pose: Pose, parameters: Parameters) -> Figure:
     _angle_arcs(axes, theta, parameters)
     axes.plot(*tcp[:, None], 'o', color=NORM_COLOUR, markersize=7, zorder=400, **WHOLE)
     _frame_of_base(axes, parameters)
-    _note(axes, tcp, f'TCP {point_text(point)}', (-70, -22), NORM_COLOUR)
+    _note(axes, tcp, f'TCP {millimetres(point)}', (-70, -22), NORM_COLOUR)
     _blocks(
         figure,
         [rf'$\theta_{i + 1}$ = {value:z.2f}°' for i, value in enumerate(np.degrees(theta))],
@@ -150,7 +150,7 @@ def eight_solutions(pose: Pose, parameters: Parameters) -> Figure:
     assert point is not None  # noqa: S101
     figure = empty_figure(6.6, 11.0)
     figure.set_layout_engine('none')
-    figure.suptitle(f'All eight solutions for {point_text(point)}', fontsize=12, y=0.985)
+    figure.suptitle(f'All eight solutions for {millimetres(point)}', fontsize=12, y=0.985)
     grid = figure.add_gridspec(2, 4, left=0.0, right=1.0, bottom=0.01, top=0.87, wspace=0.0, hspace=0.16)
     k = parameters.kinematics
     seen = np.concatenate([drawing.corners(one.arm_angle_rad, point, k) for one in pose.solutions])
@@ -204,8 +204,8 @@ def three_spheres(pose: Pose, parameters: Parameters) -> Figure:
     axes.plot(
         *above[:, None], 'o', markerfacecolor='white', color=NORM_COLOUR, markersize=9, zorder=400, **WHOLE
     )
-    _note(axes, tcp, f'TCP {point_text(point)}', (12, -18), NORM_COLOUR)
-    _note(axes, above, f'above the elbow plane {point_text(mirror)}', (12, 12), NORM_COLOUR)
+    _note(axes, tcp, f'TCP {millimetres(point)}', (12, -18), NORM_COLOUR)
+    _note(axes, above, f'above the elbow plane {millimetres(mirror)}', (12, 12), NORM_COLOUR)
     figure.text(
         0.5,
         0.025,

@@ -7,6 +7,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.pose.study import Margin, Pose
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.parameters import Parameters
 
 MM, UM, CM = 1e3, 1e6, 1e2
@@ -101,20 +102,14 @@ Rows = list[tuple[str, str]]
 
 def _place_rows(pose: Pose) -> Iterator[tuple[str, str]]:
     if pose.point_m is not None:
-        yield 'TCP', point_text(pose.point_m)
+        yield 'TCP', millimetres(pose.point_m)
     if pose.arm_angle_rad is not None:
         yield 'arm angles', f'{three(np.degrees(pose.arm_angle_rad), 3)} deg'
     if pose.mirror_m is not None:
-        yield 'mirror point', f'{point_text(pose.mirror_m)}, above the elbow plane'
+        yield 'mirror point', f'{millimetres(pose.mirror_m)}, above the elbow plane'
     yield 'reachable', 'yes' if pose.is_reachable else f'no: {pose.refusals[0]}'
     for refusal in pose.refusals[1:]:
         yield '', refusal
-
-
-def point_text(point_m: Floats) -> str:
-    """Return a place [m] in millimetres; what is rounded to zero has no sign."""
-    x, y, z = (round(MM * float(value), 3) + 0.0 for value in point_m)
-    return f'({x:.3f}, {y:.3f}, {z:.3f}) mm'
 
 
 def three(values: Iterable[float], digits: int) -> str:

@@ -128,7 +128,6 @@ def _layer(coordinates: tuple[Floats, Floats, Floats], settings: Settings, param
     found = capability(
         points,
         parameters,
-        payload_kg=settings.payload_kg,
         acceleration_m_s2=settings.acceleration_m_s2,
     )
     legal = is_legal_for_the_arms(found.limit)

@@ -51,11 +51,9 @@ def document(found: Results, settings: Settings, parameters: Parameters) -> dict
 
 def assumed(settings: Settings, parameters: Parameters) -> tuple[float, float]:
     """Return the payload [kg] of the accelerations, and the acceleration [m/s^2] of the payloads."""
-    payload, acceleration = settings.payload_kg, settings.acceleration_m_s2
-    return (
-        parameters.dynamics.payload_mass_kg if payload is None else payload,
-        parameters.motion.acceleration_max_m_s2 if acceleration is None else acceleration,
-    )
+    acceleration = settings.acceleration_m_s2
+    usual = parameters.motion.acceleration_max_m_s2
+    return parameters.dynamics.payload_mass_kg, usual if acceleration is None else acceleration
 
 
 def _extreme(one: Extreme) -> dict[str, Any]:

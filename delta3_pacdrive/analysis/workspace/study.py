@@ -65,14 +65,13 @@ class Settings:
         Distance of neighbours in the volume.
     slices
         That are drawn.
-    payload_kg, acceleration_m_s2
-        That ``motion.capability`` assumes; None: those of the parameters.
+    acceleration_m_s2
+        That ``motion.capability`` assumes; None: that of the parameters.
 
     """
 
     resolution_m: float
     slices: tuple[Slice, ...]
-    payload_kg: float | None = None
     acceleration_m_s2: float | None = None
 
 

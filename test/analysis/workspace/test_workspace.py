@@ -94,12 +94,13 @@ def test_a_third_of_a_turn_maps_the_workspace_on_itself(robot):
 
 
 def test_payload_and_acceleration_asked_for_reach_the_maps(robot):
-    heavy = evaluation.study(Settings(0.3, (), payload_kg=5.0), robot)
+    loaded = robot.replace(dynamics__payload_mass_kg=5.0)
+    heavy = evaluation.study(Settings(0.3, ()), loaded)
     quick = evaluation.study(Settings(0.3, (), acceleration_m_s2=100.0), robot)
     usual = evaluation.study(Settings(0.3, ()), robot)
     assert heavy.extremes['acceleration'].least < usual.extremes['acceleration'].least
     assert quick.extremes['payload'].median < usual.extremes['payload'].median
-    assert report.document(heavy, Settings(0.3, (), payload_kg=5.0), robot)['payload_kg'] == 5.0
+    assert report.document(heavy, Settings(0.3, ()), loaded)['payload_kg'] == 5.0
 
 
 def test_a_volume_of_too_many_poses_is_refused_before_it_is_computed(robot):
