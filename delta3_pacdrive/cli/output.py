@@ -81,7 +81,7 @@ def _sentence(error: Exception) -> str | None:
     if isinstance(error, MemoryError):
         return 'there is not enough memory'
     if isinstance(error, ModuleNotFoundError):
-        text = 'ROS 2 is not installed here: pip install "delta3_pacdrive[ros]", or source a ROS 2 Jazzy'
+        text = "ROS 2 is not installed here: pip install '.[ros]' in the folder of the sources, or source a ROS 2 Jazzy"
         return text if error.name == 'rclpy' else None
     if isinstance(error, ImportError) and 'map segment' in str(error):
         return f'there is not enough memory: {error}'

@@ -36,7 +36,7 @@ def require_viser() -> None:
     import importlib.util
 
     if importlib.util.find_spec('viser') is None:
-        raise RunError('the page needs viser: pip install "delta3_pacdrive[view]"')
+        raise RunError("the page needs viser: pip install '.[view]' in the folder of the sources")
 
 
 def require_free(host: str, port: int) -> None:

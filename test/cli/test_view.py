@@ -41,7 +41,9 @@ def test_a_page_needs_viser(capsys, monkeypatch):
 
     find = util.find_spec
     monkeypatch.setattr(util, 'find_spec', lambda name, *more: None if name == 'viser' else find(name, *more))
-    assert refused(capsys) == 'error: the page needs viser: pip install "delta3_pacdrive[view]"'
+    assert (
+        refused(capsys) == "error: the page needs viser: pip install '.[view]' in the folder of the sources"
+    )
 
 
 @pytest.mark.parametrize(
