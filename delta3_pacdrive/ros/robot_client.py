@@ -176,8 +176,6 @@ class OperatorNode(PollingNode):
         except RefusedError as error:
             if error.reason.code != Code.FOREIGN:
                 raise
-        # planner or bus have started anew: by now they have said so
-        self.progress, self.queue = {}, None
         return self._ask_once(whom, action, text, caps)
 
     def _receiver(self, whom: str) -> str:
@@ -185,6 +183,15 @@ class OperatorNode(PollingNode):
         if whom == 'control':
             return str(self.progress.get('session', ''))
         return self.queue.identity if self.queue else ''
+
+    def _forget(self, whom: str, receiver: str) -> None:
+        """Forget a receiver who is not there any more, unless another one has said meanwhile who he is."""
+        if self._receiver(whom) != receiver:
+            return
+        if whom == 'control':
+            self.progress = {}
+        else:
+            self.queue = None
 
     def _ask_once(self, whom: str, action: str, text: str, caps: tuple[float, float, float]) -> str:
         publisher = self._requests[whom]
@@ -227,6 +234,8 @@ class OperatorNode(PollingNode):
         reply = awaited.reply
         self._control = max(self._control, reply.control)
         if reply.reason is not None:
+            if reply.reason.code == Code.FOREIGN:  # planner or bus have started anew
+                self._forget(whom, receiver)
             raise RefusedError(reply.reason)
         return reply.sentence
 

@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.controller.messages import DISABLE, HOLD, Reply, Request
+from delta3_pacdrive.controller.messages import DISABLE, HOLD, QueueReport, Reply, Request, refuse_recording
 from delta3_pacdrive.errors import Code, RefusedError
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
@@ -215,6 +215,36 @@ def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell:
     assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
     assert cell.task.progress()['in_torque']
     assert cell.bert.queue.moves == 0
+
+
+def test_a_planner_that_has_said_who_it_is_before_it_refuses_is_asked_again(graph: Any) -> None:
+    before, after = (QueueReport(identity, 0, 0.0, 1.0, '') for identity in ('before', 'after'))
+    queue = graph.listener.create_publisher(String, 'unit_robot/queue', LATCHED)
+    reply = graph.listener.create_publisher(String, 'unit_robot/reply', REQUEST)
+    asked: list[Request] = []
+    waiting: list[Request] = []
+
+    def on_request(message: String) -> None:
+        request = Request.from_json(message.data)
+        if request.number not in [other.number for other in asked]:
+            asked.append(request)
+            waiting.append(request)
+            queue.publish(String(data=after.to_json()))
+
+    def spin(seconds: float) -> None:
+        graph.spin_for(seconds)
+        if not waiting or operator.queue != after:
+            return
+        request = waiting.pop()
+        done = Reply(request.operator, request.number, True, True, '', 'the queue is empty')
+        answer = refuse_recording(request) if request.receiver == before.identity else done
+        reply.publish(String(data=answer.to_json()))
+
+    graph.listener.create_subscription(String, 'unit_robot/request', on_request, REQUEST)
+    operator = graph.add(OperatorNode, spin)
+    queue.publish(String(data=before.to_json()))
+    assert operator.ask('unit_robot', 'clear') == 'the queue is empty'
+    assert [request.receiver for request in asked] == ['before', 'after']
 
 
 def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this_one(
