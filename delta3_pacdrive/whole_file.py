@@ -42,14 +42,19 @@ def write_text(text: str, path: Path) -> Path:
     return path
 
 
-def file_refusal(path: Path) -> str:
-    """Return why no file can be written there, empty if one can, as far as that can be known before."""
+def file_refusal(path: Path, folder_is_made: bool = False) -> str:
+    """Return why no file can be written there, empty if one can, as far as that can be known before.
+
+    With ``folder_is_made`` whoever writes it makes the folder that it needs.
+    """
     if os.path.isdir(path):
         return 'it is a folder'
     if os.path.exists(path) and not os.access(path, os.W_OK):
         return 'it may not be written'
     if os.path.exists(path) and not os.path.isfile(path):
         return ''
+    if folder_is_made:
+        return folder_refusal(path.parent)
     if not os.path.isdir(path.parent):
         return f'there is no folder {path.parent}'
     return _closed(path.parent)
@@ -59,7 +64,7 @@ def folder_refusal(path: Path) -> str:
     """Return why there can be no folder of this name with files in it; empty if there can, as far as can be known."""
     above = next(here for here in (path, *path.parents) if os.path.lexists(here) or here == here.parent)
     if not os.path.isdir(above):
-        return 'it is no folder' if above == path else f'{above} is no folder'
+        return f'{above} is no folder'
     return _closed(above)
 
 

@@ -167,11 +167,6 @@ class ReportFolder:
         self.make()
         write_text(whole, self.path / INDEX)
 
-    def require_writable(self) -> None:
-        """Refuse a folder that nothing can be written into, before anything is computed for it; raises ReportError."""
-        if why := whole_file.folder_refusal(self.path):
-            raise ReportError(f'cannot write to {self.path}: {why}')
-
     def make(self) -> None:
         """Make the folder before anything is computed for it; raises ReportError."""
         with excused(f'cannot write to {self.path}'):
@@ -183,6 +178,12 @@ class ReportFolder:
             for pattern in (SUMMARY, INDEX, *patterns):
                 for path in self.path.glob(pattern):
                     path.unlink()
+
+
+def require_writable(folder: str | Path | None) -> None:
+    """Refuse a folder that nothing can be written into, before anything is computed for it; raises ReportError."""
+    if folder is not None and (why := whole_file.folder_refusal(Path(folder))):
+        raise ReportError(f'cannot write to {folder}: {why}')
 
 
 def _title(figure: Figure) -> str:

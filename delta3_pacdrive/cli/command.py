@@ -9,6 +9,7 @@ import sys
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from delta3_pacdrive.cli.option_types import filled
 from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.configuration.packaged import program_names
 
@@ -104,7 +105,7 @@ class JsonOptions(Options):
 class NodeOptions(Options):
     """Options of a command that talks to a robot."""
 
-    namespace: str = option('ROS namespace of the robot', default='/')
+    namespace: str = option('ROS namespace of the robot', default='/', type=str)
 
 
 @dataclass
@@ -183,11 +184,14 @@ class Command(Generic[Chosen]):
             lines = [f'  {action:<{width}}  {text}' for action, text in self._actions.items()]
             parser.epilog = 'actions:\n' + '\n'.join(lines)
         for one in _options(self._options):
+            more = one.metadata['parser']
+            if not more.keys() & {'type', 'choices'} and more.get('action', 'append') == 'append':
+                more = {'type': filled, **more}
             if not one.metadata['optional']:
-                parser.add_argument(one.name, default=one.default, **one.metadata['parser'])
+                parser.add_argument(one.name, default=one.default, **more)
                 continue
             names = one.metadata['names'] or (name(one),)
-            parser.add_argument(*names, dest=one.name, default=one.default, **one.metadata['parser'])
+            parser.add_argument(*names, dest=one.name, default=one.default, **more)
         return parser
 
     def words(self) -> list[str]:

@@ -26,8 +26,8 @@ class Options(JsonOptions):
         'what is estimated', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
     )
     parameters: str | None = option('parameter file instead of the packaged one', 'FILE')
-    free: str = option('quantities to free, such as I_brake,w_s', 'SYMBOLS', default='')
-    known: str = option('quantities to hold, such as m_fb', 'SYMBOLS', default='')
+    free: str = option('quantities to free, such as I_brake,w_s', 'SYMBOLS', default='', type=str)
+    known: str = option('quantities to hold, such as m_fb', 'SYMBOLS', default='', type=str)
     start_off: float | None = option(
         'start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
         'SHARE',

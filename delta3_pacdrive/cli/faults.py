@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
-from delta3_pacdrive.cli.option_types import csv_file
+from delta3_pacdrive.cli.option_types import csv_file, folder
 from delta3_pacdrive.cli.output import INTERRUPTED, print_answer, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
@@ -27,11 +27,11 @@ class Options(JsonOptions):
     """Options of the command."""
 
     action: str = argument('one of the actions below', default='run', choices=ACTIONS, metavar='ACTION')
-    fault: str = argument('the fault to inject', default='')
+    fault: str = argument('the fault to inject', default='', type=str)
     short: bool = flag('run: a dozen faults in various states', only=('run',))
     only: str | None = option('run: only lines that hold this text', 'TEXT', only=('run',))
     csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
-    logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=Path, only=('run',))
+    logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=folder, only=('run',))
     namespace: str = option('inject: ROS namespace of the robot', default='/', only=('inject',))
 
     def check(self) -> str:

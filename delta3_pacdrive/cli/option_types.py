@@ -13,6 +13,18 @@ def _number(text: str) -> float:
         return math.nan
 
 
+def filled(text: str) -> str:
+    """Take a text or a name; what is empty is a variable of a shell that was never set."""
+    if not text:
+        raise argparse.ArgumentTypeError('it must not be empty')
+    return text
+
+
+def folder(text: str) -> Path:
+    """Take the name of a folder."""
+    return Path(filled(text))
+
+
 def number_within(low: float, high: float, unit: str = '') -> Callable[[str], float]:
     """Return the type of an option that is a number from ``low`` to ``high``."""
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.configuration.packaged import program_names
 
@@ -25,6 +25,13 @@ class Options(JsonOptions):
     output: str | None = option(
         'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'
     )
+    limits: bool = flag(
+        'in the JSON, tell of each move how much of every limit it uses, not only of the first'
+    )
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        return '--limits is for --json' if self.limits and not self.json else ''
 
 
 def run(options: Options) -> int:
@@ -32,15 +39,20 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.planning import evaluation, report
+    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.cli.progress import Progress
     from delta3_pacdrive.motion import program_file
 
     robot = core.load(options.parameters)
     program = program_file.load(options.program, robot.motion)
-    found = evaluation.of_program(program, robot)
     inputs = noted([options.program])
-    result, lines = report.document(found, robot), report.text(found, robot)
-    if options.output is not None:
-        result['files'] = _written(options, robot, found, lines, inputs)
+    require_writable(options.output)
+    with Progress(quiet=options.json) as progress:
+        found = evaluation.of_program(program, robot, progress.show)
+        result, lines = report.document(found, robot, options.limits), report.text(found, robot)
+        if options.output is not None:
+            progress.show('drawing')
+            result['files'] = _written(options, robot, found, lines, inputs)
     if options.json:
         print_json(result, options, robot, inputs)
     else:

@@ -53,8 +53,10 @@ def run(options: Options) -> int:
 
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.pose import evaluation, report
+    from delta3_pacdrive.analysis.report_folder import require_writable
 
     robot = core.load(options.parameters)
+    require_writable(options.output)
     if options.payload is not None:
         robot = robot.replace(dynamics__payload_mass_kg=options.payload)
     if options.angles:

@@ -54,7 +54,8 @@ class RunOptions(WindowOptions):
             return refusal
         count = len((self.parameters or '').split(','))
         if count > 1 and count != len(self.inputs):
-            return f'--parameters names {count} files, but there are {len(self.inputs)} runs'
+            runs = 'is 1 run' if len(self.inputs) == 1 else f'are {len(self.inputs)} runs'
+            return f'--parameters names {count} files, but there {runs}'
         return ''
 
     def sources(self) -> list[str | None]:

@@ -27,6 +27,8 @@ def run(options: Options) -> int:
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.recording import trace_file
 
+    if options.trace:
+        trace_file.require_writable(options.trace)
     announce_compilation(options.parameters)
     robot = core.load(options.parameters)
     if options.exchange_period is not None:

@@ -20,9 +20,9 @@ NICENESS = 5  # behind the robot, where both are ordinary processes
 class Options(NodeOptions):
     """Options of the command."""
 
-    run: str = argument(
+    run: str | None = argument(
         'trace (.npz, .csv) or bag to be played, or a program to be simulated; without it a robot that is up',
-        default='',
+        default=None,
         metavar='RUN',
     )
     host: str = option('address at which the page is served', 'ADDRESS', default=serving.HOST)
@@ -41,7 +41,7 @@ class Options(NodeOptions):
         """Return why options do not fit one another; empty if they do."""
         if refusal := serving.refusal('--port', self.port):
             return refusal
-        if self.run:
+        if self.run is not None:
             for name, given in (
                 ('--control', self.control),
                 ('--wait', self.wait),
@@ -57,7 +57,7 @@ class Options(NodeOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     options.port = serving.choose(options.host, options.port)
-    return _play(options) if options.run else _watch(options)
+    return _watch(options) if options.run is None else _play(options, options.run)
 
 
 def _watch(options: Options) -> int:
@@ -85,15 +85,15 @@ def _watch(options: Options) -> int:
     return 0
 
 
-def _play(options: Options) -> int:
+def _play(options: Options, name: str) -> int:
     """Show a run."""
     from delta3_pacdrive.analysis import runs
     from delta3_pacdrive.view import playback
 
-    film = playback.Film(runs.load(options.run, options.parameters))
+    film = playback.Film(runs.load(name, options.parameters))
     if film.run.robot_note:
         print(f'note: {film.run.robot_note}', file=sys.stderr)
-    page = _page(options, film.robot, Path(options.run).name)
+    page = _page(options, film.robot, Path(name).name)
     try:
         playback.run(page, film)
     finally:

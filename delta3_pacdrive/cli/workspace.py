@@ -77,22 +77,26 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.report_folder import require_writable
     from delta3_pacdrive.analysis.workspace import evaluation, report
     from delta3_pacdrive.analysis.workspace.study import Settings, Slice
     from delta3_pacdrive.cli.progress import Progress, announce_compilation
 
-    announce_compilation()
     robot = core.load(options.parameters)
     if options.payload is not None:
         robot = robot.replace(dynamics__payload_mass_kg=options.payload)
-    slices: tuple[Slice, ...] = ()
-    if options.output is not None:
-        planes = tuple(Slice(axis, place) for axis, place in options.planes or ())
-        slices = planes or evaluation.default_slices(robot)
+    planes = tuple(Slice(axis, place) for axis, place in options.planes or ())
+    slices = () if options.output is None else planes or evaluation.default_slices(robot)
     settings = Settings(1e-3 * options.resolution, slices, options.acceleration)
+    evaluation.require_few_poses(settings, robot)
+    require_writable(options.output)
+    if options.volume is not None:
+        report.require_writable(Path(options.volume))
+    announce_compilation()
     with Progress(quiet=options.json) as progress:
         progress.show('loading')
         evaluation.warm_up(robot)
+        evaluation.require_reached(planes, robot)
         found = evaluation.study(settings, robot, progress.show)
         files = _written(options, settings, found, robot)
     result, lines = report.document(found, settings, robot), report.text(found, settings, robot)

@@ -1,15 +1,21 @@
 """Facts about how a command is declared: what is typed reaches it, what it does not obey is refused by name."""
 
 from dataclasses import dataclass
+from importlib import import_module
 
 import pytest
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.cli import progress
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.main import COMMANDS
 from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.numerics import kernel
 
+NAMES_OF_FILES = {
+    '--bag', '--csv', '--design', '--excite', '--figures', '--logs', '--output', '--parameters', '--recording',
+    '--resume', '--robot', '--trace', '--volume',
+}  # fmt: skip
 ACTIONS = {'go': 'start', 'stop': 'end'}
 
 
@@ -60,6 +66,31 @@ def test_what_is_given_is_what_is_not_as_it_is_by_default():
     assert read('go').given() == ['ACTION']
     assert read('go', '--speed', '0').given() == ['ACTION']
     assert read('go', '1', '--speed', '2', '-s', 'x').given() == ['ACTION', 'INPUT', '--speed', '--set']
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'name'),
+    [(['go', ''], 'INPUT'), (['go', '-s', ''], '--set/-s'), (['go', '--set', 'a', '--set='], '--set/-s')],
+)
+def test_what_is_empty_is_refused_by_name(arguments, name, capsys):
+    with pytest.raises(SystemExit) as end:
+        read(*arguments)
+    assert end.value.code == 2
+    assert f'error: argument {name}: it must not be empty' in capsys.readouterr().err
+
+
+def test_every_name_of_a_file_or_a_folder_must_not_be_empty(capsys):
+    seen = 0
+    for name in COMMANDS:
+        command = import_module(f'delta3_pacdrive.cli.{name}').main
+        for option_name in (
+            sorted(NAMES_OF_FILES & set(command.words())) if isinstance(command, Command) else ()
+        ):
+            with pytest.raises(SystemExit):
+                command.read([option_name, ''])
+            assert f'error: argument {option_name}: ' in capsys.readouterr().err, (name, option_name)
+            seen += 1
+    assert seen > 25
 
 
 def test_an_option_that_an_action_does_not_obey_is_refused_by_name(capsys):

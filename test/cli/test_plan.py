@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from delta3_pacdrive.analysis.planning import evaluation
 from delta3_pacdrive.cli import check, plan
 
 LINE = 'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\n'
@@ -53,6 +54,30 @@ def test_a_program_that_cannot_be_planned_is_refused_as_check_refuses_it(text, t
         errors.removeprefix('error: ').split('; ')[0].strip()
         == refused.removeprefix('error: ').splitlines()[0]
     )
+
+
+def test_limits_of_each_move_are_told_on_request(tmp_path, capsys):
+    (tmp_path / 'line.yaml').write_text(LINE)
+    assert plan.main([str(tmp_path / 'line.yaml'), '--json']) == 0
+    brief = json.loads(capsys.readouterr().out)['moves'][0]
+    assert plan.main([str(tmp_path / 'line.yaml'), '--json', '--limits']) == 0
+    move = json.loads(capsys.readouterr().out)['moves'][0]
+    limits = move.pop('limits')
+    assert move == brief
+    assert limits[0] == move['limited_by']
+    assert {'motor_current', 'motor_speed', 'tcp_speed'} <= {limit['quantity'] for limit in limits}
+    with pytest.raises(SystemExit, match='2'):
+        plan.main(['--limits'])
+    assert '--limits is for --json' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('folder', ['file', 'file/plan', '/proc/plan'])
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_planned(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(evaluation, 'of_program', None)
+    (tmp_path / 'file').touch()
+    assert plan.main(['--output', folder]) == 1
+    assert capsys.readouterr().err.startswith(f'error: cannot write to {folder}: ')
 
 
 def test_figures_and_tables_are_written_with_a_page(tmp_path, capsys):

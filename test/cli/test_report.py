@@ -114,6 +114,7 @@ def test_what_cannot_be_shown_gets_one_sentence_and_leaves_nothing(here, argumen
         (['compare', 'a.npz'], 'two runs are compared, not 1'),
         (['report', 'a', '--from', '2', '--to', '1'], '--from is 2, but must be less than --to, 1'),
         (['report', 'a', 'b', '--parameters', ',,'], '--parameters names 3 files, but there are 2 runs'),
+        (['report', 'a', '--parameters', 'b,c'], '--parameters names 2 files, but there is 1 run'),
     ],
 )
 def test_options_that_do_not_fit_are_a_usage_error(arguments, sentence, capsys):

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from delta3_pacdrive.analysis.workspace import evaluation
 from delta3_pacdrive.cli import workspace
 
 
@@ -61,6 +62,40 @@ def test_what_cannot_be_obeyed_is_a_usage_error(arguments, capsys):
     assert 'error: ' in capsys.readouterr().err
 
 
-def test_a_resolution_that_makes_too_many_poses_is_refused_in_one_sentence(capsys):
-    assert workspace.main(['--resolution', '1']) == 1
-    assert 'poses, the limit is 20000000' in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (
+            ['--resolution', '0.6', '--output', 'maps', '--volume', 'new/v.npz'],
+            'poses, the limit is 20000000',
+        ),
+        (['--volume', 'v.npz/v.npz', '--output', 'maps'], 'cannot write v.npz/v.npz: v.npz is no folder'),
+        (['--volume', 'folder.csv', '--output', 'maps'], 'cannot write folder.csv: it is a folder'),
+        (['--volume', 'v.npz', '--output', 'v.npz'], 'cannot write to v.npz: v.npz is no folder'),
+        (
+            ['--volume', '/proc/new/v.npz'],
+            'cannot write /proc/new/v.npz: the folder /proc may not be written: ',
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_is_computed_or_made(
+    arguments, sentence, capsys, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(evaluation, 'capability', None)  # it would be missed
+    (tmp_path / 'v.npz').touch()
+    (tmp_path / 'folder.csv').mkdir()
+    before = sorted(tmp_path.rglob('*'))
+    assert workspace.main(arguments) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert sentence in line
+    assert sorted(tmp_path.rglob('*')) == before
+
+
+@pytest.mark.parametrize('plane', ['z=5', 'z=0.9', 'x=-2'])
+def test_a_slice_that_the_arms_do_not_reach_is_refused(plane, capsys, tmp_path):
+    assert workspace.main(['--slice', plane, '--output', str(tmp_path / 'maps')]) == 1
+    axis, _, place = plane.partition('=')
+    sentence = f'error: the arms reach no place of the slice {axis} = {1e3 * float(place):g} mm\n'
+    assert capsys.readouterr().err == sentence
+    assert not list(tmp_path.iterdir())

@@ -1,13 +1,15 @@
 """A planned program over time, and move by move with what limits each."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
+from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.limits import arm_bounds, compared, workspace_bounds
 from delta3_pacdrive.motion.move_planner import limits_at
 from delta3_pacdrive.motion.path_dynamics import (
@@ -27,9 +29,11 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
+SAMPLES_KEPT = 400_000  # of a plan over time: 150 MB
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
 AT_LIMIT = 0.95  # of a limit: from there on it is used up
 QUANTITIES = tuple(Quantity)
+LIMITING = QUANTITIES[:-2]  # of a single sample
 STANDING_M_S = 1e-9
 
 
@@ -44,7 +48,7 @@ class _Limiter:
     limit: Floats
     unit: str
 
-    @property
+    @cached_property
     def used(self) -> Floats:
         return np.asarray(self.value / self.limit)
 
@@ -64,25 +68,28 @@ class _Part:
     leading: NDArray[np.int64]  # number of the limiter, -1 for the time given
 
 
-def study(planned: Planned, parameters: Parameters) -> PlanStudy:
-    """Evaluate the first round of a planned program."""
+def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:
+    """Evaluate the first round of a planned program; of a long one only so many samples are kept as figures need."""
     count = len(planned.plan) // planned.repeat
-    numbers = planned.plan.tables.order[:count]
-    parts = [_part(planned, int(number), parameters) for number in numbers]
-    starts = planned.plan.tables.starts[:count]
-    lengths = [_length(part) for part in parts]
-    gone = np.concatenate([[0.0], np.cumsum(lengths)])
-    rows = tuple(
-        _row(n, planned, int(numbers[n]), part, float(starts[n]), lengths[n], parameters)
-        for n, part in enumerate(parts)
-    )
-    return PlanStudy(planned, _samples(parts, starts, gone, planned, parameters), rows)
+    numbers, starts = planned.plan.tables.order[:count].tolist(), planned.plan.tables.starts[:count].tolist()
+    in_all = sum(_steps(planned.plan.moves[number]) for number in numbers)
+    stride = -(-in_all // SAMPLES_KEPT)
+    rows, pieces, gone_m = [], [], 0.0
+    for n, (number, start_s) in enumerate(zip(numbers, starts, strict=True)):
+        on_progress('evaluating', n, count)
+        part = _part(planned, number, parameters)
+        length_m = _length(part)
+        rows.append(_row(n, planned, number, part, start_s, length_m, parameters))
+        pieces.append(_thinned(_piece(n, part, start_s, gone_m, planned, parameters), stride))
+        gone_m += length_m
+    return PlanStudy(planned, _joined(pieces), tuple(rows))
 
 
-def of_program(program: Program, parameters: Parameters) -> PlanStudy:
+def of_program(program: Program, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:
     """Plan a program from where it starts, else from home, and evaluate it; raises ProgramError."""
     start = parameters.motion.home_m if program.start_m is None else program.start_m
-    return study(plan(program, start, parameters), parameters)
+    planned = plan(program, start, parameters, progress=partial(on_progress, 'planning'))
+    return study(planned, parameters, on_progress)
 
 
 def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
@@ -100,11 +107,15 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     return _Part(move, times, master, samples, coefficients, dynamics, limits, limiters, leading)
 
 
+def _steps(move: Move) -> int:
+    """Return how many even steps a move is evaluated in."""
+    return min(max(math.ceil(move.duration_s / STEP_S), SAMPLES_MIN), SAMPLES_MAX)
+
+
 def _times(move: Move) -> Floats:
     """Return even times, and both sides of the ends of phases."""
     duration, joints = move.duration_s, move.master[1:, 0]
-    count = int(np.clip(np.ceil(duration / STEP_S), SAMPLES_MIN, SAMPLES_MAX))
-    even = np.linspace(0.0, duration, count + 1)
+    even = np.linspace(0.0, duration, _steps(move) + 1)
     if len(joints) > SAMPLES_MAX:
         return even
     return np.unique(np.concatenate([even, joints, joints - BEFORE * duration]).clip(0.0, duration))
@@ -245,40 +256,58 @@ def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
     return {bound.key: float(bound.margin.min()) for bound in bounds}
 
 
-def _samples(
-    parts: list[_Part], starts: Floats, gone: Floats, planned: Planned, parameters: Parameters
+def _piece(
+    n: int, part: _Part, start_s: float, gone_m: float, planned: Planned, parameters: Parameters
 ) -> Samples:
-    """String the moves together."""
-    torque = parameters.motor.torque_constant_n_m_a
-
-    def over(values: list[Any]) -> Any:
-        return np.concatenate(values)
-
-    masters = over([_along_the_path(part, distance) for part, distance in zip(parts, gone, strict=False)])
-    speed, acceleration, jerk = (over([_told(part, k) for part in parts]) for k in range(3))
-    current = over([part.dynamics.motor_current_a for part in parts])
+    """Return the samples of one move, the ``n``-th of the plan, before which the TCP has gone a distance."""
+    d, master = part.dynamics, _along_the_path(part, gone_m)
     return Samples(
-        time_s=over([start + part.times for start, part in zip(starts, parts, strict=True)]),
-        move=np.repeat(np.arange(len(parts)), [len(part.times) for part in parts]),
-        distance_m=masters[:, 0],
-        speed_m_s=masters[:, 1],
-        acceleration_m_s2=masters[:, 2],
-        jerk_m_s3=masters[:, 3],
-        position_m=over([part.dynamics.position_m for part in parts]),
-        tcp_speed_m_s=over([part.dynamics.tcp_speed_m_s for part in parts]),
-        tcp_acceleration_m_s2=over([part.dynamics.tcp_acceleration_m_s2 for part in parts]),
-        tcp_jerk_m_s3=over([part.dynamics.tcp_jerk_m_s3 for part in parts]),
-        curvature_1_m=over([_curvature(part.samples) for part in parts]),
-        speed_limit_m_s=speed,
-        acceleration_limit_m_s2=acceleration,
-        jerk_limit_m_s3=jerk,
-        arm_angle_rad=over([part.coefficients[:, THETA] for part in parts]),
-        motor_speed_rad_s=over([part.dynamics.motor_speed_rad_s for part in parts]),
-        motor_torque_n_m=torque * current,
-        motor_current_a=current,
-        used={quantity: over([_used(part, quantity) for part in parts]) for quantity in QUANTITIES[:-2]},
-        leading=over([_leading(part, planned) for part in parts]),
+        time_s=start_s + part.times,
+        move=np.full(part.times.shape, n),
+        distance_m=master[:, 0],
+        speed_m_s=master[:, 1],
+        acceleration_m_s2=master[:, 2],
+        jerk_m_s3=master[:, 3],
+        position_m=d.position_m,
+        tcp_speed_m_s=d.tcp_speed_m_s,
+        tcp_acceleration_m_s2=d.tcp_acceleration_m_s2,
+        tcp_jerk_m_s3=d.tcp_jerk_m_s3,
+        curvature_1_m=_curvature(part.samples),
+        speed_limit_m_s=_told(part, 0),
+        acceleration_limit_m_s2=_told(part, 1),
+        jerk_limit_m_s3=_told(part, 2),
+        arm_angle_rad=part.coefficients[:, THETA],
+        motor_speed_rad_s=d.motor_speed_rad_s,
+        motor_torque_n_m=parameters.motor.torque_constant_n_m_a * d.motor_current_a,
+        motor_current_a=d.motor_current_a,
+        used={quantity: _used(part, quantity) for quantity in LIMITING},
+        leading=_leading(part, planned),
     )
+
+
+def _thinned(piece: Samples, stride: int) -> Samples:
+    """Return one of ``stride`` samples of a move, and its last."""
+    if stride == 1:
+        return piece
+    count = len(piece.time_s)
+    kept = np.append(np.arange(0, count - 1, stride), count - 1)
+    return _mapped(lambda values: values[0][kept], [piece])
+
+
+def _joined(pieces: list[Samples]) -> Samples:
+    """String the moves together."""
+    return _mapped(np.concatenate, pieces)
+
+
+def _mapped(change: Callable[[list[Floats]], Floats], pieces: Sequence[Samples]) -> Samples:
+    """Return samples each array of which is made of those of the pieces."""
+    arrays = {
+        one.name: change([getattr(piece, one.name) for piece in pieces])
+        for one in fields(Samples)
+        if one.name != 'used'
+    }
+    used = {quantity: change([piece.used[quantity] for piece in pieces]) for quantity in LIMITING}
+    return Samples(**arrays, used=used)  # type: ignore[arg-type]  # mypy takes numbers of moves for floats
 
 
 def _along_the_path(part: _Part, gone_m: float) -> Floats:

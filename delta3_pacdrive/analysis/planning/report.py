@@ -23,8 +23,8 @@ DISTANCE_UNITS = {
 }
 
 
-def document(found: PlanStudy, parameters: Parameters) -> dict[str, Any]:
-    """Return a plan ready for JSON: SI, but for what is named otherwise."""
+def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False) -> dict[str, Any]:
+    """Return a plan ready for JSON: SI, but for what is named otherwise; ``with_limits`` all limits of each move."""
     planned = found.planned
     nominal = parameters.motor.nominal_current_a
     return {
@@ -33,12 +33,12 @@ def document(found: PlanStudy, parameters: Parameters) -> dict[str, Any]:
         'time_s': planned.plan.duration_s,
         'repeat': planned.repeat,
         'length_m': float(sum(row.length_m for row in found.rows)),
-        'moves': [_move(row) for row in found.rows],
+        'moves': [_move(row, with_limits) for row in found.rows],
         'rms_current_a': list(planned.rms_current_a),
         'rms_current_used': max(planned.rms_current_a) / nominal,
         'override_max': planned.override_max,
         'rate': planned.rate,
-        'used_max': {_key(quantity): float(values.max()) for quantity, values in found.samples.used.items()},
+        'used_max': {_key(quantity): used for quantity, used in used_max(found).items()},
         'distances': _distances(nearest(found)),
         'notices': list(planned.notices),
     }
@@ -48,7 +48,17 @@ def _key(quantity: Quantity) -> str:
     return quantity.value.lower().replace(' ', '_')
 
 
-def _move(row: MoveRow) -> dict[str, Any]:
+def used_max(found: PlanStudy) -> dict[Quantity, float]:
+    """Return the largest share of each limit that the plan uses."""
+    largest = dict.fromkeys(found.samples.used, 0.0)
+    for row in found.rows:
+        for use in row.uses:
+            largest[use.quantity] = max(largest[use.quantity], use.used)
+    return largest
+
+
+def _move(row: MoveRow, with_limits: bool) -> dict[str, Any]:
+    limits = {'limits': [_use(use) for use in row.uses]} if with_limits else {}
     return {
         'number': row.number,
         'statements': row.name,
@@ -64,7 +74,7 @@ def _move(row: MoveRow) -> dict[str, Any]:
         'motor_torque_max_n_m': list(row.motor_torque_max_n_m),
         'motor_current_rms_a': list(row.motor_current_rms_a),
         'limited_by': _use(row.limited_by),
-        'limits': [_use(use) for use in row.uses],
+        **limits,
         'distances': _distances(row.distances),
     }
 
@@ -107,9 +117,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     lines += [_line(row) for row in found.rows]
     rounds = f' in {planned.repeat} rounds' if planned.repeat > 1 else ''
     currents = ' / '.join(f'{value:.2f}' for value in planned.rms_current_a)
-    used = sorted(
-        ((float(values.max()), quantity) for quantity, values in found.samples.used.items()), reverse=True
-    )
+    used = sorted(((share, quantity) for quantity, share in used_max(found).items()), reverse=True)
     rows = [
         (
             'whole',

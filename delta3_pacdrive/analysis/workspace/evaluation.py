@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -69,12 +70,8 @@ def default_slices(parameters: Parameters) -> tuple[Slice, ...]:
 
 def study(settings: Settings, parameters: Parameters, on_progress: OnProgress = silent) -> Results:
     """Map the workspace; raises ReportError for a volume of too many poses."""
+    poses = require_few_poses(settings, parameters)
     x, y, z = axes(settings.resolution_m, parameters)
-    poses = len(x) * len(y) * len(z)
-    if poses > POSES_MAX:
-        raise ReportError(
-            f'a resolution of {1e3 * settings.resolution_m:g} mm makes {poses} poses, the limit is {POSES_MAX}'
-        )
     started = time.perf_counter()
     layers = []
     for n, height in enumerate(z.tolist()):
@@ -92,6 +89,24 @@ def study(settings: Settings, parameters: Parameters, on_progress: OnProgress = 
         if (volume.limit == REACHED).any()
     }
     return Results(volume, tuple(slices), extremes, poses, seconds)
+
+
+def require_few_poses(settings: Settings, parameters: Parameters) -> int:
+    """Return how many poses a volume has, before any is computed; raises ReportError for too many."""
+    poses = math.prod(len(axis) for axis in axes(settings.resolution_m, parameters))
+    if poses > POSES_MAX:
+        raise ReportError(
+            f'a resolution of {1e3 * settings.resolution_m:g} mm makes {poses} poses, the limit is {POSES_MAX}'
+        )
+    return poses
+
+
+def require_reached(slices: Iterable[Slice], parameters: Parameters) -> None:
+    """Refuse a slice of which nothing could be mapped; raises ReportError."""
+    for plane in slices:
+        points = np.stack(np.meshgrid(*plane_axes(plane, parameters), indexing='ij'), axis=-1)
+        if not is_legal_for_the_arms(capability(points, parameters).limit).any():
+            raise ReportError(f'the arms reach no place of the slice {plane.name}')
 
 
 def warm_up(parameters: Parameters) -> None:

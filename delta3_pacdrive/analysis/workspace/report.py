@@ -12,6 +12,7 @@ from delta3_pacdrive.analysis.provenance import excused
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.workspace.evaluation import LIMITS, QUANTITIES
 from delta3_pacdrive.analysis.workspace.study import Extreme, Grid, Quantity, Results, Settings
+from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.motion.capability import REACHED
 from delta3_pacdrive.parameters import Parameters
 
@@ -130,6 +131,12 @@ def volume_columns(volume: Grid) -> dict[str, Any]:
         name = f'{quantity.key} [{quantity.unit}]' if quantity.unit else quantity.key
         columns[name] = volume.values[quantity.key][here]
     return columns
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a volume that cannot be written, before anything is computed for it; raises ReportError."""
+    if why := whole_file.file_refusal(path, folder_is_made=True):
+        raise ReportError(f'cannot write {path}: {why}')
 
 
 def save_volume(volume: Grid, path: Path, meta: Mapping[str, str]) -> Path:

@@ -55,6 +55,26 @@ def test_what_limits_a_move_is_at_its_limit(name, robot):
     assert 0.0 < use.time_share <= 1.0 + 1e-9
 
 
+def test_a_long_plan_keeps_fewer_samples_and_the_same_rows(robot, monkeypatch):
+    moves = [{'move_l': {'to_m': [0.3, 0.0, -0.8]}}, {'move_l': {'to_m': START}}] * 3
+    plan = planned(moves, robot)
+    whole, seen = evaluation.study(plan, robot), []
+    monkeypatch.setattr(evaluation, 'SAMPLES_KEPT', 300)
+    thinned = evaluation.study(plan, robot, lambda *told: seen.append(told))
+    assert thinned.rows == whole.rows
+    assert report.used_max(thinned) == report.used_max(whole)
+    assert report.used_max(whole) == {quantity: used.max() for quantity, used in whole.samples.used.items()}
+    assert 250 < len(thinned.samples.time_s) < 350 < 1000 < len(whole.samples.time_s)
+    assert set(thinned.samples.time_s) < set(whole.samples.time_s)
+    for n in range(6):
+        ends = [
+            samples.time_s[samples.move == n][[0, -1]].tolist()
+            for samples in (whole.samples, thinned.samples)
+        ]
+        assert ends[0] == ends[1]
+    assert seen == [('evaluating', n, 6) for n in range(6)]
+
+
 def test_a_motor_at_its_speed_limits_a_move(robot):
     slow = robot.replace(motor__max_speed_rpm=300.0)
     row = studied([{'move_l': {'to_m': [0.3, 0.0, -0.8], 'speed_m_s': 3.0}}], slow).rows[0]
