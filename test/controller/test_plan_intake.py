@@ -196,7 +196,7 @@ def test_a_forged_row_spoils_its_order_with_a_sentence_and_nothing_else(
 def test_values_that_are_no_numbers_anywhere_break_their_bound() -> None:
     path = CheckedPath(np.zeros(3), np.zeros((3, 3)))
     with pytest.raises(ProgramError, match='the speed of motor 1 is nan rad/s'):
-        path.require(Bound(np.full((3, 3), np.nan), 1.0, True, 'the speed of motor', 'rad/s'))
+        path.require(Bound('motor_speed', np.full((3, 3), np.nan), 1.0, True, 'the speed of motor', 'rad/s'))
 
 
 @pytest.mark.parametrize(('column', 'value'), [(0, 1e19), (4, 1e300), (9, 1e18)])
