@@ -33,6 +33,7 @@ TEST = [
     'import-linter>=2.16',
     'mujoco>=4.0',
     'mypy>=2.4',
+    'pillow>=10.2',
     'playwright>=1.65',
     'pytest>=7.4.4',
     'pytest-timeout>=2.2',

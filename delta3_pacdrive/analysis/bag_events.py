@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from delta3_pacdrive.analysis.planning.evaluation import of_recorded_move
+from delta3_pacdrive.analysis.planning.report import limited_text
 from delta3_pacdrive.analysis.run_signals import positive
 from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Origin
 from delta3_pacdrive.errors import ProgramError, TelegramError
@@ -17,9 +19,11 @@ from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.plan_times import told_length_m
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
 
+LIMITS_MAX = 1000  # moves of which it is told what limits them: that takes milliseconds for each
 ORDER_HEADER = 2  # of the row that ends a plan: start cycle, override
 NUMBERS, TEXT, JOINT_STATE = (
     'std_msgs/msg/Float64MultiArray',
@@ -28,11 +32,11 @@ NUMBERS, TEXT, JOINT_STATE = (
 )
 
 
-def read(path: Path, trace: Trace) -> dict[str, Any]:
+def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str, Any]:
     """Return moves, outputs, events, faults and trips of the bag of a trace, times [s] from the start of its program.
 
     They have the form that a simulation gives them in the ``meta`` of its trace. What is not recorded, or was written
-    by somebody who does not know how, is not there.
+    by somebody who does not know how, is not there. What limited a move is told if the robot is known.
 
     Raises
     ------
@@ -46,7 +50,7 @@ def read(path: Path, trace: Trace) -> dict[str, Any]:
 
     bag = open_bag(path)
     period = positive(trace, 'cycle_time_s')
-    story = _Story(get_typestore(Stores.ROS2_JAZZY), period, int(trace.meta.get('start_cycle') or 0))
+    story = _Story(get_typestore(Stores.ROS2_JAZZY), period, int(trace.meta.get('start_cycle') or 0), robot)
     bag.read(
         {
             bag.robot + 'motion/plan': story.take(NUMBERS, story.plan),
@@ -79,8 +83,9 @@ _Followed = tuple[MotionProfile, _Longer | None]  # and what follows from it on,
 class _Story:
     """A story takes the messages of a bag in their order."""
 
-    def __init__(self, typestore: Typestore, period_s: float, start: int) -> None:
-        self._typestore, self._period_s, self._start = typestore, period_s, start
+    def __init__(self, typestore: Typestore, period_s: float, start: int, robot: Parameters | None) -> None:
+        self._typestore, self._period_s, self._start, self._robot = typestore, period_s, start, robot
+        self._limits: dict[int, str] = {}  # by the identity of a move
         self._moves: list[Move] = []
         self._plan: Plan | None = None
         self._longer: _Longer | None = None  # ordered, and perhaps taken
@@ -116,7 +121,7 @@ class _Story:
                 told = Row.from_array(row)
                 self._longer = _Longer(told, builder.build(told.order))
         elif kind not in (FAULT, REVOKE):
-            move, number, _ = Move.from_array(row)
+            move, number, _ = Move.from_array(row, self._robot.kinematics if self._robot else None)
             self._moves = [*self._moves[:number], move]
 
     def course(self, message: Any) -> None:
@@ -206,9 +211,19 @@ class _Story:
                     'start_s': self._time(first),
                     'end_s': self._time(last),
                     'length_m': told_length_m(move),
+                    'limited_by': self._limit(move),
                 }
             )
         return moves
+
+    def _limit(self, move: Move) -> str:
+        """Say what limits a move, once for each that is driven again and again; '' if nobody knows."""
+        if self._robot is None or (id(move) not in self._limits and len(self._limits) >= LIMITS_MAX):
+            return ''
+        if id(move) not in self._limits:
+            row = of_recorded_move(move, self._robot)
+            self._limits[id(move)] = limited_text(row) if row else ''
+        return self._limits[id(move)]
 
     def _event(self, profile: MotionProfile, longer: _Longer | None) -> dict[str, Any]:
         text = 'stop on the path' if profile.held else f'on at {100.0 * profile.override:g} %'

@@ -1,7 +1,7 @@
 """Runs that are shown or compared: a recording, or a program that is simulated on the spot."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos import words
 
 CONTINUED_S = 0.5  # how long after a stop a run is shown at most: brakes have closed then
 STARTED, OUTPUT, EVENT, FAULT = 'start', 'output', 'event', 'fault'  # kinds of marks
@@ -70,6 +71,15 @@ class Mark:
 
 
 @dataclass(frozen=True)
+class DriveChange:
+    """A drive tells another state from a time [s] on; ``released`` is that of its brake, None if nobody knows."""
+
+    time_s: float
+    state: str
+    released: bool | None
+
+
+@dataclass(frozen=True)
 class Run:
     """A run is a recording or a simulation, with what is known of it.
 
@@ -93,6 +103,8 @@ class Run:
         In the order of their times.
     outputs
         Changes of outputs and payload, as ``plan_times.output_changes`` has them.
+    drives
+        Changes of the states of each drive, as their status words tell them; empty where these are not known.
     notes
         Sentences about it.
     origin
@@ -111,6 +123,7 @@ class Run:
     moves: tuple[DrivenMove, ...]
     marks: tuple[Mark, ...]
     outputs: tuple[Mapping[str, Any], ...]
+    drives: tuple[tuple[DriveChange, ...], ...]
     notes: tuple[str, ...]
     origin: str
 
@@ -166,10 +179,11 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         trace = trace_file.load(text)
         robot, note = _robot_of(trace, source)
         kind = 'bag' if Path(text).is_dir() else 'trace'
-        story = bag_events.read(Path(text), trace) if kind == 'bag' else trace.meta
+        story = bag_events.read(Path(text), trace, None if note else robot) if kind == 'bag' else trace.meta
     part = run_signals.program_part(_shown(derived_signals.added(trace), from_s, to_s))
     try:
         moves, marks, notes = _moves(story, part), _marks(story, part), _notes(trace)
+        drives = _drives(trace)
     except (KeyError, TypeError, ValueError):
         raise TraceError(f'what {text} tells of its moves, outputs, faults or notes cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)
@@ -177,7 +191,7 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
     (origin,) = noted([text])
     used = source if kind == 'program' or note else None
     about = text, title, kind, robot, used or '', note
-    return Run(*about, trace, part, moves, marks, outputs, notes, origin)
+    return Run(*about, trace, part, moves, marks, outputs, drives, notes, origin)
 
 
 def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters]:
@@ -279,6 +293,27 @@ def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
         marks.append(Mark(stop, FAULT, f'stop: {part.meta["stopped"]}', source))
     within = [mark for mark in marks if part.time_s[0] <= mark.time_s <= part.time_s[-1]]
     return tuple(sorted(within, key=lambda mark: mark.time_s))
+
+
+def _drives(trace: Trace) -> tuple[tuple[DriveChange, ...], ...]:
+    """Return the changes of each drive; none if the status word of one of them is not known."""
+    status = trace.meta.get('drive_status') or ()
+    if not all(status):
+        return ()
+    start, period = (
+        run_signals.noted_cycle(trace, 'start_cycle') or 0,
+        run_signals.positive(trace, 'cycle_time_s'),
+    )
+    return tuple(tuple(_changes(rows, start, period)) for rows in status)
+
+
+def _changes(rows: Sequence[Sequence[int]], start: int, period_s: float) -> Iterator[DriveChange]:
+    before = None
+    for cycle, word in rows:
+        told = words.told_state(word), words.told_brake(word)
+        if told != before:  # words differ in warnings as well
+            yield DriveChange((cycle - start) * period_s, *told)
+        before = told
 
 
 def _stop_s(part: Trace) -> float:

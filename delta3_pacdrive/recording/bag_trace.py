@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
 TELEGRAMS = {telegram.topic: telegram for telegram in CARRIED}
 SHAFTS = telegrams.SHAFTS.topic
+UNREADABLE = -1
 _LOG = logging.getLogger(__name__)
 
 
@@ -141,6 +143,9 @@ def _read_bag(path: Path) -> Trace:
         )
     if refused := {name: column.refused for name, column in columns.items() if column.refused}:
         meta['refused'] = refused
+    status = [columns[t.topic].status_changes(clock) for t in telegrams.AT if t.topic in columns]
+    if len(status) == len(telegrams.AT):
+        meta['drive_status'] = status
     if profiles.starts:
         meta['starts'] = profiles.starts
         within = [start for start in profiles.starts if start >= cycles[0]]
@@ -168,7 +173,8 @@ class _Column:
     """A column takes the messages of one topic as bytes and keeps stamps and numbers."""
 
     def __init__(self, telegram: Telegram, typestore: Typestore) -> None:
-        self._width = sum(telegram.lengths)
+        self._telegram, self._width = telegram, sum(telegram.lengths)
+        self._words: list[NDArray[np.int64]] = []
         self._codec = TelegramCodec(telegram, partial(_parse, typestore, telegram.type))
         self._batch: list[bytes] = []
         self._tables: list[Table] = []
@@ -188,10 +194,22 @@ class _Column:
         stamps, values = zip(*self._tables, strict=True)
         return np.concatenate(stamps), np.concatenate(values)
 
+    def status_changes(self, clock: Clock) -> list[list[int]]:
+        """Return the bus cycles from which on an AT tells another status word S-0-0135, each with that word."""
+        stamps, _ = self.table()
+        words = np.concatenate([np.empty(0, np.int64), *self._words])
+        if not len(words):
+            return []
+        cycles, places = np.unique(stamps // clock.period_ns, return_index=True)
+        words = words[places]
+        cycles, words = cycles[words != UNREADABLE], words[words != UNREADABLE]
+        changed = np.flatnonzero(np.diff(words, prepend=UNREADABLE))
+        return [[int(cycles[n]), int(words[n])] for n in changed]
+
     def _decode_batch(self) -> None:
-        sec, nanosec, values, others = self._codec.decode_all(self._batch)
+        sec, nanosec, frames, values, others = self._codec.decode_all(self._batch)
         self._batch = []
-        self._append(sec, nanosec, values)
+        self._append(sec, nanosec, frames, values)
         parsed = []
         for data in others:
             try:
@@ -199,16 +217,29 @@ class _Column:
             except TelegramError:
                 self.refused += 1
         if parsed:
-            own, rests, _, rows = zip(*parsed, strict=True)
-            self._append(np.array(own), np.array(rests), np.array(rows))
+            own, rests, texts, rows = zip(*parsed, strict=True)
+            self._append(np.array(own), np.array(rests), np.array(texts), np.array(rows))
 
-    def _append(self, sec: NDArray[Any], nanosec: NDArray[Any], values: Floats) -> None:
+    def _append(self, sec: NDArray[Any], nanosec: NDArray[Any], frames: NDArray[Any], values: Floats) -> None:
         """Keep the messages of cyclic operation that are well formed."""
         cyclic = sec >= 0
         good = cyclic & (nanosec < NANOSECONDS) & np.isfinite(values).all(axis=1)
         self.refused += int(cyclic.sum() - good.sum())
         stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
         self._tables.append((stamps, values[good]))
+        if self._telegram in telegrams.AT:
+            self._words.append(_status_words(frames[good]))
+
+
+def _status_words(frames: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the status words in the frames of AT, ``UNREADABLE`` where there is none."""
+    texts, places = np.unique(frames, return_inverse=True)
+    words = [UNREADABLE] * len(texts)
+    for n, text in enumerate(texts.tolist()):
+        with suppress(TelegramError):
+            session = text.rpartition(b' ')[2]
+            words[n] = telegrams.parse_at_frame(text, session)[0]
+    return np.array(words, dtype=np.int64)[places]
 
 
 def _parse(typestore: Typestore, message_type: str, data: bytes) -> Message:

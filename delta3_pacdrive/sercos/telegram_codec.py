@@ -119,7 +119,7 @@ class TelegramCodec:
         self._fixed[4:12] = self._fixed[16 : 16 + telegram.frame_length] = False
         for offset, (_, length) in zip(offsets, blocks, strict=True):
             self._fixed[offset : offset + 8 * length] = False
-        fields = [('sec', '<i4', 4), ('nanosec', '<u4', 8)]
+        fields = [('sec', '<i4', 4), ('nanosec', '<u4', 8), ('frame', f'S{telegram.frame_length}', 16)]
         fields += [
             (f'block {offset}', f'({length},)<f8', offset)
             for offset, (_, length) in zip(offsets, blocks, strict=True)
@@ -165,8 +165,8 @@ class TelegramCodec:
 
     def decode_all(
         self, messages: Sequence[bytes]
-    ) -> tuple[NDArray[np.int32], NDArray[np.uint32], Floats, list[bytes]]:
-        """Return seconds, nanoseconds and numbers of all messages of this layout, and the other messages.
+    ) -> tuple[NDArray[np.int32], NDArray[np.uint32], NDArray[np.bytes_], Floats, list[bytes]]:
+        """Return seconds, nanoseconds, frames and numbers of all messages of this layout, and the other messages.
 
         It takes a fraction of the time of decoding each; numbers are not checked.
         """
@@ -176,8 +176,8 @@ class TelegramCodec:
         others = [data for data in messages if len(data) != len(self._blank)]
         others += [rows[i] for i in np.flatnonzero(~alike)]
         table = np.frombuffer(b''.join(rows), self._row)[alike]
-        sec, nanosec, *blocks = (table[name] for name in self._row.names or ())
-        return sec, nanosec, np.concatenate(blocks, axis=1), others
+        sec, nanosec, frames, *blocks = (table[name] for name in self._row.names or ())
+        return sec, nanosec, frames, np.concatenate(blocks, axis=1), others
 
     def decode_message(self, data: bytes) -> Decoded:
         """Return (sec, nanosec, frame, values) of a message of any layout; raises TelegramError."""

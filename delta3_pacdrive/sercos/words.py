@@ -104,6 +104,26 @@ def in_torque(status: int) -> bool:
     return status & READINESS_AND_ERROR == IN_TORQUE
 
 
+def told_state(status: int) -> str:
+    """Return the state of a drive as far as a status word tells it: ENABLED, STOPPING, FAULT, READY, NOT_READY.
+
+    A drive that is enabled but follows no command is stopping; one that is being enabled still says that it is ready.
+    """
+    if status & IN_TORQUE == IN_TORQUE:
+        return 'ENABLED' if status & Status.FOLLOWS_COMMAND and not status & Status.ERROR else 'STOPPING'
+    if status & Status.ERROR:
+        return 'FAULT'
+    return 'READY' if status & IN_TORQUE else 'NOT_READY'
+
+
+def told_brake(status: int) -> bool | None:
+    """Whether the brake of a drive is released, as far as a status word tells it; None where it may be either."""
+    state = told_state(status)
+    if state == 'STOPPING' or status & IN_TORQUE == Status.READY_TO_ENABLE:
+        return None
+    return state == 'ENABLED'
+
+
 PAYLOAD_MAX_KG = parameters.PAYLOAD_MAX_KG  # telegrams carry what the robot may carry
 
 

@@ -135,6 +135,8 @@ class SimulatedOperation:
         Why the program was given up, empty while it was not.
     stop_source, stop_cycle
         ``RobotFault.source`` of it, and first bus cycle of the stop, ``NEVER`` without one.
+    drive_status
+        Of each drive the bus cycles from which on it tells another status word S-0-0135, each with that word.
 
     Raises
     ------
@@ -159,6 +161,7 @@ class SimulatedOperation:
         self._signals = np.empty((len(NAMES), task.last_cycle + 1, 3))
         self.stopped = self.stop_source = ''
         self.stop_cycle = NEVER
+        self.drive_status: list[list[list[int]]] = [[] for _ in DRIVES]
 
     @property
     def lost(self) -> int:
@@ -230,6 +233,9 @@ class SimulatedOperation:
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""
         answers, status = self._robot.answers, self._robot.status.tolist()
+        for changes, word in zip(self.drive_status, status, strict=True):
+            if not changes or changes[-1][1] != word:
+                changes.append([cycle, word])
         received = [
             None
             if self._schedule.telegram(AT_LOSSES, axis, cycle)

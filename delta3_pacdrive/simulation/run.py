@@ -73,6 +73,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
         'stop_source': operation.stop_source,
         'stop_cycle': operation.stop_cycle if operation.stopped else None,
         'lost_telegrams': operation.lost,
+        'drive_status': operation.drive_status,
     }
     return Trace(
         np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s, signals, meta

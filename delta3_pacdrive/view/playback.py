@@ -1,6 +1,7 @@
 """A recording on the page: a slider over its time, at speeds from 0.01 to 4."""
 
 import time
+from bisect import bisect_right
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ from delta3_pacdrive.drive.state_machine import overload_after
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.plots import rows_of
-from delta3_pacdrive.view.values import Facts, Instant
+from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 
 PICTURE_S = 1.0 / PICTURES_HZ
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -138,10 +140,23 @@ class Film:
             sources=fault.sources,
             move=max(len(begun) - 1, 0),
             moves=len(run.moves),
+            drives=self._drives(time_s),
             remaining_s=max(float(self.time_s[-1]) - time_s, 0.0),
             payload_kg=payload_kg,
             outputs=sum(1 << number for number, name in enumerate(OUTPUTS) if on.get(name)),
         )
+
+    def _drives(self, time_s: float) -> tuple[DriveFacts, ...]:
+        """Return what the status word of each drive told at a time."""
+        if not self.run.drives:
+            return Facts().drives
+        told = []
+        for changes in self.run.drives:
+            n = bisect_right(changes, time_s + 0.5 * self.run.period_s, key=lambda change: change.time_s)
+            now = changes[n - 1] if n else None
+            brake = '' if now is None or now.released is None else BRAKE_FREE if now.released else BRAKE_HELD
+            told.append(DriveFacts(now.state if now else '', brake))
+        return tuple(told)
 
     def path(self) -> Floats:
         """Return points of the path that was commanded, else of that which was travelled [m], shape (n, 3)."""

@@ -171,6 +171,29 @@ def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
     assert [mark.sources for mark in run.marks if mark.kind == 'fault'] == [(), ('axis1',)]
 
 
+def test_a_bag_tells_what_limited_its_moves_and_what_its_drives_told(bag, program):
+    run = runs.load(str(bag))
+    assert run.moves[0].limited_by == runs.load(str(program)).moves[0].limited_by != ''
+    # the bag begins before the program
+    assert [(change.state, change.released) for change in run.drives[0]] == [('ENABLED', True)]
+    assert run.drives[0][0].time_s == pytest.approx((90 - STARTS) * 1e-3)
+
+
+def test_a_bag_of_an_unknown_robot_does_not_tell_what_limited_its_moves(bag):
+    meta = bag / 'metadata.yaml'
+    meta.write_text(meta.read_text().replace('checksum', 'cheksum').replace('parameters', 'paramters'))
+    run = runs.load(str(bag))
+    assert run.robot_note
+    assert [move.limited_by for move in run.moves] == ['']
+
+
+def test_a_program_tells_the_states_of_its_drives(program):
+    for changes in runs.load(str(program)).drives:
+        told = [(change.state, change.released) for change in changes]
+        assert told[-1] == ('ENABLED', True)
+        assert told[0][0] in ('NOT_READY', 'READY')
+
+
 def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):
     lines = [
         MoveL(Target(point), limits=Limits(0.5, 12.0, 400.0))

@@ -3,18 +3,40 @@
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
+from PIL import Image
 
 SOURCE = Path(__file__).parents[2]
 SCREENSHOTS = SOURCE / 'docs/screenshots'
 
 
+def require_round(path):
+    """Require a small animation that goes on for ever, at whose end the robot is where it began."""
+    assert path.stat().st_size <= 500_000
+    with Image.open(path) as animation:
+        assert 24 <= animation.n_frames <= 40
+        assert animation.info['loop'] == 0
+        frames = []
+        for n in range(animation.n_frames):
+            animation.seek(n)
+            frames.append(np.asarray(animation.convert('L'), dtype=float))
+    steps = [np.abs(a - b).mean() for a, b in pairwise([*frames, frames[0]])]
+    assert steps[-1] < 1.5 * max(steps[:-1])
+    assert np.abs(frames[0] - frames[len(frames) // 2]).mean() > max(steps)
+
+
 def test_every_screenshot_is_shown_and_can_be_taken_anew(browser, tmp_path):
-    names = {path.name for path in SCREENSHOTS.glob('*.png')}
-    pages = ''.join(path.read_text(encoding='utf-8') for path in SOURCE.glob('docs/*.md'))
+    names = {path.name for path in SCREENSHOTS.iterdir() if path.suffix in ('.png', '.webp')}
+    shown = [SOURCE / 'README.md', *SOURCE.glob('docs/*.md')]
+    pages = ''.join(path.read_text(encoding='utf-8') for path in shown)
     assert {name for name in names if f'screenshots/{name}' not in pages} == set()
     environment = {name: value for name, value in os.environ.items() if name != 'PYTHONSAFEPATH'}
     command = [sys.executable, SCREENSHOTS / 'take.py', tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=240)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in tmp_path.iterdir()} == names
+    for folder in (SCREENSHOTS, tmp_path):
+        require_round(folder / 'pick_cycle.webp')

@@ -8,7 +8,18 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bags import CYCLES, META, RUN, TORQUE_CONSTANT, TYPES, assert_holds, messages, record, refusal
+from bags import (
+    CYCLES,
+    DRIVE_STATUS,
+    META,
+    RUN,
+    TORQUE_CONSTANT,
+    TYPES,
+    assert_holds,
+    messages,
+    record,
+    refusal,
+)
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import bag_trace, trace_file
 from delta3_pacdrive.recording.bag_writer import BagWriter
@@ -47,7 +58,7 @@ def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
     damage(bag / 'metadata.yaml')
     trace = trace_file.load(bag)
     assert_holds(trace)
-    assert trace.meta == META  # the file keeps it too, and nothing is missing
+    assert trace.meta == META | DRIVE_STATUS  # the file keeps it too, and nothing is missing
 
 
 @settings(max_examples=60)

@@ -9,6 +9,7 @@ from rosbags.rosbag2 import StoragePlugin
 from bags import (
     CLOCK,
     CYCLES,
+    DRIVE_STATUS,
     FRAMES,
     JOINT_STATE,
     META,
@@ -118,7 +119,7 @@ def test_what_the_recorder_counted_as_lost_stays_in_the_metadata(tmp_path):
     arrivals = [entry for entry in messages() if entry != messages([4], ['tcp/actual'])[0]]
     trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals, meta))
     assert_holds(trace, [0, 1, 2, 3, 5, 6, 7])
-    assert trace.meta == meta
+    assert trace.meta == meta | DRIVE_STATUS
     assert bag_trace.missing(tmp_path / 'bag') == {'tcp/actual': 1}
 
 
@@ -270,9 +271,9 @@ def test_a_bag_of_something_else_is_told_what_was_expected(tmp_path):
 
 def test_metadata_of_the_recorder_comes_back_without_cycles_that_it_did_not_know(tmp_path):
     known = META | {'start_cycle': 2, 'end_cycle': 6, 'lost': {}}
-    assert trace_file.load(record(tmp_path / 'known', messages(), known)).meta == known
+    assert trace_file.load(record(tmp_path / 'known', messages(), known)).meta == known | DRIVE_STATUS
     unknown = META | {'start_cycle': -1, 'end_cycle': None}
-    assert trace_file.load(record(tmp_path / 'unknown', messages(), unknown)).meta == META
+    assert trace_file.load(record(tmp_path / 'unknown', messages(), unknown)).meta == META | DRIVE_STATUS
 
 
 @pytest.mark.parametrize(

@@ -35,13 +35,14 @@ def test_many_messages_are_read_at_once_as_each_by_itself_and_without_a_parser(t
     count = sum(telegram.lengths)
     rows = data.draw(st.lists(st.lists(NUMBERS, min_size=count, max_size=count), min_size=1, max_size=5))
     messages = [message(codec, telegram, cycle, values) for cycle, values in enumerate(rows)]
-    sec, nanosec, values, others = codec.decode_all(messages)
+    sec, nanosec, frames, values, others = codec.decode_all(messages)
     assert others == []
     assert values.tolist() == rows
     decoded = [codec.decode(item) for item in messages]
-    assert [(own, rest, tuple(row)) for own, rest, row in zip(sec, nanosec, values, strict=True)] == [
-        (own, rest, row) for own, rest, _, row in decoded
-    ]
+    assert [
+        (own, rest, frame, tuple(row))
+        for own, rest, frame, row in zip(sec, nanosec, frames.tolist(), values, strict=True)
+    ] == decoded
 
 
 @pytest.mark.parametrize('telegram', TELEGRAMS, ids=lambda telegram: telegram.topic)
@@ -52,7 +53,7 @@ def test_among_many_messages_those_of_another_layout_are_left_to_the_parser(tele
     strange = [good[:-1], good + b'\0', b'', b'\1' + good[1:]]
     if telegram.names:
         strange.append(good.replace(telegram.names[0].encode(), b'other'))
-    sec, _, rows, others = codec.decode_all([*strange, good])
+    sec, _, _, rows, others = codec.decode_all([*strange, good])
     assert (sec.tolist(), rows.tolist()) == ([7], [values])
     assert sorted(others) == sorted(strange)
     for item in strange:
@@ -61,7 +62,7 @@ def test_among_many_messages_those_of_another_layout_are_left_to_the_parser(tele
 
 
 def test_no_message_at_all_has_no_rows():
-    sec, nanosec, values, others = TelegramCodec(telegrams.MDT, refuse).decode_all([])
+    sec, nanosec, _, values, others = TelegramCodec(telegrams.MDT, refuse).decode_all([])
     assert (len(sec), len(nanosec), values.shape, others) == (0, 0, (0, 3), [])
 
 

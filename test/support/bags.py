@@ -37,6 +37,7 @@ FRAMES = {
 TORQUE_CONSTANT = 0.5  # a power of two: current times it and back is exact
 META = {'gear_ratio': 32.0, 'torque_constant_n_m_a': TORQUE_CONSTANT, 'cycle_time_s': 1e-3, 'program': 'a'}
 CYCLES = 8
+DRIVE_STATUS = {'drive_status': [[[0, 0xC008]]] * 3}  # enabled from the first cycle on
 CLOCK = Clock(1e-3)
 RUN = {name: np.random.default_rng(i).normal(size=(CYCLES, 3)) for i, name in enumerate(SIGNALS)}
 

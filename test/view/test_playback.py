@@ -1,5 +1,7 @@
 """Facts about the playing of recordings, without a browser."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,3 +98,21 @@ def test_the_load_of_a_recording_is_that_which_the_drives_count(robot):
     for axis in range(3):
         sums = np.concatenate([[0.0], np.cumsum((ratio[:, axis] ** 2 - 1.0) * 1e-3)])
         assert found[:, axis] == pytest.approx((sums - np.minimum.accumulate(sums))[1:], abs=1e-12)
+
+
+def test_the_drives_are_shown_as_their_status_words_tell_it(run):
+    film = Film(run)
+    (tripped,) = [mark.time_s for mark in run.marks if mark.kind == 'fault' and mark.text.startswith('stop')]
+
+    def told(time_s):
+        return [(drive.state, drive.brake) for drive in film.facts(film.row(time_s), 'paused', 1.0).drives]
+
+    assert told(0.0) == [('ENABLED', 'free')] * 3
+    assert told(tripped + 0.02)[1][0] in ('STOPPING', 'FAULT')
+    assert told(run.part.time_s[-1])[1] == ('FAULT', 'held')
+    assert {state for state, _ in told(run.part.time_s[-1])} <= {'READY', 'FAULT'}
+
+
+def test_drives_that_are_not_recorded_tell_nothing(run):
+    film = Film(replace(run, drives=()))
+    assert [(drive.state, drive.brake) for drive in film.facts(0, 'paused', 1.0).drives] == [('', '')] * 3

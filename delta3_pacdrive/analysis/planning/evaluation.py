@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
 from delta3_pacdrive.analysis.study import OnProgress, silent
-from delta3_pacdrive.motion.limits import arm_bounds, compared, workspace_bounds
-from delta3_pacdrive.motion.move_planner import limits_at
+from delta3_pacdrive.motion.limits import Limits, arm_bounds, compared, workspace_bounds
+from delta3_pacdrive.motion.move_planner import Stretches, limits_at
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
     SERIAL,
@@ -21,7 +21,7 @@ from delta3_pacdrive.motion.path_dynamics import (
     path_coefficients,
     timed_dynamics,
 )
-from delta3_pacdrive.motion.plan import TIMED, UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.plan import TIMED, UNCHANGED, Move, MoveKind, Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.virtual_master import sample_master
@@ -32,6 +32,8 @@ STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
 SAMPLES_KEPT = 400_000  # of a plan over time: 150 MB
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
 AT_LIMIT = 0.95  # of a limit: from there on it is used up
+BEYOND_LIMIT = 1.02  # no move is: a limit that is exceeded was not that of the move
+CRUISING = 1e-3  # of the largest acceleration: below it the master's speed is even
 QUANTITIES = tuple(Quantity)
 LIMITING = QUANTITIES[:-2]  # of a single sample
 STANDING_M_S = 1e-9
@@ -90,6 +92,33 @@ def of_program(program: Program, parameters: Parameters, on_progress: OnProgress
     start = parameters.motion.home_m if program.start_m is None else program.start_m
     planned = plan(program, start, parameters, progress=partial(on_progress, 'planning'))
     return study(planned, parameters, on_progress)
+
+
+def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
+    """Evaluate a move as a recording holds it, without its program; None where that does not tell what limits it.
+
+    The limits of its stops are the smallest of the TCP on it, and its even speed is the one that was asked for, if the
+    move reaches another limit as well: one that is slowed down for the rms current's sake reaches none.
+    """
+    known = Planned(
+        '', Plan.of([move]), (), (0.0, 0.0, 0.0), 1.0, 1, ('',), (_stretches(move),), 1.0, (), (), None, move.payload_kg
+    )  # fmt: skip
+    (row,) = study(known, parameters).rows
+    if row.limited_by.quantity == Quantity.TIME:
+        return row
+    reached = max(use.used for use in row.uses if use.quantity != Quantity.TCP_SPEED)
+    exceeded = max(use.used for use in row.uses) > BEYOND_LIMIT
+    return row if reached >= AT_LIMIT and not exceeded else None
+
+
+def _stretches(move: Move) -> Stretches:
+    """Return the limits of the TCP that a move tells itself; none where the program tells the time."""
+    if move.kind in (MoveKind.DWELL, *TIMED):
+        return ()
+    acceleration = np.abs(move.master[:, 3])
+    even = (move.master[:, 4] == 0.0) & (acceleration <= CRUISING * acceleration.max())
+    speed = float(move.master[even, 2].max(initial=0.0))
+    return ((move.length_m, Limits(speed or np.inf, move.stop_acceleration, move.stop_jerk)),)
 
 
 def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:

@@ -12,9 +12,11 @@ from delta3_pacdrive.analysis.report_page.document import signals_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES
 from delta3_pacdrive.analysis.run_comparison import BY_START, Comparison, move_figures
 from delta3_pacdrive.analysis.runs import Run, named
+from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
 NOTHING = '&ndash;'
 MOVES_SHOWN = 400  # rows of the table of moves
+DRIVES_SHOWN = 400  # and of that of the drives
 _MOVE_COLUMNS = (
     ('duration', 's', 1.0, 3),
     ('TCP speed', 'm/s', 1.0, 3),
@@ -34,6 +36,7 @@ def sections(runs: Sequence[Run], comparisons: Sequence[Comparison], origin: Pro
         _notes(runs, names),
         *(_comparison(names, n, one) for n, one in enumerate(comparisons, start=1)),
         _moves(runs, names),
+        *(_drives(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
         *(_statistics(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
         *(_parameters(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
         _origin(runs, names, origin),
@@ -125,8 +128,7 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
     several = len(runs) > 1
     header = ['move', *(['run'] if several else []), 'kind', 'start [s]', 'length [mm]']
     header += [f'{title} [{unit}]' for title, unit, _, _ in _MOVE_COLUMNS]
-    limits_known = any(move.limited_by for run in runs for move in run.moves)
-    header += ['limited by'] * limits_known
+    header.append('limited by')
     numbers = sorted({move.number for run in runs for move in run.moves})
     if not numbers:
         return _section('moves', 'Moves', '<p>Nothing that was recorded tells the moves.</p>')
@@ -148,7 +150,7 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
                         _number(factor * value, digits)
                         for value, (_, _, factor, digits) in zip(figures, _MOVE_COLUMNS, strict=True)
                     ),
-                    *([escape(move.limited_by) or NOTHING] if limits_known else []),
+                    escape(move.limited_by) or NOTHING,
                 ]
             )
             attributes.append(f'data-from="{move.start_s:.6f}" data-to="{move.end_s:.6f}" data-run="{n}"')
@@ -156,6 +158,29 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
     hint = 'Click a row to see the move.' + (f' {more} more moves are not listed.' if more > 0 else '')
     return _section(
         'moves', 'Moves', f'<p class="hint">{hint}</p>' + _table(header, rows, attributes, 'wide tall')
+    )
+
+
+def _drives(run: Run, name: str) -> str:
+    """Return the table of the states that drives told, those of the part that is shown."""
+    first, last = float(run.part.time_s[0]), float(run.part.time_s[-1])
+    rows = []
+    for axis, changes in enumerate(run.drives, start=1):
+        ends = [*(change.time_s for change in changes[1:]), math.inf]
+        for change, end in zip(changes, ends, strict=True):
+            if end > first and change.time_s <= last:
+                brake = {None: NOTHING, True: BRAKE_FREE, False: BRAKE_HELD}[change.released]
+                state = change.state.lower().replace('_', ' ')
+                rows.append((max(change.time_s, first), [f'axis {axis}', state, brake]))
+    if not rows:
+        return ''
+    rows.sort(key=lambda row: row[0])
+    listed = [[_number(time_s, 3), *cells] for time_s, cells in rows[:DRIVES_SHOWN]]
+    return _section(
+        f'drives {name}'.strip().replace(' ', '-'),
+        f'Drives {name}'.strip(),
+        '<p class="hint">As the status words of the AT tell it.</p>'
+        + _table(['from [s]', 'drive', 'state', 'brake'], listed, (), 'wide tall'),
     )
 
 

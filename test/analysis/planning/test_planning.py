@@ -222,3 +222,20 @@ def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
         'motors.png',
         'limits.png',
     }
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_a_move_of_a_recording_is_limited_by_what_its_program_says(case, robot):
+    moves, quantity = CASES[case]
+    found = studied(moves, robot)
+    recorded = evaluation.of_recorded_move(found.planned.plan.move(0), robot)
+    if quantity == Quantity.RMS_CURRENT:  # one move alone does not tell it
+        assert recorded is None
+    else:
+        assert report.limited_text(recorded) == report.limited_text(found.rows[0])
+
+
+def test_a_recording_does_not_tell_limits_that_differ_along_a_move(robot):
+    corner = {'to_m': [0.0, 0.0, -0.8], 'acceleration_m_s2': 4.0, 'blend_m': 0.02}
+    moves = [{'move_l': corner}, {'move_l': {'to_m': [0.0, 0.2, -0.8], 'acceleration_m_s2': 12.0}}]
+    assert evaluation.of_recorded_move(planned(moves, robot).plan.move(0), robot) is None

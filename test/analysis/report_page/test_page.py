@@ -1,6 +1,7 @@
 """Facts about the report page: its numbers are those of the runs, it is small, and it asks nobody for anything."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -20,6 +21,7 @@ from page_data import document_of, signals_of
 ORIGIN = Provenance('delta3 report <a> & "b"', None, 'abc (delta3.yaml)', ('experiment1 123',), 'numpy 2')
 BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # what a page may take
 ROUNDING = 1.0 + 1e-6  # of half a step
+NOTHING = '\N{EN DASH}'  # in a cell
 
 
 @pytest.fixture(scope='module')
@@ -89,8 +91,6 @@ def test_a_page_is_whole_and_names_nothing_that_would_be_loaded(text, both):
 
 @pytest.mark.parametrize('name', ['</script><b>{{script}}', '<!-- <script>'])
 def test_a_name_cannot_break_the_page(name, one):
-    from dataclasses import replace
-
     found = page.page([replace(one, title=name)], ORIGIN)
     assert document_of(found)['runs'][0]['title'] == name
     assert '<' not in re.search(r'id="report">(.*?)</script>', found, re.DOTALL)[1]
@@ -117,6 +117,14 @@ def test_the_table_of_moves_tells_the_figures_of_each(one, text):
         assert float(own[4]) == pytest.approx(figures.duration_s, abs=1e-3)
         assert float(own[6]) == pytest.approx(figures.current_peak_a, abs=1e-2)
         assert float(own[8]) == pytest.approx(1e3 * figures.tcp_error_max_m, abs=1e-3)
+
+
+def test_a_page_tells_the_states_of_the_drives_and_a_dash_where_nobody_knows_what_limited_a_move(one):
+    unknown = replace(one, moves=tuple(replace(move, limited_by='') for move in one.moves))
+    texts = Tags(page.page([unknown], ORIGIN)).texts
+    assert {'limited by', 'Drives', 'enabled', 'free', 'axis 3'} <= set(texts)
+    assert texts.count(NOTHING) >= len(one.moves)
+    assert 'Drives' not in Tags(page.page([replace(one, drives=())], ORIGIN)).texts
 
 
 def test_the_page_tells_where_it_comes_from_and_which_parameters_are_not_the_usual_ones(text, both):
