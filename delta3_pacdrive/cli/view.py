@@ -21,7 +21,8 @@ class Options(NodeOptions):
     """Options of the command."""
 
     run: str | None = argument(
-        'trace (.npz, .csv) or bag to be played, or a program to be simulated; without it a robot that is up',
+        'trace (.npz, .csv) or bag to be played, a program to be simulated, or a volume of delta3 workspace (.npz); '
+        'without it a robot that is up',
         default=None,
         metavar='RUN',
     )
@@ -88,14 +89,30 @@ def _watch(options: Options) -> int:
 def _play(options: Options, name: str) -> int:
     """Show a run."""
     from delta3_pacdrive.analysis import runs
-    from delta3_pacdrive.view import playback
+    from delta3_pacdrive.view import playback, workspace
 
+    if workspace.Volume.is_one(Path(name)):
+        return _show_volume(options, Path(name))
     film = playback.Film(runs.load(name, options.parameters))
     if film.run.robot_note:
         print(f'note: {film.run.robot_note}', file=sys.stderr)
     page = _page(options, film.robot, Path(name).name)
     try:
         playback.run(page, film)
+    finally:
+        page.close()
+    return 0
+
+
+def _show_volume(options: Options, path: Path) -> int:
+    """Show the volume of a workspace around the robot."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.view import workspace
+
+    robot, volume = core.load(options.parameters), workspace.Volume.load(path)
+    page = _page(options, robot, path.name)
+    try:
+        workspace.run(page, robot, volume, path.name)
     finally:
         page.close()
     return 0

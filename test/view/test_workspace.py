@@ -1,0 +1,91 @@
+"""Facts about the volume of a workspace on the page: its slices are those of the file, in the colours of the legend."""
+
+import numpy as np
+import pytest
+
+from browser import Visit
+from delta3_pacdrive.analysis.workspace import evaluation, report
+from delta3_pacdrive.analysis.workspace.study import Settings
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.motion.capability import REACHED
+from delta3_pacdrive.view.serving import HOST, choose
+
+pytest.importorskip('viser', reason='the page needs the extra "view"')
+
+from delta3_pacdrive.view.page import Page
+from delta3_pacdrive.view.workspace import GREY, Scale, Slices, Volume, colours, legend
+
+SPEED = 'speed_m_s'
+
+
+@pytest.fixture(scope='module')
+def path(robot, tmp_path_factory):
+    found = evaluation.study(Settings(0.05, ()), robot)
+    return report.save_volume(found.volume, tmp_path_factory.mktemp('volume') / 'volume.npz', {})
+
+
+@pytest.fixture(scope='module')
+def volume(path):
+    return Volume.load(path)
+
+
+def test_a_volume_is_told_from_other_files(path, tmp_path):
+    assert Volume.is_one(path)
+    np.savez_compressed(tmp_path / 'trace.npz', time_s=np.zeros(3))
+    (tmp_path / 'text.npz').write_text('no archive')
+    for name in ('trace.npz', 'text.npz', 'nothing.npz', '.'):
+        assert not Volume.is_one(tmp_path / name)
+
+
+@pytest.mark.parametrize('absent', ['about', 'z_m', SPEED])
+def test_a_volume_that_lacks_something_is_refused_in_one_sentence(absent, path, tmp_path):
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files if name != absent}
+    if absent == SPEED:
+        arrays[SPEED] = np.zeros((2, 2, 2))
+    np.savez_compressed(tmp_path / 'broken.npz', **arrays)
+    with pytest.raises(TraceError, match=r'broken\.npz is no volume of a workspace: .'):
+        Volume.load(tmp_path / 'broken.npz')
+
+
+@pytest.mark.parametrize('axis', range(3))
+def test_a_slice_is_the_layer_that_is_nearest_as_far_as_the_arms_reach(axis, volume):
+    own = volume.axes_m[axis]
+    places, index = volume.slice(axis, own[2] + 0.2 * (own[3] - own[2]))
+    assert (places[:, axis] == own[2]).all()
+    layer = np.take(volume.values[SPEED], 2, axis=axis)
+    assert len(places) == np.isfinite(layer).sum() > 0
+    assert np.isfinite(volume.values[SPEED][index]).all()
+
+
+def test_colours_follow_the_values_where_the_robot_may_be(volume):
+    _, index = volume.slice(2, -0.8)
+    found, values = colours(volume, SPEED, index), volume.values[SPEED][index]
+    here = volume.limit[index] == REACHED
+    assert 0 < here.sum() < len(here)
+    assert (found[~here] == GREY).all()
+    # the map goes from dark to light
+    light = found[here].sum(axis=1).astype(float)
+    assert np.corrcoef(values[here], light)[0, 1] > 0.9
+
+
+@pytest.mark.parametrize('scale', [Scale(2.0, 6.0, False), Scale(0.01, 10.0, True)])
+def test_the_legend_tells_the_values_of_its_colours(scale):
+    for share in (0.0, 0.3, 1.0):
+        assert scale.share(np.array([scale.at(share)]))[0] == pytest.approx(share)
+    assert scale.share(np.array([scale.low / 2.0, 2.0 * scale.high])).tolist() == [0.0, 1.0]
+    assert all(f'<span>{scale.at(share):.3g}</span>' in legend('speed', scale) for share in (0.0, 0.5, 1.0))
+
+
+def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
+    page = Page(robot, HOST, choose(HOST, None), 'volume')
+    try:
+        Slices(page, volume)
+        with Visit(browser, page.url) as visit:
+            first = next(iter(volume.values))
+            visit.page.get_by_text(f'{volume.scale(first).at(0.5):.3g}', exact=True).first.wait_for()
+            visit.page.get_by_label('colour').click()
+            visit.page.get_by_role('option', name=SPEED, exact=True).click()
+            visit.page.get_by_text(f'{volume.scale(SPEED).at(0.5):.3g}', exact=True).first.wait_for()
+    finally:
+        page.close()
