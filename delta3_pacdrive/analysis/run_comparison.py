@@ -6,7 +6,7 @@ another bus cycle, or with samples between the cycles of the first, is interpola
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -141,10 +141,8 @@ def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison
             f'and {shifted[0]:g} to {shifted[-1]:g} s'
         )
     time_s = time_s[both]
-    differences = {
-        name: resampled(shifted, second.part[name], time_s, second.period_s) - first.part[name][both]
-        for name in common
-    }
+    held = {name: first.part[name] for name in common}
+    differences = subtracted(first, second, held, second.part.signals, time_s, alignment)
     return Comparison(
         alignment,
         time_s,
@@ -153,6 +151,24 @@ def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison
         tuple(_pairs(first, second)),
         differing(first.robot, second.robot),
     )
+
+
+def subtracted(
+    first: Run,
+    second: Run,
+    of_first: Mapping[str, Floats],
+    of_second: Mapping[str, Floats],
+    time_s: Floats,
+    alignment: Alignment,
+) -> dict[str, Floats]:
+    """Return signals of the second run minus those of the first that both have, at cycles of the first."""
+    own, shifted = first.part.time_s, second.part.time_s + alignment.shift_s
+    return {
+        name: resampled(shifted, of_second[name], time_s, second.period_s)
+        - resampled(own, values, time_s, first.period_s)
+        for name, values in of_first.items()
+        if name in of_second
+    }
 
 
 def align(first: Run, second: Run, by_correlation: bool = False) -> Alignment:

@@ -12,7 +12,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
-from delta3_pacdrive.analysis.run_comparison import Comparison, resampled
+from delta3_pacdrive.analysis.run_comparison import Comparison, subtracted
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.scene import parts
@@ -124,13 +124,7 @@ def _differences(
 ) -> dict[str, Any]:
     """Return the differences of two runs on the cycles of the first one that both have."""
     time_s = comparison.time_s
-    shifted = second.part.time_s + comparison.alignment.shift_s
-    found = {
-        name: resampled(shifted, others_held[name], time_s, second.period_s)
-        - resampled(first.part.time_s, held[name], time_s, first.period_s)
-        for name in held
-        if name in others_held
-    }
+    found = subtracted(first, second, held, others_held, time_s, comparison.alignment)
     return {
         'first_s': float(time_s[0]),
         'period_s': first.period_s,
