@@ -71,7 +71,7 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
             f'{path} holds {", ".join(groups)} without the header of a ROS parameter file: begin it with the lines '
             '"/**:" and "  ros__parameters:", and indent all groups below them'
         )
-    return _planned(programs.parse(document, robot.motion, path.stem), robot)
+    return _planned(programs.parse(document, robot.motion, path.stem, str(path)), robot)
 
 
 def _faults(document: Any) -> list[str]:

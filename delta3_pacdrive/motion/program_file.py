@@ -84,7 +84,8 @@ def load(path: str | Path, motion: Motion) -> Program:
         The file cannot be read or breaks a rule; names the place and the rule.
 
     """
-    return parse(yaml_file.read(find(path), 'program file', ProgramError), motion, Path(path).stem)
+    document = yaml_file.read(find(path), 'program file', ProgramError)
+    return parse(document, motion, Path(path).stem, str(path))
 
 
 def find(path: str | Path) -> Path:
@@ -105,8 +106,8 @@ _LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
 _PATH_KEYS = (*_LIMIT_KEYS, 'blend_m', 'strict')
 
 
-def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
-    """Build a program from a parsed YAML document.
+def parse(document: Any, motion: Motion, name: str = 'program', file: str = '') -> Program:
+    """Build a program from a parsed YAML document; ``file`` names one that is empty, and so cannot tell its own name.
 
     Raises
     ------
@@ -114,7 +115,7 @@ def parse(document: Any, motion: Motion, name: str = 'program') -> Program:
         Values break rules; names the places and the rules, up to ten.
 
     """
-    errors = Errors(getattr(document, 'source', ''))
+    errors = Errors(getattr(document, 'source', file))
     programs: list[Program] = []
     with errors.raised_as(ProgramError), errors.noted(place_of(document)):
         programs.append(_program(document, motion, name, errors))

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_csv
@@ -9,6 +11,7 @@ from delta3_pacdrive.recording.bag_trace import read_bag
 from delta3_pacdrive.recording.trace import Trace, told
 
 SUFFIXES = ('.npz', '.csv')  # of trace files
+LARGEST = 1e12  # of a signal: far beyond every robot, and its squares are still numbers
 
 
 def load(path: str | Path) -> Trace:
@@ -17,10 +20,18 @@ def load(path: str | Path) -> Trace:
     Raises
     ------
     TraceError
-        There is no such recording, or it cannot be read.
+        There is no such recording, it cannot be read, or it holds numbers that nothing could be computed from.
 
     """
-    path = Path(path)
+    trace = _read(Path(path))
+    for name, values in {'time_s': trace.time_s, **trace.signals}.items():
+        largest = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
+        if largest > LARGEST:
+            raise TraceError(f'{path}: its {name} reaches {largest:g}, signals may reach {LARGEST:g}')
+    return trace
+
+
+def _read(path: Path) -> Trace:
     with told(f'read recording {path}'):  # a name that is too long, a folder that may not be entered
         folder, there = path.is_dir(), path.exists()
     if folder:

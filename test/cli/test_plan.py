@@ -80,6 +80,15 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_planned(folder, t
     assert capsys.readouterr().err.startswith(f'error: cannot write to {folder}: ')
 
 
+@pytest.mark.parametrize('text', ['', '# nothing\n', 'hello'])
+def test_a_file_that_holds_no_program_is_refused_by_its_name(text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'no.yaml').write_text(text)
+    for command in (plan, check):
+        assert command.main(['no.yaml']) == 1
+        assert capsys.readouterr().err.startswith('error: no.yaml: the program must be a mapping, not ')
+
+
 def test_figures_and_tables_are_written_with_a_page(tmp_path, capsys):
     (tmp_path / 'line.yaml').write_text(LINE)
     folder = tmp_path / 'plan'

@@ -7,6 +7,7 @@ import pytest
 
 from bags import record
 from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 from page_data import document_of
 
@@ -106,6 +107,21 @@ def test_what_cannot_be_shown_gets_one_sentence_and_leaves_nothing(here, argumen
     assert line.startswith('error: ')
     assert sentence in line
     assert sorted(here.rglob('*')) == before
+
+
+@pytest.mark.parametrize('name', ['huge.npz', 'huge.csv'])
+@pytest.mark.parametrize('command', ['report', 'compare'])
+@pytest.mark.filterwarnings('error')
+def test_numbers_that_nothing_could_be_computed_from_are_refused(command, name, here, trace, capsys):
+    run = Trace.load(trace)
+    signals = {key: values.copy() for key, values in run.signals.items()}
+    signals['current'][500:600] = -1e300
+    trace_file.save(Trace(run.time_s, signals, run.meta), here / name)
+    capsys.readouterr()
+    assert main([command, 'a.npz', name]) == 1
+    sentence = f'error: {name}: its current reaches 1e+300, signals may reach 1e+12\n'
+    assert capsys.readouterr().err == sentence
+    assert not (here / 'report.html').exists()
 
 
 @pytest.mark.parametrize(
