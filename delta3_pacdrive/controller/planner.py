@@ -16,6 +16,7 @@ from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.override import Override
+from delta3_pacdrive.controller.planner_actions import Arrival
 from delta3_pacdrive.controller.planning_job import UNROUNDED, Behind, Caps, Job, Result
 from delta3_pacdrive.controller.profile_change import ChangeEvent
 from delta3_pacdrive.controller.program_queue import ProgramQueue
@@ -30,7 +31,7 @@ from delta3_pacdrive.controller.program_run import (
 from delta3_pacdrive.controller.request_service import WITHDRAWN, RequestService
 from delta3_pacdrive.controller.stop_request import StopRequest
 from delta3_pacdrive.controller.task_status import TaskStatus
-from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
+from delta3_pacdrive.controller.tolerances import Followed, Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import SOON, TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
 from delta3_pacdrive.motion.execution import Timeline
@@ -45,6 +46,8 @@ VERDICT_S = 10.0  # without a verdict, and without any message of the plan being
 NO_CAPS = (0.0, 0.0, 0.0)
 NO_TOLERANCES = Tolerances()
 LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
+SUPERSEDED = Reason(Code.STATE, 'another program was started before the arms had come to the goal')
+LOST_GOAL = Reason(Code.STATE, 'the trajectory did not come to its end')
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
 ACTIONS = ('program', 'move', 'trajectory', 'start', 'resume', 'clear', 'override', 'withdraw')
@@ -82,6 +85,8 @@ class Planner:
         tolerances: Tolerances = NO_TOLERANCES,
     ) -> None:
         self._watch = ToleranceWatch(tolerances, parameters)
+        self._driven_for = ''  # identity of the request for the program that was accepted last
+        self._observed: tuple[int, Floats] | None = None
         self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
         self.actions: list[planner_actions.Action] = []
         self._now_s = 0.0
@@ -178,6 +183,7 @@ class Planner:
 
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
+        self._give_goal_up(PHASED_UP)
         if self._run.waits or self._change.waits or self._following.busy or self._stopping.waits:
             self._job = None
             self._following.end()
@@ -222,12 +228,14 @@ class Planner:
         return True
 
     def _happen(self, event: RunEvent) -> None:
-        before = self._run.state
+        before, timeline = self._run.state, self._run.timeline
         ended = self._has_come_to_its_end if before is RunState.RUNNING else self._came_to_its_end
         self.actions.extend(self._run.happen(event))
         if before is RunState.RUNNING and self._run.state is not RunState.RUNNING:
             self._came_to_its_end = ended and event in (RunEvent.END, RunEvent.LOCATE)
             if event in (RunEvent.END, RunEvent.LOCATE) and ended:
+                if timeline is not None and timeline.profile is not None:
+                    self._watch.arrive(timeline)
                 self._tracker.end()
             elif event is RunEvent.FAIL:
                 self._tracker.give_up(self._refusal or Reason(Code.FAULT, 'a fault has stopped the robot'))
@@ -261,6 +269,9 @@ class Planner:
                 if order.own and request is not None:
                     self._tracker.queue(request.identity, order.own)
                 self._tracker.start(order.queued.ends)
+            self._give_goal_up(SUPERSEDED)
+            self._driven_for = request.identity if request is not None else ''
+            self._watch.begin(self._run.number, order.tolerances if order is not None else None)
             if order is not None:
                 self._following.begin(self._run.number, order.program, order.queued)
         self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
@@ -483,7 +494,14 @@ class Planner:
                     Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
                 )
             if result.program is not None and result.planned is not None:
-                self._launch(cycle, result.program, result.planned, result.statements, cycle != SOON)
+                self._launch(
+                    cycle,
+                    result.program,
+                    result.planned,
+                    result.statements,
+                    cycle != SOON,
+                    trajectory.tolerances,
+                )
 
         self._work(here, launch, program)
 
@@ -507,19 +525,49 @@ class Planner:
 
     def observe(self, cycle: int, angles_rad: Floats, speeds_rad_s: Floats) -> None:
         """Hold the arms [rad], [rad/s] of a bus cycle against the tolerances; whoever violates them is stopped."""
-        timeline = self._run.timeline
+        timeline, waited = self._run.timeline, self._watch.waits
+        self._observed = cycle, np.stack([angles_rad, speeds_rad_s])
         if self._run.state is RunState.RUNNING and timeline is not None and cycle < timeline.end_cycle:
             reason = self._watch.follow(self._run.number, timeline, cycle, angles_rad)
             if reason is not None and self.motion == MotionState.MOVING:
+                self.actions.append(planner_actions.Settled(self._driven_for, Arrival.OFF_PATH, reason))
                 self._tracker.give_up(reason)
                 self.actions.append(planner_actions.Revoked(self._run.number))
         elif self._run.state is RunState.RUNNING or self._came_to_its_end:
             reason = self._watch.settle(cycle, angles_rad, speeds_rad_s)
+            if waited and not self._watch.waits:
+                arrival = Arrival.OFF_GOAL if reason else Arrival.REACHED
+                self.actions.append(planner_actions.Settled(self._driven_for, arrival, reason))
         else:
             reason = None
-            self._watch.forget()
+            self._give_goal_up(LOST_GOAL)
         if reason is not None:
             self.actions.append(planner_actions.Replied(Request('', '', 0, 0, 'trajectory'), reason, ''))
+
+    @property
+    def watches(self) -> bool:
+        """Whether it has to be told where the arms are."""
+        return (self._run.state is RunState.RUNNING and self._watch.wants) or self._watch.waits
+
+    def followed(self) -> Followed | None:
+        """Return where the arms are on the trajectory that is driven, None if none is, or nobody has told."""
+        timeline, observed = self._run.timeline, self._observed
+        if self._run.state is not RunState.RUNNING or timeline is None or observed is None:
+            return None
+        due = self._watch.due(timeline, observed[0])
+        return Followed(observed[0], *due, observed[1]) if due is not None else None
+
+    def settles(self, identity: str) -> bool:
+        """Whether the program of a request is driven, or the arms still have to come to its goal."""
+        return identity == self._driven_for and (self._run.state is RunState.RUNNING or self._watch.waits)
+
+    def _give_goal_up(self, reason: Reason) -> None:
+        if self._watch.forget():
+            self.actions.append(planner_actions.Settled(self._driven_for, Arrival.GIVEN_UP, reason))
+
+    def require_control(self, request: Request) -> None:
+        """Raise RefusedError if somebody else has control of the robot."""
+        self._requests.require_control(request)
 
     # moves that follow ------------------------------------------------------------------------------------------------
 
@@ -629,7 +677,13 @@ class Planner:
             self._launch(cycle, program, planned)
 
     def _launch(
-        self, cycle: int, program: Program, planned: Planned, own: int = 0, exact: bool = False
+        self,
+        cycle: int,
+        program: Program,
+        planned: Planned,
+        own: int = 0,
+        exact: bool = False,
+        tolerances: Tolerances | None = None,
     ) -> None:
         """Order a program, the last statements of which may be those of the request that is served.
 
@@ -641,7 +695,7 @@ class Planner:
         if own:
             sentence += ''.join(f'; {notice}' for notice in planned.notices)
         order = Order(planned.plan, program.faults, cycle, override, planned.override_max, program, sentence)
-        self._send(replace(order, queued=planned, own=own, exact=exact))
+        self._send(replace(order, queued=planned, own=own, exact=exact, tolerances=tolerances))
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))

@@ -1,6 +1,7 @@
 """What the planner wants done: plans and motion profiles to send, programs to plan, requests to answer."""
 
 from dataclasses import dataclass
+from enum import Enum
 
 from delta3_pacdrive.controller.messages import ORDER, Request, RequestReport
 from delta3_pacdrive.controller.motion_state import MotionState
@@ -69,6 +70,24 @@ class Reported:
     report: RequestReport
 
 
+class Arrival(Enum):
+    """What becomes of a trajectory that has tolerances."""
+
+    REACHED = 'the arms have come to its goal'
+    OFF_PATH = 'an arm was too far off on the way'
+    OFF_GOAL = 'an arm was too far off, or still moved, when the goal time was over'
+    GIVEN_UP = 'the goal is not waited for any more'
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A trajectory, known by its request, has violated its tolerances for a reason, or kept them to its goal."""
+
+    identity: str
+    arrival: Arrival
+    reason: Reason | None
+
+
 @dataclass(frozen=True)
 class Mirrored:
     """The motion is in a state."""
@@ -76,4 +95,4 @@ class Mirrored:
     state: MotionState
 
 
-Action = Ordered | Revoked | Changed | Working | Cancelled | Replied | Reported | Mirrored
+Action = Ordered | Revoked | Changed | Working | Cancelled | Replied | Reported | Settled | Mirrored

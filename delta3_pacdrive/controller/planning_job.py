@@ -1,6 +1,6 @@
 """What takes the planner long, as one piece of work for another thread: read a program, plan and check it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, show
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.extension import Seam
-from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program import Cubic, Dwell, Joints, Output, Program, Statement
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.parameters import Parameters
@@ -106,6 +106,12 @@ FOLLOWING_MAX = (
 UNROUNDED = Reason(Code.LATE, 'the corner to the moves that follow is not rounded')
 
 
+def begins_at_rest(statements: Sequence[Statement]) -> bool:
+    """Whether no corner to the first move can be rounded."""
+    first = next((statement for statement in statements if not isinstance(statement, Output)), None)
+    return isinstance(first, Dwell | Cubic | Joints)
+
+
 class CancelledError(ProgramError):
     """A job that was given up."""
 
@@ -146,7 +152,7 @@ def _follow(
             f'{FOLLOWING_MAX} are free'
         )
     program_planner.require_start(more, behind.end_m)
-    if len(seam.again) + len(statements) > FOLLOWING_MAX:
+    if seam.again and (begins_at_rest(statements) or len(seam.again) + len(statements) > FOLLOWING_MAX):
         return Result(job.number, None, None, UNROUNDED)
     count = len(seam.again)
     places = (None,) * count + more.places if more.places and more.repeat == 1 else ()

@@ -9,6 +9,7 @@ from typing import Any
 
 from delta3_pacdrive.controller.messages import EXACT, ORDER
 from delta3_pacdrive.controller.planner_actions import Ordered, Revoked
+from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import Plan
@@ -102,6 +103,8 @@ class Order:
         How many statements at its end are those of whoever asked for it, and were not in the queue before.
     exact
         Whether it begins in its bus cycle or not at all; any other order begins later if it must.
+    tolerances
+        Of this trajectory, None: those of all.
 
     """
 
@@ -115,6 +118,7 @@ class Order:
     queued: Planned | None = None
     own: int = 0
     exact: bool = False
+    tolerances: Tolerances | None = None
 
 
 class OrderNumbers:

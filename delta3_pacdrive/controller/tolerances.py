@@ -3,11 +3,13 @@
 Pure: where the arms are comes in bus cycle by bus cycle, what is violated goes out as a reason. Times are bus time.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Move, MoveKind
@@ -16,6 +18,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 
 NONE = (0.0, 0.0, 0.0)
+ERASED = -1.0  # instead of a tolerance of a goal: none, whatever the default is
 
 
 @dataclass(frozen=True)
@@ -43,16 +46,129 @@ class Tolerances:
         """Whether anything is to be watched."""
         return any(self.path_rad) or (any(self.goal_rad) and self.goal_time_s > 0.0)
 
+    def to_values(self) -> dict[str, Any]:
+        """Return the fields, as a request has them."""
+        return asdict(self)
+
+    @staticmethod
+    def of(values: Any) -> 'Tolerances':
+        """Read back what ``to_values`` returned; raises ProgramError."""
+        names = [field.name for field in fields(Tolerances)]
+        if not isinstance(values, dict) or set(values) != set(names):
+            raise ProgramError(f'tolerances must have the keys {", ".join(names)}')
+        path, goal = (_three(values[name], name) for name in names[:2])
+        return Tolerances(path, goal, *(_tolerance(values[name], name) for name in names[2:]))
+
+
+def _three(values: Any, name: str) -> tuple[float, float, float]:
+    if not isinstance(values, list | tuple) or len(values) != 3:
+        raise ProgramError(
+            f'{name} of the tolerances is {shown(values)}, but must be a list of three numbers'
+        )
+    first, second, third = (_tolerance(value, name) for value in values)
+    return first, second, third
+
+
+def _tolerance(value: Any, name: str) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0.0 <= value < math.inf:
+        raise ProgramError(f'{name} of the tolerances is {shown(value)}, but must be a number from 0 on')
+    return float(value)
+
+
+def overridden(default: float, asked: float, what: str) -> float:
+    """Return the tolerance that counts: 0 leaves the default, -1 takes it away.
+
+    Raises
+    ------
+    ProgramError
+        It is something else below 0, or not finite.
+
+    """
+    if asked == 0.0:
+        return default
+    if asked == ERASED:
+        return 0.0
+    if not 0.0 < asked < math.inf:
+        raise ProgramError(f'{what} is {asked:g}, but must be above 0, 0 (the default) or -1 (none)')
+    return asked
+
+
+@dataclass(frozen=True)
+class Followed:
+    """The arms on a trajectory in one bus cycle.
+
+    Attributes
+    ----------
+    cycle, time_s
+        The bus cycle, and the time on the trajectory [s].
+    due
+        Angles [rad], speeds [rad/s] and accelerations [rad/s^2] that they should have, the set-point delay removed.
+    actual
+        Angles and speeds that they have.
+
+    """
+
+    cycle: int
+    time_s: float
+    due: Floats
+    actual: Floats
+
 
 class ToleranceWatch:
     """A watch over one trajectory after the other."""
 
     def __init__(self, tolerances: Tolerances, parameters: Parameters) -> None:
-        self._tolerances, self._period_s = tolerances, parameters.bus.cycle_time_s
+        self._default = self._tolerances = tolerances
+        self._period_s = parameters.bus.cycle_time_s
+        self._run = 0  # program whose tolerances they are
+        self._settled = 0  # program whose goal was looked at to the end
         self._behind_s = parameters.set_point_delay_cycles * self._period_s
         self._goal: Floats | None = None
         self._deadline = NEVER
         self._violated = 0  # number of the last program in which the path was
+
+    @property
+    def waits(self) -> bool:
+        """Whether the arms still have to come to a goal."""
+        return self._goal is not None
+
+    @property
+    def wants(self) -> bool:
+        """Whether anything of the present program is to be watched."""
+        return self.waits or self._tolerances.any or any(self._tolerances.goal_rad)
+
+    def begin(self, run: int, tolerances: Tolerances | None) -> None:
+        """Begin with a program, known by its number, and the tolerances of its own, if it has some."""
+        self._run, self._tolerances, self._goal = run, tolerances or self._default, None
+
+    def forget(self) -> bool:
+        """Wait for no goal any more; whether one was waited for."""
+        waited = self.waits
+        self._goal, self._deadline = None, NEVER
+        return waited
+
+    def arrive(self, timeline: Timeline) -> None:
+        """Note that a program was driven to its end."""
+        move = timeline.plan.move(len(timeline.plan) - 1)
+        if self._settled != self._run and not self.waits and move.kind == MoveKind.JOINTS:
+            self._note_goal(timeline, move)
+
+    def due(self, timeline: Timeline, cycle: int) -> tuple[float, Floats] | None:
+        """Return the time on a trajectory in a bus cycle [s], and what is due; None if none is driven."""
+        if timeline.profile is None or cycle < timeline.start_cycle:
+            return None
+        now = timeline.at(cycle)
+        move = timeline.plan.move(now.number)
+        if move.kind != MoveKind.JOINTS:
+            return None
+        place, first, second = sample_path([now.distance_m], move.segments)[0, :3]
+        speed = now.speed_m_s * first
+        acceleration = now.acceleration_m_s2 * first + now.speed_m_s**2 * second
+        behind_s = self._behind_s
+        return now.distance_m, np.stack(
+            [place - behind_s * speed, speed - behind_s * acceleration, acceleration]
+        )
 
     def follow(self, run: int, timeline: Timeline, cycle: int, angles_rad: Floats) -> Reason | None:
         """Look where the arms are in a bus cycle of a program, known by its number; returns what is violated, once."""
@@ -78,15 +194,12 @@ class ToleranceWatch:
                 )
         return None
 
-    def forget(self) -> None:
-        """Watch no goal any more: the trajectory did not come to its end."""
-        self._goal, self._deadline = None, NEVER
-
     def _note_goal(self, timeline: Timeline, move: Move) -> None:
-        if any(self._tolerances.goal_rad) and self._tolerances.goal_time_s > 0.0:
+        if any(self._tolerances.goal_rad):
             last = sample_path([move.length_m], move.segments)[0, 0]
             self._goal = np.asarray(last)
-            self._deadline = timeline.end_cycle + round(self._tolerances.goal_time_s / self._period_s)
+            time_s = self._tolerances.goal_time_s
+            self._deadline = timeline.end_cycle + round(time_s / self._period_s) if time_s > 0.0 else NEVER
 
     def settle(self, cycle: int, angles_rad: Floats, speeds_rad_s: Floats) -> Reason | None:
         """Look whether the arms have come to the end of the trajectory; returns what is violated."""
@@ -97,11 +210,11 @@ class ToleranceWatch:
         missed = np.abs(goal - angles_rad)
         off = [0.0 < tolerance < error for error, tolerance in zip(missed, tolerances, strict=True)]
         if not any(off) and np.abs(speeds_rad_s).max() <= self._tolerances.stopped_rad_s:
-            self._goal = None
+            self._goal, self._settled = None, self._run
             return None
         if cycle < self._deadline:
             return None
-        self._goal = None
+        self._goal, self._settled = None, self._run
         late = f'{self._tolerances.goal_time_s:g} s after the last point'
         if not any(off):
             axis = int(np.argmax(np.abs(speeds_rad_s)))

@@ -6,11 +6,12 @@ joint_trajectory_controller of ros2_control does, and the rest keeps its times.
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from delta3_pacdrive.controller.robot_state import START_CYCLES_MAX
-from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.controller.tolerances import Tolerances
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
 
 NAME = 'joint_trajectory'
 LEAD_S, LEAD_PER_POINT_S = 0.2, 1.5e-3  # in which a trajectory is planned and ordered, before its cycle comes
@@ -28,15 +29,21 @@ class TrajectoryRequest:
         Bus time of its start, 0: now.
     points
         As a program has them; none: stop.
+    tolerances
+        Of this trajectory, None: those of all.
 
     """
 
     stamp_s: float
     points: list[Any]
+    tolerances: Tolerances | None = None
 
     def to_json(self) -> str:
         """Return the text of the request."""
-        return json.dumps({'stamp_s': self.stamp_s, 'points': self.points})
+        values: dict[str, Any] = {'stamp_s': self.stamp_s, 'points': self.points}
+        if self.tolerances is not None:
+            values['tolerances'] = self.tolerances.to_values()
+        return json.dumps(values)
 
     @staticmethod
     def from_json(text: str) -> 'TrajectoryRequest':
@@ -45,14 +52,19 @@ class TrajectoryRequest:
             values = json.loads(text)
         except (ValueError, RecursionError):
             raise ProgramError(f'{shown(text)} is no trajectory') from None
-        if not isinstance(values, dict) or set(values) != {'stamp_s', 'points'}:
-            raise ProgramError('a trajectory must have the keys stamp_s and points')
+        if not isinstance(values, dict) or values.keys() - {'tolerances'} != {'stamp_s', 'points'}:
+            raise ProgramError('a trajectory must have the keys stamp_s and points, and may have tolerances')
         stamp, points = values['stamp_s'], values['points']
         if isinstance(stamp, bool) or not isinstance(stamp, int | float) or not 0.0 <= stamp < math.inf:
             raise ProgramError(f'stamp_s is {shown(stamp)}, but must be a bus time from 0 s on')
         if not isinstance(points, list):
             raise ProgramError(f'points is {shown(points)}, but must be a list')
-        return TrajectoryRequest(float(stamp), points)
+        found = TrajectoryRequest(float(stamp), points)
+        return (
+            replace(found, tolerances=Tolerances.of(values['tolerances']))
+            if 'tolerances' in values
+            else found
+        )
 
     def due(self, newest_cycle: int, cycle_time_s: float) -> tuple[int, str]:
         """Return the bus cycle of the start, and the program.
@@ -80,10 +92,11 @@ class TrajectoryRequest:
             {**point, 'time_s': time - late} for point in self.points if (time := _time_of(point)) > late
         ]
         if not points:
-            raise ProgramError(
+            sentence = (
                 f'it is over: header.stamp is {self.stamp_s:.3f} s, the last point {_time_of(self.points[-1]):.3f} s '
                 f'later, the robot could begin at {soonest * cycle_time_s:.3f} s of bus time'
             )
+            raise RefusedError(Reason(Code.LATE, sentence))
         return soonest, self._program(points)
 
     @staticmethod

@@ -14,6 +14,7 @@ from delta3_pacdrive.controller.messages import COURSE, REVOKE, Origin
 from delta3_pacdrive.controller.plan_rows import PlanRows
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.ros.follow_joint_trajectory import FollowJointTrajectory
 from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.planner_services import PlannerServices
 from delta3_pacdrive.ros.planning_thread import PlanningThread
@@ -26,8 +27,8 @@ class PlannerOutputs:
     ----------
     node
         Publishes.
-    planner, thread, operators
-        Of the same node.
+    planner, thread, operators, trajectories
+        Of the same node; the last one only where its action is there.
     origin
         Returns the label of a row of numbers, from its kind and the number of the order.
 
@@ -39,10 +40,11 @@ class PlannerOutputs:
         planner: Planner,
         thread: PlanningThread,
         operators: PlannerServices,
+        trajectories: FollowJointTrajectory | None,
         origin: Callable[[str, int], Origin],
     ) -> None:
         self._planner, self._thread, self._operators = planner, thread, operators
-        self._origin = origin
+        self._trajectories, self._origin = trajectories, origin
         self._rows = PlanRows()
         self._state = interfaces.PLANNER_STATE.publisher(node)
         self._plan = interfaces.MOTION_PLAN.publisher(node)
@@ -69,6 +71,11 @@ class PlannerOutputs:
                     self._operators.reply(request, reason, sentence)
                 case planner_actions.Reported(report):
                     self._operators.report(report)
+                    if self._trajectories is not None:
+                        self._trajectories.report(report)
+                case planner_actions.Settled(identity, arrival, reason):
+                    if self._trajectories is not None:
+                        self._trajectories.settle(identity, arrival, reason)
                 case planner_actions.Mirrored(state):
                     self._state.publish(String(data=str(state)))
         if actions:

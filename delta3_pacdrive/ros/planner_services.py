@@ -96,14 +96,15 @@ class PlannerServices:
 
     def _ask(self, action: str, text: str = '', tell: Tell | None = None) -> None:
         """Pass on the request of a client that has no identity."""
-        self._pass_on(self._request(action, text), tell)
+        self.pass_on(self.request(action, text), tell)
 
-    def _request(self, action: str, text: str = '') -> Request:
+    def request(self, action: str, text: str = '') -> Request:
         """Return the request of a client that has no identity."""
         self._anonymous += 1
         return Request(self._identity, '', self._anonymous, 0, action, text)
 
-    def _pass_on(self, request: Request, tell: Tell | None = None) -> None:
+    def pass_on(self, request: Request, tell: Tell | None = None) -> None:
+        """Pass on a request; ``tell`` is called with its answer."""
         self._asked[id(request)] = request, tell
         self._planner.ask(request, time.monotonic())
         self._changed()
@@ -114,7 +115,7 @@ class PlannerServices:
     def _move(self, request: AddDiagnostics.Request, tell: Tell) -> None:
         """Pass on moves whose answer tells by which id they are known."""
         text = request.load_namespace
-        asked = self._request('move', text)
+        asked = self.request('move', text)
 
         def answer(reason: Reason | None, sentence: str) -> None:
             code, said = (str(reason.code), reason.sentence) if reason else ('', sentence)
@@ -127,7 +128,7 @@ class PlannerServices:
         elif not text.strip():
             answer(Reason(Code.CONTENT, 'the request is empty: it needs moves, or the name of a program'), '')
         else:
-            self._pass_on(asked, answer)
+            self.pass_on(asked, answer)
 
     def _enqueue(self, statement: Callable[[Any], move_messages.Statement]) -> Callable[[Any], None]:
         return lambda message: self._ask('program', json.dumps({'moves': [statement(message)]}))
@@ -137,7 +138,7 @@ class PlannerServices:
             raise TelegramError(
                 'a request needs the identity of its operator, and caps that are numbers from 0 on'
             )
-        self._pass_on(request)
+        self.pass_on(request)
 
     # answers ----------------------------------------------------------------------------------------------------------
 

@@ -44,17 +44,22 @@ def declare_tolerances(node: PollingNode) -> Tolerances:
 
 
 class ToleranceMonitor:
-    """The monitor tells a planner where the arms are; it listens only where there are tolerances."""
+    """The monitor tells a planner where the arms are; it listens from the start on, or when there is a tolerance."""
 
-    def __init__(self, node: PollingNode, tolerances: Tolerances, cycles: Clock, planner: Planner) -> None:
-        self._cycles, self._planner = cycles, planner
+    def __init__(self, node: PollingNode, listens: bool, cycles: Clock, planner: Planner) -> None:
+        self._node, self._cycles, self._planner = node, cycles, planner
         self._codec = cdr.codec(telegrams.JOINT_STATES)
         self._take: Any = None
-        if tolerances.any:
-            self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=QUEUE)
+        if listens:
+            self._listen()
+
+    def _listen(self) -> None:
+        self._take = interfaces.JOINT_STATES.polled_subscription(self._node, profile=QUEUE)
 
     def look(self) -> None:
         """Tell the planner what has come."""
+        if self._take is None and self._planner.watches:
+            self._listen()
         while self._take is not None and (taken := self._take()) is not None:
             try:
                 sec, nanosec, frame, values = self._codec.decode(taken[0])

@@ -1,5 +1,6 @@
 """Facts about moves that follow while the robot moves or is held: the path goes on without a jump, whatever comes."""
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.following import TRANSITIONS, FollowEvent, Following, FollowState
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
@@ -72,6 +74,23 @@ def test_moves_sent_in_a_row_are_driven_in_a_row_and_each_is_told_to_its_end(dri
     assert np.abs(driver.tcp[-1] - [0.0, 0.06, -0.75]).max() < 1e-7
     assert [driver.states(n)[-1] for n in range(3)] == ['done'] * 3
     assert [driver.states(n)[:2] for n in range(3)] == [['planning', 'queued']] * 3
+
+
+def test_arm_angles_that_are_sent_while_the_robot_moves_are_driven_behind_its_moves(driver: Driver) -> None:
+    driver.ask(ALONG % ', blend_m: 0.02')
+    driver.rig.run(30)
+    angles = kinematics.inverse((0.1, 0.03, -0.76), driver.rig.robot.kinematics).tolist()
+    point = {'time_s': 0.5, 'angles_rad': angles, 'speeds_rad_s': [0, 0, 0]}
+    sentence = driver.ask(json.dumps({'joints': {'points': [point]}}))
+    assert sentence.startswith('1 statements follow')
+    assert sentence.endswith('the corner before them is not rounded: they begin at rest')
+    driver.ask('move_l: {to_m: [0.1, 0.03, -0.75]}')
+    driver.rig.finish()
+    driver.smooth()
+    assert driver.nearest(CORNER) < 1e-7  # arm angles begin at rest: the corner before them is not rounded
+    assert driver.nearest(np.array([0.1, 0.03, -0.76])) < 1e-7
+    assert np.abs(driver.tcp[-1] - [0.1, 0.03, -0.75]).max() < 1e-7
+    assert [driver.states(n)[-1] for n in range(3)] == ['done'] * 3
 
 
 @pytest.mark.parametrize('override', ['100', '40', '150'])

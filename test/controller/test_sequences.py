@@ -1,5 +1,6 @@
 """No order of requests ends where the documented requests do not lead out, and every answer is true."""
 
+import json
 import os
 import random
 from collections.abc import Callable
@@ -7,12 +8,28 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import FaultCode, RobotFault
 
 SEQUENCES = int(os.environ.get('DELTA3_SEQUENCES', '300'))
 LENGTH = 50
+HOME = kinematics.inverse((0.0, 0.0, -0.75), parameters.load().kinematics)
 # the first and the last lead anywhere but beyond the workspace; short, so that they end within a sequence
+
+
+def arms(time_s: float, by: float, speed_rad_s: float = 0.0) -> dict[str, Any]:
+    """Return a point of arm angles, so far from the start."""
+    angles = [angle + by * share for angle, share in zip(HOME.tolist(), (1.0, 0.5, 0.8), strict=True)]
+    return {'time_s': time_s, 'angles_rad': angles, 'speeds_rad_s': [speed_rad_s] * 3}
+
+
+def joints(*points: dict[str, Any]) -> str:
+    return json.dumps({'joints': {'points': points}})
+
+
 PROGRAMS = (
+    f'moves: [{joints(arms(0.4, 0.05))}, {{move_l: {{to_m: [0.0, 0.0, -0.75]}}}}]',
     'moves: [{move_l: {to_m: [0.03, 0.0, -0.75]}}]',
     'moves: [{move_l: {to_m: [0.0, 0.02, -0.76], blend_m: 0.005}}, {move_l: {to_m: [0.0, 0.0, -0.75]}}]',
     'moves: [{move_l: {to_m: [0.0, 0.0, -0.2]}}]',
@@ -26,8 +43,18 @@ MOVES = (
     '{move_l: {to_m: [0.0, -0.02, -0.75]}, start: false}',
     '[{dwell: {time_s: 0.02}}, {output: {name: gripper, value: true}}]',
     'move_l: {to_m: [0.0, 0.0, -0.2]}',
+    joints(arms(0.3, 0.06)),
+    f'[{joints(arms(0.2, 0.03, 0.2), arms(0.4, 0.06))}, {{move_l: {{to_m: [0.0, 0.0, -0.75]}}}}]',
+    joints(arms(0.01, 0.06)),  # too fast for the motors
 )
-REQUESTS = ('move', 'move', 'start', 'resume', 'clear', 'program', 'override', 'withdraw')
+TRAJECTORIES = (
+    TrajectoryRequest(0.0, [arms(0.3, 0.04)]),
+    TrajectoryRequest(0.0, [arms(0.2, 0.03, 0.2), arms(0.5, 0.0)]),
+    TrajectoryRequest(0.0, [arms(0.5, 2.0)]),  # beyond the limit of the arms
+    TrajectoryRequest(0.001, [arms(0.02, 0.01)]),  # over
+    TrajectoryRequest(0.0, []),  # a stop
+)
+REQUESTS = ('move', 'move', 'start', 'resume', 'clear', 'program', 'override', 'withdraw', 'trajectory')
 SERVICES = ('enable', 'disable', 'hold', 'abort', 'emergency_stop', 'reset')
 
 
@@ -41,9 +68,12 @@ class Sequence:
     def step(self) -> None:
         chance, rig = self.chance, self.rig
         kind = chance.random()
+        holder = rig.control.operator
+        identity = holder.identity if holder else ''
         if rig.state.motion in ('moving', 'stopping', 'stopped') and chance.random() < 0.4:
-            holder = rig.control.operator
-            self._ask('move', holder.identity if holder else '')
+            self._ask('move', identity)
+        elif rig.state.enabled and not rig.planner.queue[0] and chance.random() < 0.3:
+            self._ask('trajectory', identity)
         elif kind < 0.45:
             self._ask(chance.choice(REQUESTS), chance.choice(['', '', 'A', 'B']))
         elif kind < 0.75:
@@ -71,6 +101,7 @@ class Sequence:
             'move': chance.choice(MOVES),
             'override': chance.choice(['50', '150', '100', '1', '999', 'fast']),
             'withdraw': str(rig.asked),
+            'trajectory': chance.choice(TRAJECTORIES).to_json(),
         }.get(action, '')
         before = rig.planner.queue
         motion, losses = rig.state.motion, rig.control.losses
@@ -81,7 +112,7 @@ class Sequence:
         assert '\n' not in sentence
         if holder is not None and rig.control.operator == holder and holder.identity != operator:
             assert not accepted or action == 'withdraw'
-        if action == 'start':
+        if action == 'start' or (action == 'trajectory' and '"points": []' not in text):
             # who is told that it has started finds it moving, and who is refused finds everything as before
             assert accepted == (rig.state.motion == 'moving' and motion != 'moving'), self.told[-5:]
             assert accepted or rig.planner.queue[0] == before[0] or rig.control.losses > losses
@@ -138,7 +169,7 @@ class Sequence:
 
 
 def test_after_any_sequence_of_requests_the_documented_ones_lead_out(new_rig: Callable[[], Any]) -> None:
-    followed = 0
+    followed = driven = 0
     for seed in range(SEQUENCES):
         sequence = Sequence(new_rig(), seed)
         try:
@@ -149,4 +180,6 @@ def test_after_any_sequence_of_requests_the_documented_ones_lead_out(new_rig: Ca
             print(f'seed {seed}:\n' + '\n'.join(sequence.told[-20:]))
             raise
         followed += sum(' statements follow' in told for told in sequence.told)
+        driven += sum('True started "joint_trajectory"' in told for told in sequence.told)
+    assert driven > SEQUENCES / 10
     assert followed > SEQUENCES / 10  # moves are taken while the robot moves, too

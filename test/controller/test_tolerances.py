@@ -5,9 +5,10 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.planner import Planner
-from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Reported, Revoked
+from delta3_pacdrive.controller.planner_actions import Arrival, Ordered, Replied, Reported, Revoked, Settled
 from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import TrajectoryRequest
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.path import sample_path
@@ -170,3 +171,106 @@ def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robo
     assert 'path tolerance violated: axis2 is 0.05 rad off' in client.do(Replied).reason.sentence
     report = client.do(Reported).report
     assert (report.state, report.sentence[:23]) == ('aborted', 'path tolerance violated')
+
+
+# tolerances of one trajectory
+
+
+def test_tolerances_of_a_trajectory_count_for_it_and_no_other(robot, timeline):
+    watch = ToleranceWatch(Tolerances(), robot)
+    watch.begin(1, TIGHT)
+    assert watch.follow(1, timeline, 500, answered(timeline, 500, 0.0, -0.0125, 0.0)) is not None
+    watch.begin(2, None)
+    assert watch.follow(2, timeline, 500, answered(timeline, 500, 0.0, -0.0125, 0.0)) is None
+    assert not watch.wants
+
+
+def test_a_goal_is_waited_for_although_nobody_has_looked_on_the_way(robot, timeline):
+    watch = ToleranceWatch(Tolerances(), robot)
+    watch.begin(1, TIGHT)
+    watch.arrive(timeline)
+    assert watch.waits
+    goal = sample_path([1.0], timeline.plan.move(0).segments)[0, 0]
+    assert watch.settle(timeline.end_cycle + 1, goal, np.zeros(3)) is None
+    assert not watch.waits
+    watch.arrive(timeline)  # it has been looked at to the end
+    assert not watch.waits
+
+
+def test_tolerances_go_into_a_request_and_come_out_of_it():
+    text = TrajectoryRequest(1.0, [], TIGHT).to_json()
+    assert TrajectoryRequest.from_json(text).tolerances == TIGHT
+
+
+@pytest.mark.parametrize(
+    ('changed', 'reason'),
+    [
+        ({'path_rad': [0.1, 0.1]}, 'path_rad of the tolerances is .*, but must be a list of three numbers'),
+        (
+            {'goal_rad': [0.1, 0.1, -1.0]},
+            'goal_rad of the tolerances is -1.0, but must be a number from 0 on',
+        ),
+        ({'goal_time_s': True}, 'goal_time_s of the tolerances is True'),
+        ({'stopped_rad_s': float('inf')}, 'stopped_rad_s of the tolerances is inf'),
+        ({'more': 1}, 'tolerances must have the keys'),
+    ],
+)
+def test_tolerances_that_are_none_are_refused(changed, reason):
+    with pytest.raises(ProgramError, match=reason):
+        Tolerances.of(TIGHT.to_values() | changed)
+
+
+class Robot:
+    """A planner whose trajectory has tolerances of its own, driven to its end."""
+
+    def __init__(self, robot, tolerances):
+        self.client = client = Client(robot)
+        angles = (kinematics.inverse(HOME, robot.kinematics) + 0.2).tolist()
+        point = {'time_s': 1.0, 'angles_rad': angles, 'speeds_rad_s': [0, 0, 0]}
+        self.request = client.ask('trajectory', TrajectoryRequest(0.0, [point], tolerances).to_json())
+        client.plan()
+        ordered = client.do(Ordered)
+        client.verdict(ordered.number)
+        client.say(state='moving', order=ordered.number)
+        self.timeline = Timeline(Plan.of(ordered.moves), CYCLE_S)
+        self.timeline.start(START)
+        client.follow(self.timeline.profile, 1)
+        self.goal = np.array(angles)
+
+    def end(self):
+        self.client.cycle = self.timeline.end_cycle
+        self.client.say(state='idle', cycle=self.timeline.end_cycle, located=self.client.told.located + 1)
+
+
+@pytest.mark.parametrize(
+    ('off', 'arrival'), [(0.0019, Arrival.REACHED), (0.003, Arrival.OFF_GOAL)], ids=['reached', 'off']
+)
+def test_whoever_asked_for_a_trajectory_is_told_whether_the_arms_have_come_to_its_goal(robot, off, arrival):
+    moved = Robot(robot, TIGHT)
+    client, identity = moved.client, moved.request.identity
+    followed = []
+    client.planner.observe(START + 400, answered(moved.timeline, START + 400, 0.0), np.zeros(3))
+    followed.append(client.planner.followed())
+    assert (followed[0].cycle, followed[0].time_s) == (START + 400, pytest.approx(0.4))
+    assert followed[0].due[0] == pytest.approx(followed[0].actual[0], abs=1e-5)
+    moved.end()
+    assert client.planner.settles(identity)
+    assert client.none(Settled)
+    late = moved.timeline.end_cycle + 500
+    client.planner.observe(late, moved.goal + np.array([off, 0.1, 0.1]), np.zeros(3))
+    settled = client.do(Settled)
+    assert (settled.identity, settled.arrival) == (identity, arrival)
+    assert not client.planner.settles(identity)
+
+
+def test_a_goal_that_is_waited_for_is_given_up_for_another_program(robot):
+    moved = Robot(robot, Tolerances(goal_rad=(1e-6, 0.0, 0.0)))
+    moved.end()
+    client = moved.client
+    client.planner.observe(moved.timeline.end_cycle + 10**6, moved.goal + 0.1, np.zeros(3))
+    assert client.none(Settled)  # without a goal time it is waited for
+    client.planner.actions.clear()
+    ordered = client.order()
+    client.verdict(ordered.number)
+    settled = client.do(Settled)
+    assert (settled.identity, settled.arrival) == (moved.request.identity, Arrival.GIVEN_UP)

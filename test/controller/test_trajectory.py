@@ -82,6 +82,10 @@ def test_a_stamp_of_a_wall_clock_is_refused():
     [
         ('no json', 'is no trajectory'),
         ('[]', 'must have the keys stamp_s and points'),
+        (
+            '{"stamp_s": 0, "points": [], "tolerances": 1}',
+            'tolerances must have the keys path_rad, goal_rad, ',
+        ),
         ('{"stamp_s": 0}', 'must have the keys stamp_s and points'),
         ('{"stamp_s": -1, "points": []}', 'stamp_s is -1, but must be a bus time from 0 s on'),
         ('{"stamp_s": NaN, "points": []}', 'stamp_s is '),

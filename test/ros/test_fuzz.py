@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped, PoseStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Path
 from std_msgs.msg import Float64, Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.controller.messages import ORDER
@@ -19,6 +21,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.qos import LATCHED, PLAN, REQUEST
+from trajectories import AXES, message
 
 HOME = (0.0, 0.0, -0.75)
 FUZZ = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -33,6 +36,9 @@ KEYS = [
     'move_l',
     'move_c',
     'move_sb',
+    'joints',
+    'angles_rad',
+    'speeds_rad_s',
     'dwell',
     'cubic',
     'output',
@@ -136,41 +142,98 @@ def test_no_request_kills_the_planner_or_moves_the_robot(topic: str, robot: Any,
     assert_ready(graph, robot)
 
 
-def good_row() -> list[float]:
+numbers_of_a_point = st.one_of(
+    st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3), st.lists(anything, max_size=4)
+)
+trajectory_points = st.lists(
+    st.tuples(
+        st.floats(0.0, 2.0),
+        st.fixed_dictionaries(
+            {'positions': numbers_of_a_point},
+            optional={'velocities': st.just([0.0] * 3), 'effort': numbers_of_a_point},
+        ),
+    ),
+    max_size=4,
+).map(lambda found: sorted(found, key=lambda point: point[0]))
+trajectories = st.builds(
+    lambda found, names, stamp: message(*found, names=names, stamp=stamp),
+    trajectory_points,
+    st.one_of(st.permutations(AXES), st.lists(st.sampled_from([*AXES, '']), max_size=4)),
+    st.builds(Time, sec=st.sampled_from([0, 0, 0, -1, 1, 2**31 - 1])),
+)
+
+
+def test_no_trajectory_kills_the_planner_and_whatever_is_accepted_is_driven_to_its_end(
+    robot: Any, graph: Any
+) -> None:
+    answers = graph.listen(String, 'unit_robot/answer', LATCHED)
+    publisher = graph.listener.create_publisher(JointTrajectory, 'joint_trajectory', REQUEST)
+    graph.spin_until(publisher.get_subscription_count, 'the planner')
+
+    @FUZZ
+    @given(trajectory=trajectories)
+    def each(trajectory: JointTrajectory) -> None:
+        heard = len(answers)
+        publisher.publish(trajectory)
+        graph.spin_until(lambda: len(answers) > heard, 'the answer')
+        verdict, _, sentence = answers[-1].data.partition(': ')
+        assert verdict in ('accepted', 'refused')
+        assert 0 < len(sentence) < 1500
+        assert '\n' not in sentence
+        graph.spin_until(lambda: robot.progress()['state'] == 'idle', 'rest')
+        assert robot.progress()['fault'] == ''
+
+    each()
+
+
+ARC = {'move_c': {'via_m': [0.1, 0.1, -0.8], 'to_m': [0.2, 0.0, -0.8]}}
+ARMS = {
+    'joints': {'points': [{'time_s': 1.0, 'angles_rad': [0.3, 0.4, 0.2], 'speeds_rad_s': [0.0, 0.0, 0.0]}]}
+}
+
+
+def good_row(statement: dict[str, Any]) -> list[float]:
     parameters_ = parameters.load()
-    document = {'moves': [{'move_c': {'via_m': [0.1, 0.1, -0.8], 'to_m': [0.2, 0.0, -0.8]}}]}
+    document = {'moves': [statement]}
     plan = program_planner.plan(
         programs.parse(document, parameters_.motion), (0.0, 0.01, -0.76), parameters_
     ).plan
     return list(plan.moves[0].to_array(0, 1).tolist())
 
 
-GOOD = good_row()
-rows = st.one_of(
-    st.lists(anything, max_size=80),
-    st.tuples(st.integers(0, len(GOOD) - 1), anything).map(
-        lambda t: [*GOOD[: t[0]], t[1], *GOOD[t[0] + 1 :]]
-    ),
-    st.integers(0, len(GOOD)).map(lambda n: GOOD[:n]),
-)
+GOOD = {'ARC': good_row(ARC), 'JOINTS': good_row(ARMS)}
+
+
+def rows(good: list[float]) -> Any:
+    """Return rows of any numbers, and of good ones with one that is not, or cut off."""
+    return st.one_of(
+        st.lists(anything, max_size=80),
+        st.tuples(st.integers(0, len(good) - 1), anything).map(
+            lambda t: [*good[: t[0]], t[1], *good[t[0] + 1 :]]
+        ),
+        st.integers(0, len(good)).map(lambda n: good[:n]),
+    )
+
+
 orders = st.lists(st.one_of(st.integers(-2, 5).map(float), anything), max_size=8)
 
 
+@pytest.mark.parametrize('kind', GOOD)
 def test_no_plan_or_motion_profile_of_a_stranger_kills_the_task_or_moves_the_robot(
-    robot: Any, graph: Any
+    kind: str, robot: Any, graph: Any
 ) -> None:
     plan = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN)
     change = graph.listener.create_publisher(Float64MultiArray, 'motion/change', PLAN)
     graph.spin_until(lambda: plan.get_subscription_count() and change.get_subscription_count(), 'the task')
 
     count = itertools.count(1)
-    arc, ordered, profile = (graph.label(kind, 0).removesuffix('0') for kind in ('ARC', ORDER, 'COURSE'))
+    row_of, ordered, profile = (graph.label(what, 0).removesuffix('0') for what in (kind, ORDER, 'COURSE'))
 
     @FUZZ
-    @given(row=rows, order=orders)
+    @given(row=rows(GOOD[kind]), order=orders)
     def each(row: list[float], order: list[float]) -> None:
         number = next(count)  # as the robot's own planner would count
-        plan.publish(numbers(row, f'{arc}{number}'))
+        plan.publish(numbers(row, f'{row_of}{number}'))
         plan.publish(numbers(order, f'{ordered}{number}'))
         change.publish(numbers(row, f'{profile}{2 * number}'))
         change.publish(numbers(order, f'{profile}{2 * number + 1}'))
@@ -180,10 +243,11 @@ def test_no_plan_or_motion_profile_of_a_stranger_kills_the_task_or_moves_the_rob
     each()
 
 
-def test_the_good_plan_would_be_taken_where_it_starts() -> None:
+@pytest.mark.parametrize('kind', GOOD)
+def test_the_good_plan_would_be_taken_where_it_starts(kind: str) -> None:
     """The fuzzed rows differ from something that is accepted."""
     from delta3_pacdrive.motion.plan import Move
 
-    move, number, count = Move.from_array(GOOD)
+    move, number, count = Move.from_array(GOOD[kind], parameters.load().kinematics)
     assert (number, count) == (0, 1)
     assert math.isfinite(move.duration_s)

@@ -1,7 +1,8 @@
 """Node of UnitRobot, the planner: takes moves and programs, plans and checks them as a whole, starts and overrides.
 
 In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``unit_robot/alive``
-(5 Hz), and what ``ros.planner_outputs`` carries out. What operators ask and are told: see ``ros.planner_services``.
+(5 Hz), and what ``ros.planner_outputs`` carries out. What operators ask and are told: see ``ros.planner_services``, and
+``ros.follow_joint_trajectory`` for the action.
 What is decided, ``controller.planner`` decides.
 """
 
@@ -12,11 +13,13 @@ from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive.controller.messages import Origin, Status, Verdict
 from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
+from delta3_pacdrive.ros.follow_joint_trajectory import FollowJointTrajectory, action_type
 from delta3_pacdrive.ros.newest_cycle import NewestCycle
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
@@ -52,14 +55,18 @@ class UnitRobotNode(PollingNode):
         cycles = Clock(robot.bus.cycle_time_s)
         self._newest = NewestCycle(self, cycles, self._known_cycle)
         self._planner = planner = Planner(robot, identity, program, self._newest, tolerances)
-        self._monitor = ToleranceMonitor(self, tolerances, cycles, planner)
         self._thread = PlanningThread(robot, self.get_logger().error)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
         interfaces.COURSE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
-        self._outputs = PlannerOutputs(self, planner, self._thread, self._operators, self._origin)
+        self._trajectories = self._offer_trajectories(tolerances, cycles)
+        watched = tolerances.any or self._trajectories is not None
+        self._monitor = ToleranceMonitor(self, watched, cycles, planner)
+        self._outputs = PlannerOutputs(
+            self, planner, self._thread, self._operators, self._trajectories, self._origin
+        )
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
         self._beats = self._looks = 0
         self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
@@ -74,7 +81,18 @@ class UnitRobotNode(PollingNode):
     def destroy_node(self) -> None:
         """End the planning thread as well."""
         self._thread.close()
+        if self._trajectories is not None:
+            self._trajectories.destroy()
         super().destroy_node()
+
+    def _offer_trajectories(self, tolerances: Tolerances, cycles: Clock) -> FollowJointTrajectory | None:
+        kind = action_type()
+        if kind is None:
+            self.get_logger().debug(
+                'control_msgs is not installed: no action follow_joint_trajectory is offered'
+            )
+            return None
+        return FollowJointTrajectory(self, kind, self._planner, self._operators, tolerances, cycles)
 
     def _session(self) -> bytes:
         status = self._planner.status
@@ -101,7 +119,9 @@ class UnitRobotNode(PollingNode):
             self._faults.due(self._newest())
         self._planner.look(time.monotonic())
         self._monitor.look()
-        self._carry_out()
+        self._carry_out()  # what the monitor has found ends goals before anybody takes them for reached
+        if self._trajectories is not None:
+            self._trajectories.look()
         if self._looks % ALIVE_EVERY == 0:
             self._beat()
         if self._looks % ANNOUNCE_EVERY == 0 and not self._planner.listened_to:

@@ -1,0 +1,285 @@
+"""The action ``~/follow_joint_trajectory`` of the planner's node, as the joint_trajectory_controller offers it.
+
+A goal is the same request as a message on ``joint_trajectory``, with tolerances of its own; the same rules hold. It is
+there where ``control_msgs`` is.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from delta3_pacdrive.controller.messages import Request, RequestReport
+from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.controller.planner_actions import Arrival
+from delta3_pacdrive.controller.request_tracker import Phase
+from delta3_pacdrive.controller.tolerances import ERASED, Followed, Tolerances, overridden
+from delta3_pacdrive.controller.trajectory import TrajectoryRequest
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
+from delta3_pacdrive.ros.joint_trajectory import JointNamesError, joint_trajectory
+from delta3_pacdrive.ros.planner_services import PlannerServices
+from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+NAME = '~/follow_joint_trajectory'
+# names of the error codes of a result; every other refusal is an invalid goal
+SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS = 'SUCCESSFUL', 'INVALID_GOAL', 'INVALID_JOINTS'
+ERROR_CODES: dict[Code | Arrival, str] = {
+    Code.LATE: 'OLD_HEADER_TIMESTAMP',
+    Arrival.OFF_PATH: 'PATH_TOLERANCE_VIOLATED',
+    Arrival.OFF_GOAL: 'GOAL_TOLERANCE_VIOLATED',
+}
+# fields of a goal that this robot has nothing for; older definitions lack some
+UNKNOWN = ('component_path_tolerance', 'component_goal_tolerance')
+
+
+def action_type() -> Any | None:
+    """Return the type of the action, None where ``control_msgs`` is not installed."""
+    try:
+        from control_msgs.action import FollowJointTrajectory as Action
+    except ImportError:
+        return None
+    return Action
+
+
+def error_code_of(code: Code | Arrival) -> str:
+    """Return the name of the error code with which a goal ends that was refused or given up for a reason."""
+    return ERROR_CODES.get(code, INVALID_GOAL)
+
+
+def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
+    """Return what a goal asks for.
+
+    Parameters
+    ----------
+    goal
+        Of the action.
+    default
+        Tolerances that count where the goal names none.
+
+    Raises
+    ------
+    ProgramError
+        Names (``JointNamesError``), sizes or numbers are none of a trajectory for this robot.
+
+    """
+    multi_dof = getattr(goal, 'multi_dof_trajectory', None)
+    if multi_dof is not None and (multi_dof.joint_names or multi_dof.points):
+        raise ProgramError('multi_dof_trajectory is not supported')
+    for name in UNKNOWN:
+        if getattr(goal, name, ()):
+            raise ProgramError(f'{name} is not supported')
+    request = joint_trajectory(goal.trajectory)
+    if not request.points:
+        raise ProgramError('the trajectory has no points; who wants to stop cancels the goal')
+    time = goal.goal_time_tolerance
+    tolerances = replace(
+        default,
+        path_rad=_positions(goal.path_tolerance, default.path_rad, 'path_tolerance'),
+        goal_rad=_positions(goal.goal_tolerance, default.goal_rad, 'goal_tolerance'),
+        goal_time_s=overridden(
+            default.goal_time_s, time.sec + time.nanosec / NANOSECONDS, 'goal_time_tolerance'
+        ),
+    )
+    return replace(request, tolerances=tolerances)
+
+
+def _positions(asked: Any, default: tuple[float, float, float], what: str) -> tuple[float, float, float]:
+    found = dict(zip(DRIVES, default, strict=True))
+    for tolerance in asked:
+        name = tolerance.name
+        if name not in found:
+            raise JointNamesError(f'{what} is of {shown(name)}, but the joints are {", ".join(DRIVES)}')
+        for kind in ('velocity', 'acceleration'):
+            value = getattr(tolerance, kind)
+            if value not in (0.0, ERASED):
+                raise ProgramError(f'{what} of {name} has {kind} {value:g}, but only positions are watched')
+        found[name] = overridden(found[name], tolerance.position, f'{what} of {name}')
+    first, second, third = found.values()
+    return first, second, third
+
+
+class _DeferredServer(ActionServer):
+    """A server whose goals end when somebody says so, instead of running a callback of their own."""
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
+        """Run a callback that was given for this goal; there is none for all."""
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
+
+    def end(self, handle: Any, result: Any) -> None:
+        """Send the result of a goal in its last state."""
+        self.notify_execute(handle, lambda _: result)
+
+
+@dataclass
+class _Goal:
+    """A goal, its request, and how far both are."""
+
+    handle: Any
+    request: Request
+    accepted: bool = False
+    done: bool = False
+    stopped: bool | None = (
+        None  # whether its stop was asked for when it was accepted already; None: not at all
+    )
+
+
+class FollowJointTrajectory:
+    """The action of one planner.
+
+    Parameters
+    ----------
+    node
+        Offers it.
+    action
+        Its type.
+    planner, operators
+        Of the same node.
+    tolerances
+        Those of goals that name none.
+    cycles
+        Clock of the bus.
+
+    """
+
+    def __init__(
+        self,
+        node: RobotNode,
+        action: Any,
+        planner: Planner,
+        operators: PlannerServices,
+        tolerances: Tolerances,
+        cycles: Clock,
+    ) -> None:
+        self._log, self._action = node.get_logger(), action
+        self._planner, self._operators = planner, operators
+        self._tolerances, self._cycles = tolerances, cycles
+        self._goals: dict[str, _Goal] = {}  # by the identity of the request
+        self._told = -1  # newest bus cycle of the feedback
+        self._server = _DeferredServer(
+            node,
+            action,
+            NAME,
+            lambda _: action.Result(),
+            handle_accepted_callback=self._begin,
+            cancel_callback=self._on_cancel,
+        )
+
+    def destroy(self) -> None:
+        """Take the action away."""
+        self._server.destroy()
+
+    def _begin(self, handle: Any) -> None:
+        """Pass a goal on; every goal is taken, so that a refusal can say why."""
+        handle.execute()
+        try:
+            request = trajectory_request(handle.request, self._tolerances)
+        except JointNamesError as error:
+            self._finish(handle, INVALID_JOINTS, str(error))
+        except ProgramError as error:
+            self._finish(handle, INVALID_GOAL, str(error))
+        else:
+            asked = self._operators.request('trajectory', request.to_json())
+            goal = self._goals[asked.identity] = _Goal(handle, asked)
+            self._operators.pass_on(asked, partial(self._answered, goal))
+
+    def _answered(self, goal: _Goal, reason: Reason | None, _: str) -> None:
+        goal.accepted = reason is None
+        if reason is not None:
+            self._end(goal, error_code_of(reason.code), reason.sentence)
+
+    def report(self, report: RequestReport) -> None:
+        """Take what has become of a request."""
+        goal = self._goals.get(report.id)
+        if goal is None:
+            return
+        if report.state == Phase.DONE:
+            goal.done = True
+        elif report.state == Phase.ABORTED:
+            self._end(goal, error_code_of(Code.of(report.code)), report.sentence)
+
+    def settle(self, identity: str, arrival: Arrival, reason: Reason | None) -> None:
+        """Take whether the trajectory of a request has kept its tolerances."""
+        goal = self._goals.get(identity)
+        if goal is not None and reason is not None:
+            self._end(goal, error_code_of(arrival), reason.sentence)
+
+    def look(self) -> None:
+        """Tell how far a goal is, end those that are reached, stop those that are cancelled."""
+        for identity, goal in list(self._goals.items()):
+            if goal.done and not self._planner.settles(identity):
+                self._end(goal, SUCCESSFUL, 'the arms have come to the goal')
+            elif goal.handle.is_cancel_requested:
+                self._stop(goal)
+        running = next(
+            (goal for identity, goal in self._goals.items() if self._planner.settles(identity)), None
+        )
+        followed = self._planner.followed() if running is not None else None
+        if running is not None and followed is not None and followed.cycle > self._told:
+            self._told = followed.cycle
+            running.handle.publish_feedback(self._feedback(followed))
+
+    def _feedback(self, followed: Followed) -> Any:
+        feedback = self._action.Feedback()
+        stamp = feedback.header.stamp
+        stamp.sec, stamp.nanosec = self._cycles.stamp(followed.cycle)
+        feedback.joint_names = list(DRIVES)
+        feedback.desired = _point(followed.time_s, *followed.due)
+        feedback.actual = _point(followed.time_s, *followed.actual)
+        feedback.error = _point(followed.time_s, *(followed.due[:2] - followed.actual))
+        return feedback
+
+    # cancel -----------------------------------------------------------------------------------------------------------
+
+    def _on_cancel(self, handle: Any) -> Any:
+        """Let a goal be cancelled unless somebody else has control of the robot; the next look does it."""
+        try:
+            self._planner.require_control(self._operators.request('trajectory', ''))
+        except RefusedError as error:
+            self._log.error(f'a goal is not cancelled: {error}')
+            return CancelResponse.REJECT
+        return CancelResponse.ACCEPT
+
+    def _stop(self, goal: _Goal) -> None:
+        """Stop a goal on its path, or take its request back while it is planned; once in each of these states."""
+        if goal.done:
+            self._end(goal, SUCCESSFUL, 'cancelled at the end of the trajectory')
+        elif goal.stopped is not goal.accepted:
+            goal.stopped = goal.accepted
+            if goal.accepted:
+                stop = self._operators.request('trajectory', TrajectoryRequest(0.0, []).to_json())
+            else:
+                stop = self._operators.request('withdraw', str(goal.request.number))
+            self._operators.pass_on(stop)
+
+    # ends -------------------------------------------------------------------------------------------------------------
+
+    def _end(self, goal: _Goal, error_code: str, sentence: str) -> None:
+        if self._goals.pop(goal.request.identity, None) is not None:
+            self._finish(goal.handle, error_code, sentence)
+
+    def _finish(self, handle: Any, error_code: str, sentence: str) -> None:
+        if handle.is_cancel_requested and error_code in (SUCCESSFUL, INVALID_GOAL):
+            error_code = SUCCESSFUL
+            handle.canceled()
+        elif error_code == SUCCESSFUL:
+            handle.succeed()
+        else:
+            handle.abort()
+        result = self._action.Result()
+        result.error_code, result.error_string = getattr(result, error_code), sentence
+        self._server.end(handle, result)
+
+
+def _point(time_s: float, *rows: Any) -> JointTrajectoryPoint:
+    """Return angles, speeds and accelerations, as far as they are known, as a message."""
+    point = JointTrajectoryPoint()
+    since = point.time_from_start
+    since.sec, since.nanosec = divmod(round(time_s * NANOSECONDS), NANOSECONDS)
+    for field, row in zip(('positions', 'velocities', 'accelerations'), rows, strict=False):
+        setattr(point, field, row.tolist())
+    return point
