@@ -3,6 +3,7 @@
 The view is an operator like ``delta3 move``, in a process of its own.
 """
 
+import faulthandler
 import json
 import signal
 import time
@@ -14,8 +15,17 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from delta3_pacdrive import interrupts
+from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.controller.messages import STOPS
-from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError
+from delta3_pacdrive.errors import (
+    Code,
+    Delta3Error,
+    ProgramError,
+    RefusedError,
+    RunError,
+    RunInterruptedError,
+    shown,
+)
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -26,9 +36,10 @@ from delta3_pacdrive.view.jog import (
     DIRECTIONS,
     JOG_ACCELERATION_M_S2,
     JOG_JERK_M_S3,
-    Button,
+    Jog,
     Turn,
     edge,
+    parse,
 )
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.values import Wish
@@ -37,8 +48,12 @@ PICTURE_S = 1.0 / PICTURES_HZ
 UNSEEN_S = 0.1  # between two looks at the robot while nobody watches: only the plots go on
 FACTS_S = 0.2
 APPEAR_S = 10.0  # for a robot to be found, unless one is being brought up
+SETS_OFF = ('start', 'resume')
 GONE_S = 2.0  # without a browser, after which what the page has set off is held: a page may be loaded anew meanwhile
 RELEASE_S = 0.5  # standing, after which the page gives control back
+CLOSE_S = 10.0  # for the node to leave the graph
+CLEARED_S = 1.0  # until a queue that was cleared is told to be empty
+IN_MOTION = ('moving', 'stopping')
 NAME = 'delta3 view'
 
 
@@ -60,13 +75,14 @@ class LiveView:
         self._page, self._robot, self._process = page, robot, process
         self._operator = robot.operator
         self._operator.show = page.tell
-        self._button = Button()
-        self._jog_speed = 0.05
+        self._jog = Jog()
+        self._jog_speed_m_s = 0.05
         self._session = ''
         self._planned = 0  # changes of the path that is drawn
         self._drawn_s = self._read_s = 0.0
         self._moving_s = self._watched_s = time.monotonic()
-        self._urgent = False
+        self._urgent = False  # whether what is waited for must not be interrupted
+        self._stops: set[str] = set()  # that are asked for now
         self._wishes: list[Wish] = []
         self._stopping = False
 
@@ -95,9 +111,11 @@ class LiveView:
 
     def _end(self) -> None:
         """Hold what the page has set off, and give control back."""
+        if not self._operator.in_control:
+            return
+        with suppress(Delta3Error):  # of a robot that stands
+            self._operator.call('hold')
         with suppress(Delta3Error):
-            if self._operator.in_control and self._operator.state == 'moving':
-                self._operator.call('hold')
             self._operator.release_control()
 
     def spin_for(self, seconds: float) -> None:
@@ -112,7 +130,7 @@ class LiveView:
                 self._drawn_s = now
                 self._draw(now)
             self._sort()
-            if self._stopping and not self._urgent:
+            if self._stopping and not self._urgent and not self._jog.may_move:
                 raise RunInterruptedError(interrupts.sentence(interrupts.asked() or signal.SIGINT))
             if now >= end:
                 return
@@ -142,36 +160,77 @@ class LiveView:
 
     def _sort(self) -> None:
         """Take wishes from the page: beats of a button count at once, stops overtake all others."""
-        now = time.monotonic()
         while self._page.wishes:
             wish = self._page.wishes.popleft()
             if wish.action == 'press':
-                direction, speed = wish.text.split()
-                self._jog_speed = 1e-3 * float(speed)
-                self._button.beat(direction, now)
+                self._press(wish)
             elif wish.action in STOPS:  # they wait for nothing that is under way
                 self._wishes.clear()
-                self._button.drop()
+                self._jog.drop()
                 self._stop(wish)
+                self._show_override()
             else:
-                self._wishes.append(wish)
-        turn = self._button.look(now)
-        if turn is Turn.PRESSED:
-            self._wishes.append(Wish('jog', self._button.direction))
-        elif turn is Turn.RELEASED:
-            self._stop(Wish('abort'), quiet=True)
+                self._append(wish)
+        if self._stopping:
+            self._jog.drop()
+        turn = self._jog.look(time.monotonic())
+        self._wishes = [w for w in self._wishes if w.action != 'jog' or self._jog.wants(int(w.text))]
+        if turn is Turn.SET_OFF:
+            self._wishes.append(Wish('jog', str(self._jog.number)))
+        elif turn is Turn.STOP:
+            self._stop_jog()
 
-    def _stop(self, wish: Wish, quiet: bool = False) -> None:
-        """Stop the robot, in the middle of whatever else is being waited for."""
+    def _press(self, wish: Wish) -> None:
+        try:
+            direction, (speed,) = parse(wish.text, 1)
+        except ProgramError as error:
+            self._page.tell(str(error), refused=True)
+            return
+        self._jog_speed_m_s = 1e-3 * speed
+        self._jog.beat(direction, wish.time_s)
+
+    def _append(self, wish: Wish) -> None:
+        """Let a wish wait for its turn; of several overrides only the newest counts."""
+        actions = [waiting.action for waiting in self._wishes]
+        if wish.action == 'override' and 'override' in actions:
+            self._wishes[actions.index('override')] = wish
+        else:
+            self._wishes.append(wish)
+
+    def _stop(self, wish: Wish) -> None:
+        """Stop the robot, in the middle of whatever else is being waited for, and show what it answers."""
+        try:
+            self._ask_for_stop(wish.action)
+        except (RunError, ProgramError) as error:
+            self._page.tell(str(error), refused=True)
+
+    def _ask_for_stop(self, action: str) -> None:
+        """Ask for a stop, unless somebody waits for the same one already, and show that it was accepted."""
+        if action in self._stops:
+            return
+        self._stops.add(action)
+        try:
+            self._page.tell(self._uninterrupted(action))
+        finally:
+            self._stops.remove(action)
+
+    def _stop_jog(self) -> None:
+        """Stop what was set off by a button; without an answer it is asked for again while the robot may move."""
+        try:
+            with suppress(ProgramError):  # it stands already
+                self._ask_for_stop('abort')
+        except RunError as error:
+            self._page.tell(str(error), refused=True)
+            if self._robot.here and self._operator.progress['state'] in IN_MOTION:
+                self._jog.unheard()
+                return
+        self._jog.stopped(time.monotonic())
+
+    def _uninterrupted(self, action: str) -> str:
+        """Ask for something whose outcome has to be known, even if a signal asks for the end meanwhile."""
         before, self._urgent = self._urgent, True
         try:
-            operator = self._operator
-            self._page.tell(
-                operator.enable(False) if wish.action == 'disable' else operator.call(wish.action)
-            )
-        except (RunError, ProgramError) as error:
-            if not quiet:
-                self._page.tell(str(error), refused=True)
+            return self._operator.call(action)
         finally:
             self._urgent = before
 
@@ -181,11 +240,27 @@ class LiveView:
         except RunInterruptedError:
             raise
         except Delta3Error as error:
-            self._button.drop()
+            if wish.action == 'jog':
+                self._fail_jog(int(wish.text), error)
+            elif wish.action == 'override':
+                self._show_override()
             self._page.tell(str(error), refused=True)
             return
         if sentence:
             self._page.tell(sentence)
+
+    def _fail_jog(self, number: int, error: Delta3Error) -> None:
+        """Take note that a press came to nothing, or that nobody knows what came of it."""
+        silent = isinstance(error, RefusedError) and error.reason.code is Code.SILENT
+        if silent or isinstance(error, RunError):
+            self._jog.lost(number)
+        else:
+            self._jog.refused(number)
+
+    def _show_override(self) -> None:
+        """Let the slider stand where the robot's override is, whatever was asked for."""
+        if self._page.controls is not None:
+            self._page.controls.show_override()
 
     def _done(self, wish: Wish) -> str:
         """Carry a wish out; return the answer."""
@@ -194,25 +269,34 @@ class LiveView:
             return operator.inject(text)
         if wish.action == 'teach':
             return self._teach(text)
+        if wish.action == 'forget':
+            return self._forget()
+        if wish.action == 'jog' and not self._jog.wants(int(text)):
+            return ''
         if not operator.in_control:
             operator.take_control(NAME, wish.by_force)
         self._moving_s = time.monotonic()
         if wish.action == 'packaged':
-            return operator.send_program(program_file.find(text).read_text(encoding='utf-8'))
+            return operator.send_program(self._packaged(text))
         if wish.action == 'program':
             return operator.send_program(text)
         if wish.action == 'override':
             return operator.override(float(text))
-        if wish.action == 'enable':
-            return operator.enable(True)
         if wish.action == 'step':
-            direction, step, speed = text.split()
-            way = 1e-3 * float(step) * np.array(DIRECTIONS[direction])
-            self._send_line({'by_m': way.tolist()}, 1e-3 * float(speed))
-            return operator.call('start')
+            return self._step(text)
         if wish.action == 'jog':
-            return self._jog(text)
+            return self._set_jog_off(int(text))
+        if wish.action in SETS_OFF:
+            return self._uninterrupted(wish.action)
         return operator.call(wish.action)
+
+    def _packaged(self, name: str) -> str:
+        if name not in program_names():  # a page may ask for anything
+            raise ProgramError(f'there is no packaged program {shown(name)}')
+        try:
+            return program_file.find(name).read_text(encoding='utf-8')
+        except OSError as error:
+            raise ProgramError(f'the program {name} cannot be read: {error.strerror}') from None
 
     def _send_line(self, to: Any, speed_m_s: float) -> None:
         """Send a slow straight line that ends softly wherever it is stopped."""
@@ -226,24 +310,49 @@ class LiveView:
         }
         self._operator.send_program(json.dumps({'moves': [{'move_l': {'to_m': to, **limits}}]}))
 
-    def _jog(self, direction: str) -> str:
+    def _step(self, text: str) -> str:
+        direction, (step, speed) = parse(text, 2)
+        way = 1e-3 * step * np.array(DIRECTIONS[direction])
+        self._send_line({'by_m': way.tolist()}, 1e-3 * speed)
+        return self._start_line()
+
+    def _set_jog_off(self, number: int) -> str:
         """Set off for the edge of the workspace; whoever lets the button go stops that on the way."""
-        if self._button.direction != direction:
+        jog = self._jog
+        to = edge(self._place(), jog.direction, self._robot.parameters.kinematics)
+        self._send_line(to.tolist(), self._jog_speed_m_s)
+        if not jog.start(number):
+            self._take_line_back()
             return ''
-        to = edge(self._place(), direction, self._robot.parameters.kinematics)
-        self._send_line(to.tolist(), self._jog_speed)
-        if self._button.direction != direction:
-            return self._operator.call('clear')
-        sentence = self._operator.call('start')
-        if self._button.direction != direction:
-            self._operator.call('abort')
+        sentence = self._start_line()
+        jog.accepted(number)
         return sentence
+
+    def _start_line(self) -> str:
+        """Start a line that was sent; one that is refused does not stay in the queue for whoever starts next."""
+        try:
+            return self._uninterrupted('start')
+        except ProgramError:
+            self._take_line_back()
+            raise
+
+    def _take_line_back(self) -> None:
+        with suppress(Delta3Error):
+            self._uninterrupted('clear')
+            self._operator.wait_until(self._queue_is_empty, 'word of an empty queue', CLEARED_S)
+
+    def _queue_is_empty(self) -> bool:
+        queue = self._operator.queue
+        return queue is None or not queue.moves
 
     def _place(self) -> Floats:
         """Return where the robot stands [m]; raises RunError if it is not there."""
         if not self._robot.here:
             raise RunError('there is no robot')
-        return np.array(self._operator.progress['tcp_m'], dtype=np.float64)
+        place = np.array(self._operator.progress['tcp_m'], dtype=np.float64)
+        if not np.isfinite(place).all():
+            raise RunError('nobody knows where the robot is: its arms close no chain')
+        return place
 
     def _teach(self, name: str) -> str:
         if not name.strip() or not name.isprintable():
@@ -253,12 +362,17 @@ class LiveView:
             self._page.controls.teach(name.strip(), (x, y, z))
         return f'{name.strip()} is at ({1e3 * x:.3f}, {1e3 * y:.3f}, {1e3 * z:.3f}) mm'
 
+    def _forget(self) -> str:
+        if self._page.controls is not None:
+            self._page.controls.forget()
+        return 'all points are forgotten'
+
     def _give_back(self) -> None:
         """Hold the robot when nobody looks any more, and give control back once it stands."""
         now = time.monotonic()
         if not self._operator.in_control:
             return
-        if self._operator.state in ('moving', 'stopping'):
+        if self._operator.state in IN_MOTION or self._jog.may_move:
             self._moving_s = now
             if self._operator.state == 'moving' and now - self._watched_s > GONE_S:
                 self._stop(Wish('hold'))
@@ -300,5 +414,8 @@ def run(page: Page, parameters: Parameters, namespace: str, patience_s: float = 
         with interrupts.answered_by(view.stop):
             view.run(patience_s)
     finally:
+        # rclpy was seen to spin in there for ever, where neither signals nor threads of Python come to their turn
+        faulthandler.dump_traceback_later(CLOSE_S, exit=True)
         process.close()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()

@@ -24,6 +24,7 @@ _NUMBERS = (
     'master_m', 'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
     'lost_telegrams', 'repeated_telegrams', 'control',
 )  # fmt: skip
+NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
 _TYPES: dict[str, tuple[type, ...]] = (
     dict.fromkeys(_TEXTS, (str,)) | dict.fromkeys(_FLAGS, (bool,)) | dict.fromkeys(_NUMBERS, (int, float))
 )
@@ -39,6 +40,11 @@ def read_progress(text: str) -> dict[str, Any] | None:
         return None
     place = facts.get('tcp_m')
     if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, (int, float)) for x in place):
+        return None
+    # JSON as Python reads it knows Infinity; where the arms close no chain the place, and it alone, is nan
+    if any(abs(x) > NUMBER_MAX for x in place):
+        return None
+    if not all(abs(facts[key]) < NUMBER_MAX for key in _NUMBERS if isinstance(facts.get(key), (int, float))):
         return None
     return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None
 

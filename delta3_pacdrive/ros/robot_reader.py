@@ -6,6 +6,7 @@ thousand times a second.
 """
 
 import json
+import math
 import time
 from contextlib import suppress
 from typing import Any
@@ -41,6 +42,16 @@ TELL_PARAMETERS = {
     'transformation_task': 'transformation_task',
 }  # kinds
 OVERLOAD = 'overload_s'
+
+
+def _plain(names: list[str], response: Any) -> dict[str, Any]:
+    """Return parameters by their names as a node has answered them; raises RuntimeError for a type that is none."""
+    values = [parameter_value_to_python(told) for told in response.values] if response else []
+    return {
+        name: value if isinstance(value, (bool, int, float, str)) else list(value)
+        for name, value in zip(names, values, strict=False)
+        if value is not None
+    }
 
 
 class RobotReader:
@@ -133,7 +144,7 @@ class RobotReader:
             queue=queue.moves if queue else 0,
             working=queue.working if queue else '',
             operator=p['operator'],
-            payload_kg=p['payload_kg'],
+            payload_kg=min(max(p['payload_kg'], 0.0), core.PAYLOAD_MAX_KG),
             outputs=int(p['outputs']),
         )
 
@@ -143,13 +154,14 @@ class RobotReader:
             if number == status.name or number not in ('1', '2', '3'):
                 continue
             facts = {item.key: item.value for item in status.values}
-            with suppress(ValueError, TypeError):
+            # anybody may publish there
+            with suppress(ValueError, TypeError, RecursionError):
                 warnings = tuple(str(text) for text in json.loads(facts.get('warnings', '[]')))
+                overload_s = float(facts.get(OVERLOAD, 0.0))
                 index = int(number) - 1
                 self._drives[index] = DriveFacts(facts.get('state', ''), facts.get('brake', ''), warnings)
-                self._overload[index] = (
-                    float(facts.get(OVERLOAD, 0.0)) / self.parameters.drive.overload_time_s
-                )
+                if math.isfinite(overload_s):
+                    self._overload[index] = overload_s / self.parameters.drive.overload_time_s
 
     def _on_plan(self, data: bytes) -> None:
         with suppress(Delta3Error, RuntimeError, ValueError, UnicodeDecodeError):  # a foreign writer
@@ -171,11 +183,8 @@ class RobotReader:
         answers, self._answers = self._answers, {}
         plain: dict[str, Any] = {}
         for names, answer in answers.values():
-            response = answer.result()
-            for name, told in zip(names, response.values if response else (), strict=False):
-                value = parameter_value_to_python(told)
-                if value is not None:
-                    plain[name] = value if isinstance(value, (bool, int, float, str)) else list(value)
+            with suppress(RuntimeError):  # an answer that cannot be read is none
+                plain |= _plain(names, answer.result())
         try:
             found = core.from_flat(plain)
         except Delta3Error:

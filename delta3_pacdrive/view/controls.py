@@ -4,7 +4,9 @@ Every click becomes a ``Wish``; who carries them out, and answers, is not known 
 """
 
 import json
+import math
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 from delta3_pacdrive.configuration.packaged import program_names
@@ -38,6 +40,7 @@ class Controls:
         self._gui, self._take = gui, wish
         self._points: dict[str, tuple[float, float, float]] = {}
         self._said: list[tuple[str, bool]] = []
+        self._telling = Lock()  # what is wrong with a file is told by a thread of the page
         self._override_shown = 1.0
         stop = gui.add_button('EMERGENCY STOP', color='red', icon='hand-stop')
         stop.on_click(lambda _: self._ask('emergency_stop'))
@@ -119,10 +122,11 @@ class Controls:
         gui.add_button('Teach this point', icon='map-pin').on_click(
             lambda _: self._ask('teach', self._name.value)
         )
-        gui.add_button('Forget all points', icon='trash').on_click(lambda _: self._forget())
+        gui.add_button('Forget all points', icon='trash').on_click(lambda _: self._ask('forget'))
         self._taught = gui.add_html('')
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """Forget all points."""
         self._points.clear()
         self._taught.content = ''
 
@@ -183,8 +187,13 @@ class Controls:
 
     def tell(self, sentence: str, refused: bool) -> None:
         """Show the answer to a wish."""
-        self._said = [*self._said[1 - ANSWERS :], (sentence, refused)]
-        self._answers.content = readout.answers(self._said)
+        with self._telling:
+            self._said = [*self._said[1 - ANSWERS :], (sentence, refused)]
+            self._answers.content = readout.answers(self._said)
+
+    def show_override(self) -> None:
+        """Let the slider go where the override of the robot is, with the next facts."""
+        self._override_shown = math.nan
 
     def show(self, facts: Facts) -> None:
         """Let the slider follow the override, whoever has set it."""

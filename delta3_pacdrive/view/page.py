@@ -29,7 +29,8 @@ HISTORY_S = 30.0  # of the path travelled; plots show as much at most
 GHOST_FAR_M = 0.4  # a ghost goes no further away, however much its error is magnified
 GHOST_NEAR_M = 5e-4  # nearer it would only tint the robot
 GHOSTS = ('command', 'true', 'none')
-MAGNIFIED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+MAGNIFIED = ('1', '2', '5', '10', '20', '50', '100', '200', '500', '1000')
+WINDOWS_S = ('2', '5', '10', '30')  # that plots show
 
 
 class Page:
@@ -75,6 +76,7 @@ class Page:
         self.rows: Callable[[float], Floats] = self._history.last
         self._read_s = self._plot_s = 0.0
         self._facts = Facts()
+        self._seconds = self._magnification = 10.0
         gui = self.server.gui
         gui.configure_theme(control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
@@ -117,8 +119,8 @@ class Page:
         """Add what everybody may choose, however the robot moves."""
         with gui.add_folder('Look', expand_by_default=False):
             self._ghost = gui.add_dropdown('ghost', GHOSTS, hint='what stands beside the actual pose')
-            self._magnified = gui.add_dropdown('error x', tuple(map(str, MAGNIFIED)), initial_value='100')
-            self._window = gui.add_dropdown('plots, s', ('2', '5', '10', '30'), initial_value='10')
+            self._magnified = gui.add_dropdown('error x', MAGNIFIED, initial_value='100')
+            self._window = gui.add_dropdown('plots, s', WINDOWS_S, initial_value='10')
             self._boxes = {
                 name: gui.add_checkbox(name, True)
                 for name in ('workspace', 'planned path', 'travelled path', 'labels')
@@ -135,7 +137,10 @@ class Page:
         figure.travelled.visible = boxes['travelled path'].value
         for handle in (*figure.labels, *figure.axes):
             handle.visible = boxes['labels'].value
-        self._seconds = float(self._window.value)
+        if self._window.value in WINDOWS_S:  # a page may say anything
+            self._seconds = float(self._window.value)
+        if self._magnified.value in MAGNIFIED:
+            self._magnification = float(self._magnified.value)
         self.server.gui.configure_theme(
             control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE,
             dark_mode=self._dark.value,
@@ -210,7 +215,7 @@ class Page:
             away = instant.true_m - tcp
         if away is None or not np.isfinite(away).all():
             return None
-        away = float(self._magnified.value) * away
+        away = self._magnification * away
         length = float(np.linalg.norm(away))
         if length < GHOST_NEAR_M:
             return None

@@ -2,6 +2,9 @@
 
 import time
 from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,8 @@ from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 
 PICTURE_S = 1.0 / PICTURES_HZ
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+WORDS = tuple(f'{value:g}' for value in SPEEDS)
+STEPS = ('-1', '+1')  # cycles
 SLIDER_S = 0.1  # between two updates of the slider while it plays
 PLAN_POINTS = 2000
 ROWS_MAX = 1500  # of plots: more than there are pixels
@@ -51,7 +56,7 @@ class Clock:
 
     def seek(self, time_s: float) -> None:
         """Show another time."""
-        self.time_s = min(max(time_s, self.first_s), self.last_s)
+        self.time_s = max(self.first_s, min(self.last_s, time_s))  # nan is the end
 
 
 class Film:
@@ -171,7 +176,7 @@ def overload_of(ratio: Floats, period_s: float) -> Floats:
     Parameters
     ----------
     ratio
-        Current over nominal current, shape (n, 3).
+        Current over nominal current, shape (n, 3); nan where it is not known: the integral stays as it was.
     period_s
         Time between two of them [s].
 
@@ -185,7 +190,8 @@ def overload_of(ratio: Floats, period_s: float) -> Floats:
     for axis in range(ratio.shape[1]):
         load = 0.0
         for n in range(len(ratio)):
-            load = overload_after(load, ratio[n, axis], period_s)
+            if np.isfinite(ratio[n, axis]):
+                load = overload_after(load, ratio[n, axis], period_s)
             found[n, axis] = load
     return found
 
@@ -208,23 +214,31 @@ class Player:
         self.clock = Clock(first, last)
         self._stopping = False
         self._slid_s = 0.0
+        self._asked: deque[Callable[[], None]] = deque()  # by the threads of the page; the loop does it
         gui: Any = page.server.gui
         with page.top:
             self._slider = gui.add_slider('time s', first, max(last, first + 1e-3), 1e-3, first)
-            buttons = gui.add_button_group('play', ('Play', 'Pause', '-1', '+1', 'Begin'))
-            speed = gui.add_dropdown('speed', tuple(f'{value:g}' for value in SPEEDS), initial_value='1')
+            buttons = gui.add_button_group('play', ('Play', 'Pause', *STEPS, 'Begin'))
+            speed = gui.add_dropdown('speed', WORDS, initial_value='1')
             again = gui.add_checkbox('again and again', True)
         self._slider.on_update(self._slide)
-        buttons.on_click(lambda event: self._press(event.target.value))
-        speed.on_update(lambda _: setattr(self.clock, 'speed', float(speed.value)))
-        again.on_update(lambda _: setattr(self.clock, 'again', again.value))
+        buttons.on_click(lambda event: self._asked.append(partial(self._press, event.target.value)))
+        speed.on_update(lambda _: self._asked.append(partial(self._run_at, speed.value)))
+        again.on_update(lambda _: self._asked.append(partial(setattr, self.clock, 'again', again.value)))
         page.rows = lambda seconds: film.before(self.clock.time_s, seconds)
         page.plan(film.path())
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # the clock moves it as well
-            self.clock.playing = False
-            self.clock.seek(float(self._slider.value))
+            self._asked.append(partial(self._show, float(self._slider.value)))
+
+    def _show(self, time_s: float) -> None:
+        self.clock.playing = False
+        self.clock.seek(time_s)
+
+    def _run_at(self, text: str) -> None:
+        if text in WORDS:  # a page may say anything
+            self.clock.speed = float(text)
 
     def _press(self, word: str) -> None:
         clock, film = self.clock, self._film
@@ -234,7 +248,7 @@ class Player:
         clock.playing = False
         if word == 'Begin':
             clock.seek(clock.first_s)
-        elif word != 'Pause':
+        elif word in STEPS:
             row = min(max(film.row(clock.time_s) + int(word), 0), len(film.time_s) - 1)
             clock.seek(float(film.time_s[row]))
 
@@ -250,6 +264,8 @@ class Player:
             now = time.monotonic()
             self.clock.advance(now - then)
             then = now
+            while self._asked:
+                self._asked.popleft()()
             self._draw(now)
 
     def _draw(self, now: float) -> None:

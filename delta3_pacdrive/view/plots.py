@@ -7,7 +7,7 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.view.values import AXES
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b')
 LINE = '#868e96'  # of axes and grids: it can be read on white and on black
@@ -16,11 +16,11 @@ WIDTH, HEIGHT = 470, 130
 _XYZ = ('x', 'y', 'z')
 PLOTS = {
     'TCP error': (0, _XYZ, 'mm'),
-    'following error': (3, AXES, 'mdeg'),
-    'torque': (6, AXES, 'N m'),
-    'current': (9, AXES, 'A'),
+    'following error': (3, DRIVES, 'mdeg'),
+    'torque': (6, DRIVES, 'N m'),
+    'current': (9, DRIVES, 'A'),
     'TCP': (12, _XYZ, 'mm'),
-    'arms': (15, AXES, 'deg'),
+    'arms': (15, DRIVES, 'deg'),
     'speed': (18, ('TCP',), 'm/s'),
 }
 COLUMNS = 19

@@ -31,6 +31,27 @@ def is_here(host: str) -> bool:
         return False
 
 
+def own_names(host: str) -> frozenset[str]:
+    """Return the names by which browsers may call the machine that serves a page at an address."""
+    names = {'localhost'}
+    if not is_here(host):
+        own = socket.gethostname()
+        names |= {host, own, f'{own.partition(".")[0]}.local'}
+        with contextlib.suppress(OSError):
+            found = socket.getaddrinfo(own, None, flags=socket.AI_CANONNAME)
+            names |= {canonical for _, _, _, canonical, _ in found if canonical}
+    return frozenset(name.lower() for name in names if name)
+
+
+def _is_ours(name: str, host: str, names: frozenset[str]) -> bool:
+    """Whether a browser that calls the machine by a name, or by an address, can only mean this page."""
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        return name.lower() in names  # any other name may be one of a stranger that leads to this machine
+    return address.is_loopback or not is_here(host)
+
+
 def require_viser() -> None:
     """Raise RunError if the library of the page is not installed."""
     import importlib.util
@@ -71,10 +92,11 @@ def taken(host: str, port: int, reason: str) -> RunError:
     return RunError(f'cannot serve the page on port {port} of {shown(host)}: {reason}')
 
 
-def is_foreign(origin: str | None, asked: str, host: str) -> bool:
+def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str]) -> bool:
     """Whether a connection comes from a page that is not ours.
 
     Browsers let every page that is open in them connect to this machine, and tell only in ``Origin`` whose page it is.
+    A stranger who lets a name of his lead to this machine has the same name in both.
 
     Parameters
     ----------
@@ -84,13 +106,17 @@ def is_foreign(origin: str | None, asked: str, host: str) -> bool:
         Name and port that the browser believes to talk to, its ``Host``.
     host
         Where the page is served.
+    names
+        As ``own_names`` has them.
 
     """
     if origin is None:
         return False
-    # a name of somebody else that leads to this machine would be the same in both
-    renamed = is_here(host) and not is_here(urlsplit(f'//{asked}').hostname or '')
-    return renamed or urlsplit(origin).netloc != asked
+    try:
+        name, whose = urlsplit(f'//{asked}').hostname or '', urlsplit(origin).netloc
+    except ValueError:
+        return True
+    return whose != asked or not _is_ours(name, host, names)
 
 
 @contextlib.contextmanager
@@ -99,12 +125,12 @@ def own_pages_only(host: str) -> Iterator[None]:
     import importlib
 
     server: Any = importlib.import_module('websockets.asyncio.server')
-    plain = server.serve
+    plain, names = server.serve, own_names(host)
 
     def serve(*arguments: Any, process_request: Any, **options: Any) -> Any:
         def judged(connection: Any, request: Any) -> Any:
             headers = request.headers
-            if is_foreign(headers.get('Origin'), headers.get('Host', ''), host):
+            if is_foreign(headers.get('Origin'), headers.get('Host', ''), host, names):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
             return process_request(connection, request)
 

@@ -1,12 +1,11 @@
 """What the page shows, and what people ask for on it, as plain values."""
 
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-
-AXES = ('axis1', 'axis2', 'axis3')
 
 
 def _zeros() -> Floats:
@@ -121,15 +120,20 @@ class Wish:
     Attributes
     ----------
     action
-        As ``delta3 move`` has it; besides ``step`` (x, y, z in m), ``press`` (a direction such as +x), ``inject``
-        (a fault in YAML) and ``teach`` (a name).
+        As ``delta3 move`` has it; besides ``packaged`` (name of a program), ``program`` (its text), ``step`` (a
+        direction such as +x, a distance [mm] and a speed [mm/s]), ``press`` (a beat of a button that is held: direction
+        and speed), ``jog`` (number of the press that sets off), ``inject`` (a fault in YAML), ``teach`` (a name) and
+        ``forget``.
     text
         What belongs to it.
     by_force
         Whether control of the robot is taken over from somebody else.
+    time_s
+        When it was asked for, on the clock that never jumps.
 
     """
 
     action: str
     text: str = ''
     by_force: bool = False
+    time_s: float = field(default_factory=time.monotonic, compare=False)

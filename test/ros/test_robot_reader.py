@@ -1,17 +1,25 @@
-"""Facts about what a view knows of a robot that it joins in the middle of a program."""
+"""Facts about what a view knows of a robot: also if it joins late; what strangers publish neither ends it nor counts."""
 
+import json
 from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
+from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.controller.messages import ORDER, Origin
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.ros.qos import PLAN_WRITER, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.ros.robot_reader import RobotReader
+from delta3_pacdrive.ros.robot_reader import TELL_PARAMETERS, RobotReader
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -73,3 +81,98 @@ def test_markers_that_are_started_in_the_middle_of_a_program_show_the_whole_path
     send(graph, B)
     graph.spin_until(lambda: come_near(path(), B), 'the longer path')
     assert come_near(path(), ROBOT.motion.home_m, A, B)
+
+
+NOT_KNOWN = 99  # type of a parameter
+
+
+@pytest.fixture
+def reader(graph: Any) -> RobotReader:
+    return RobotReader(graph.add(OperatorNode, graph.spin_for), ROBOT)
+
+
+def diagnostics(**values: str) -> DiagnosticArray:
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticArray(status=[DiagnosticStatus(name='/mc4_drive_1', values=pairs)])
+
+
+def progress(**values: Any) -> String:
+    facts = dict.fromkeys(
+        ('session', 'phase', 'waiting', 'fault', 'fault_code', 'fault_source', 'state', 'operator'), 'x'
+    )
+    facts |= dict.fromkeys(('finished', 'in_torque', 'enabled'), False)
+    facts |= dict.fromkeys(
+        ('fault_number', 'fault_cycle', 'cycles', 'move', 'moves', 'outputs', 'control'), 0
+    )
+    facts |= dict.fromkeys(('bus_time_s', 'wall_time_s', 'end_s', 'remaining_s', 'master_m', 'slip_s'), 0.0)
+    facts |= dict.fromkeys(('master_speed_m_s', 'rate', 'payload_kg', 'following_error_rad'), 0.0)
+    facts |= dict.fromkeys(('overruns', 'lost_telegrams', 'repeated_telegrams'), 0)
+    return String(data=json.dumps(facts | {'tcp_m': [0.0, 0.0, -0.75], 'operator_identity': ''} | values))
+
+
+def test_diagnostics_of_strangers_are_not_believed(graph: Any, reader: RobotReader) -> None:
+    said = graph.listener.create_publisher(DiagnosticArray, '/diagnostics', REPORT)
+    told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
+    graph.spin_until(lambda: said.get_subscription_count() and told.get_subscription_count(), 'the reader')
+    for warnings in ('[' * 100_000, '1', 'null', '{', '[' * 900 + ']' * 900):
+        said.publish(diagnostics(state='bad', warnings=warnings))
+    for overload in ('nan', '1e999', '[]', ''):
+        said.publish(diagnostics(state='bad', overload_s=overload))
+    said.publish(diagnostics(state='ENABLED', brake='free', warnings='["hot"]', overload_s='0.1'))
+
+    def drive() -> Any:
+        told.publish(progress())
+        return reader.facts().drives[0] if reader.here else None
+
+    graph.spin_until(lambda: (found := drive()) and found.state == 'ENABLED', 'the drive itself')
+    assert drive().warnings == ('hot',)
+
+
+def test_numbers_that_no_robot_has_end_no_page(graph: Any, reader: RobotReader) -> None:
+    told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
+    graph.spin_until(told.get_subscription_count, 'the reader')
+    for value in (float('inf'), float('nan'), 10**400, -1e300):
+        told.publish(progress(cycles=value))
+        told.publish(progress(tcp_m=[10**400, 0.0, 0.0]))
+    told.publish(progress(cycles=17, payload_kg=1e9, outputs=-1))
+    graph.spin_until(lambda: reader.here, 'a report')
+    facts = reader.facts()
+    assert (facts.cycle, facts.payload_kg) == (17, parameters.PAYLOAD_MAX_KG)
+
+
+def test_plans_that_are_none_leave_the_path_as_it_was(graph: Any, reader: RobotReader) -> None:
+    plan = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN_WRITER)
+    told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
+    graph.spin_until(lambda: plan.get_subscription_count() and told.get_subscription_count(), 'the reader')
+    for row in ([], [1e308] * 80, [float('nan')] * 80, [2.0, 0, 1, 1, 1e9, 1e9, 0, 1, 0, 0]):
+        plan.publish(numbers(row, Origin('LINE', 'p', 's', 1).label()))
+    plan.publish(numbers([], 'no label'))
+    plan.publish(numbers([-1.0, 1.0, 0.0], Origin(ORDER, 'p', 's', 1).label()))
+    told.publish(progress())
+    graph.spin_until(lambda: reader.here, 'a report')
+    graph.spin_for(0.2)
+    assert len(reader.planned.points_m) == 0
+
+
+def test_parameters_of_strangers_are_not_believed(graph: Any, reader: RobotReader) -> None:
+    asked = []
+
+    def answer(request: Any, response: Any) -> Any:
+        asked.append(request)
+        response.values = [ParameterValue(type=NOT_KNOWN)] * len(request.names)
+        return response
+
+    for node in TELL_PARAMETERS:
+        graph.listener.create_service(GetParameters, f'{node}/get_parameters', answer)
+    told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
+    graph.spin_until(told.get_subscription_count, 'the reader')
+    learned = []
+
+    def look() -> bool:
+        told.publish(progress())
+        learned.append(reader.learn())
+        return len(asked) == len(TELL_PARAMETERS) and len(learned) > 20
+
+    graph.spin_until(look, 'the answers')
+    assert not any(learned)
+    assert reader.parameters is ROBOT

@@ -235,6 +235,16 @@ def test_no_text_on_the_progress_ends_or_misleads_a_client(text: str, cell: Cell
     assert cell.operator.progress['phase'] == 'CP4'
 
 
+@pytest.mark.parametrize('value', ['Infinity', '-Infinity', 'NaN', '1e999', '1e300', '1' + 400 * '0'])
+def test_numbers_that_no_robot_has_are_none_of_its_progress(value: str, cell: Cell) -> None:
+    facts = cell.task.progress()
+    assert read_progress(json.dumps(facts)) == facts
+    for name in ('cycles', 'move', 'outputs', 'rate', 'payload_kg'):
+        assert read_progress(json.dumps(facts | {name: 'X'}).replace('"X"', value)) is None, name
+    told = read_progress(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
+    assert (told is None) is (value != 'NaN')  # there may be none: the arms close no chain
+
+
 def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_lives(cell: Cell) -> None:
     cell.operator.send_program('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.02}}]')
     cell.operator.call('start')

@@ -1,64 +1,276 @@
-"""Facts about jogging: when a button counts as held, and where a jog ends."""
+"""Facts about jogging: when a button counts as held, what was set off is stopped, and where a jog ends."""
+
+import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.view.jog import BEATS_HZ, DIRECTIONS, EDGE_M, SILENT_S, Button, Turn, edge
+from delta3_pacdrive.view.jog import (
+    BEATS_HZ,
+    DIRECTIONS,
+    EDGE_M,
+    SILENT_S,
+    STOP_AGAIN_S,
+    TRANSITIONS,
+    Jog,
+    JogEvent,
+    JogState,
+    Turn,
+    edge,
+    parse,
+)
+
+BEAT_S = 1.0 / BEATS_HZ
 
 
-def hold(button, direction, start_s, seconds):
+def hold(jog, direction, start_s, seconds):
     """Hold a button for a time; return what every look said, and the time of the last beat."""
     turns, now = [], start_s
     while now < start_s + seconds:
-        button.beat(direction, now)
-        turns.append(button.look(now))
-        now += 1.0 / BEATS_HZ
-    return turns, now - 1.0 / BEATS_HZ
+        jog.beat(direction, now)
+        turns.append(jog.look(now))
+        now += BEAT_S
+    return turns, now - BEAT_S
+
+
+def moving(direction='+x'):
+    """Return a jog that moves the robot, its button held until 0."""
+    jog = Jog()
+    hold(jog, direction, -0.1, 0.1)
+    jog.beat(direction, 0.0)
+    assert jog.start(jog.number)
+    jog.accepted(jog.number)
+    assert jog.state is JogState.MOVING
+    return jog
 
 
 def test_a_button_is_pressed_once_however_long_it_is_held():
-    button = Button()
-    turns, _ = hold(button, '+x', 10.0, 2.0)
-    assert turns[0] is Turn.PRESSED
+    jog = Jog()
+    turns, _ = hold(jog, '+x', 10.0, 2.0)
+    assert turns[0] is Turn.SET_OFF
     assert set(turns[1:]) == {Turn.NOTHING}
-    assert button.direction == '+x'
+    assert (jog.direction, jog.number) == ('+x', 1)
 
 
-def test_silence_releases_the_button_once():
-    button = Button()
-    _, last = hold(button, '-z', 0.0, 1.0)
-    assert button.look(last + SILENT_S) is Turn.NOTHING
-    assert button.look(last + SILENT_S + 0.01) is Turn.RELEASED
-    assert button.look(last + SILENT_S + 0.02) is Turn.NOTHING
-    assert button.direction == ''
+def test_silence_stops_what_was_set_off():
+    jog = moving('-z')
+    assert jog.look(SILENT_S) is Turn.NOTHING
+    assert jog.look(SILENT_S + 0.01) is Turn.STOP
+    assert jog.look(SILENT_S + 0.02) is Turn.NOTHING  # it is asked for
+    jog.stopped(SILENT_S + 0.03)
+    assert jog.look(SILENT_S + 1.0) is Turn.NOTHING
+    assert jog.state is JogState.FREE
+
+
+def test_a_stop_that_nobody_answers_is_asked_for_again():
+    jog = moving()
+    for now in (1.0, 11.0, 21.0):
+        assert jog.look(now) is Turn.STOP
+        jog.unheard()
+    assert jog.look(31.0) is Turn.STOP
+    jog.stopped(31.1)
+    assert jog.look(32.0) is Turn.NOTHING
 
 
 def test_nobody_has_pressed_a_button_that_never_beat():
-    assert Button().look(123.0) is Turn.NOTHING
+    assert Jog().look(123.0) is Turn.NOTHING
 
 
 def test_the_first_of_two_buttons_counts_until_it_is_released():
-    button = Button()
-    button.beat('+x', 0.0)
-    button.beat('-y', 0.0)
-    assert button.look(0.0) is Turn.PRESSED
-    button.beat('-y', 0.2)
-    assert button.direction == '+x'
-    assert button.look(0.3) is Turn.RELEASED
-    button.beat('-y', 0.3)
-    assert button.look(0.3) is Turn.PRESSED
-    assert button.direction == '-y'
+    jog = Jog()
+    jog.beat('+x', 0.0)
+    jog.beat('-y', 0.0)
+    assert jog.look(0.0) is Turn.SET_OFF
+    jog.beat('-y', 0.2)
+    assert jog.direction == '+x'
+    assert jog.look(0.3) is Turn.NOTHING
+    jog.beat('-y', 0.3)
+    assert jog.look(0.3) is Turn.SET_OFF
+    assert jog.direction == '-y'
 
 
 def test_what_was_refused_is_not_asked_for_again_before_the_button_was_let_go():
-    button = Button()
-    hold(button, '+x', 0.0, 0.1)
-    button.drop()
-    turns, last = hold(button, '+x', 0.1, 1.0)
+    jog = Jog()
+    hold(jog, '+x', 0.0, 0.1)
+    jog.refused(jog.number)
+    turns, last = hold(jog, '+x', 0.1, 1.0)
     assert set(turns) == {Turn.NOTHING}
-    assert button.look(last + 2 * SILENT_S) is Turn.NOTHING
-    assert hold(button, '+x', last + 2 * SILENT_S, 0.1)[0][0] is Turn.PRESSED
+    assert jog.look(last + 2 * SILENT_S) is Turn.NOTHING
+    assert hold(jog, '+x', last + 2 * SILENT_S, 0.1)[0][0] is Turn.SET_OFF
+
+
+def test_a_press_that_was_let_go_does_not_start_although_the_button_is_held_anew():
+    jog = Jog()
+    hold(jog, '+x', 0.0, 0.1)
+    first = jog.number
+    assert jog.look(1.0) is Turn.NOTHING
+    assert hold(jog, '+x', 1.0, 0.1)[0][0] is Turn.SET_OFF
+    assert not jog.start(first)
+    jog.refused(first)
+    assert jog.wants(jog.number)
+    assert jog.start(jog.number)
+
+
+def test_beats_with_a_pause_between_them_are_two_presses_however_late_somebody_looks():
+    jog = moving()
+    jog.beat('+x', 2.0)
+    jog.beat('+x', 2.1)
+    assert jog.state is JogState.STOPPING
+    assert jog.look(2.1) is Turn.STOP
+
+
+def test_what_is_let_go_while_it_starts_is_stopped_until_the_start_is_answered_and_once_more_after_that():
+    jog = Jog()
+    hold(jog, '+x', 0.0, 0.1)
+    assert jog.start(jog.number)
+    now = 1.0
+    for _ in range(3):
+        assert jog.look(now) is Turn.STOP
+        jog.stopped(now)  # refused: nothing moves yet
+        assert jog.look(now + 0.5 * STOP_AGAIN_S) is Turn.NOTHING
+        now += 1.01 * STOP_AGAIN_S
+    jog.accepted(jog.number)
+    assert jog.look(now) is Turn.STOP
+    jog.stopped(now)
+    assert (jog.state, jog.look(now + 1.0)) == (JogState.FREE, Turn.NOTHING)
+
+
+def test_a_start_that_nobody_answered_is_stopped_though_the_button_is_held():
+    jog = Jog()
+    _, last = hold(jog, '+x', 0.0, 0.1)
+    assert jog.start(jog.number)
+    jog.lost(jog.number)
+    assert jog.look(last) is Turn.STOP
+    jog.stopped(last)
+    assert set(hold(jog, '+x', last, 1.0)[0]) == {Turn.NOTHING}
+
+
+def test_a_stop_of_somebody_else_gives_a_jog_up_for_good():
+    jog = moving()
+    jog.drop()
+    assert jog.look(0.0) is Turn.STOP  # a jog that was held could be resumed
+    jog.stopped(0.0)
+    assert set(hold(jog, '+x', 0.01, 1.0)[0]) == {Turn.NOTHING}
+
+
+AT = {  # how a jog gets into each state
+    JogState.FREE: (),
+    JogState.PRESSED: (JogEvent.PRESS,),
+    JogState.STARTING: (JogEvent.PRESS, JogEvent.START),
+    JogState.MOVING: (JogEvent.PRESS, JogEvent.START, JogEvent.ACCEPT),
+    JogState.REVOKED: (JogEvent.PRESS, JogEvent.START, JogEvent.CANCEL),
+    JogState.STOPPING: (JogEvent.PRESS, JogEvent.START, JogEvent.ACCEPT, JogEvent.CANCEL),
+}
+
+
+class Bench:
+    """A jog to which events happen, at times that pass."""
+
+    def __init__(self):
+        self.jog, self.now = Jog(), 0.0
+
+    def happen(self, event):
+        jog = self.jog
+        self.now += 2.0 * SILENT_S
+        if event is JogEvent.PRESS:
+            jog.beat('+x', self.now)
+            jog.look(self.now)
+        elif event is JogEvent.CANCEL:
+            jog.drop()
+        elif event is JogEvent.SETTLE:
+            jog.stopped(self.now)
+        else:
+            does = {'start': jog.start, 'accept': jog.accepted, 'refuse': jog.refused, 'lose': jog.lost}
+            does[event](jog.number)
+        return jog.state
+
+
+@pytest.mark.parametrize('event', [event for event in JogEvent if event is not JogEvent.PRESS])
+@pytest.mark.parametrize('state', JogState)
+def test_every_event_leads_where_the_table_says_and_nowhere_else(state, event):
+    bench = Bench()
+    for before in AT[state]:
+        bench.happen(before)
+    assert bench.jog.state is state
+    assert bench.happen(event) is TRANSITIONS.get((state, event), state)
+
+
+class Robot:
+    """A robot that carries out what a view asks of it some time later, and may lose answers."""
+
+    def __init__(self):
+        self.moves = False
+        self.start_due = self.answer_due = self.stop_due = math.inf
+
+
+@given(
+    steps=st.lists(
+        st.tuples(
+            st.sampled_from(['hold', 'hold', 'quiet', 'other refused', 'urgent', 'refuse']),
+            st.sampled_from([0.0, 0.02, 0.3, 5.0]),  # until the start arrives
+            st.sampled_from([0.01, 0.4, math.inf]),  # until it is answered
+            st.sampled_from([0.01, 0.2, math.inf]),  # until a stop is answered
+        ),
+        max_size=40,
+    )
+)
+def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps):
+    jog, robot, now, sent, stop_lost = Jog(), Robot(), 0.0, 0, False
+
+    def pass_time(seconds, held, start_s, answer_s, stop_s, refuse=False):
+        nonlocal now, sent, stop_lost
+        end = now + seconds
+        while now < end:
+            now += 0.01
+            if held:
+                jog.beat('+x', now)
+            turn = jog.look(now)
+            if turn is Turn.STOP:
+                robot.stop_due, stop_lost = now + min(stop_s, 1.0), math.isinf(stop_s)
+            if robot.start_due == math.inf == robot.answer_due and jog.wants(jog.number):
+                if refuse:
+                    jog.refused(jog.number)
+                elif jog.start(jog.number):
+                    sent = jog.number
+                    robot.start_due, robot.answer_due = now + start_s, now + max(start_s, min(answer_s, 6.0))
+                    robot.lost = math.isinf(answer_s)
+            if now >= robot.start_due:
+                robot.moves, robot.start_due = True, math.inf
+            if now >= robot.stop_due:
+                robot.stop_due = math.inf
+                if stop_lost:  # neither the stop nor its answer
+                    jog.unheard()
+                else:
+                    robot.moves = False
+                    jog.stopped(now)
+            if now >= robot.answer_due and robot.start_due == math.inf:
+                robot.answer_due = math.inf
+                (jog.lost if robot.lost else jog.accepted)(sent)
+
+    for step, start_s, answer_s, stop_s in steps:
+        if step == 'urgent':
+            jog.drop()
+        if step == 'other refused':
+            jog.refused(jog.number - 1)
+        held = step in ('hold', 'refuse')
+        pass_time(0.4, held, start_s, answer_s, stop_s, step == 'refuse')
+    pass_time(10.0, False, 0.0, 0.01, 0.01)
+    assert not robot.moves
+    assert jog.state is JogState.FREE
+    assert hold(jog, '-y', now + 1.0, 0.1)[0][0] is Turn.SET_OFF
+
+
+@pytest.mark.parametrize('text', ['', '+x', '+w 10', '+x ten', '+x nan', '+x inf', '+x -1', '+x 0', '+x 1 2'])
+def test_what_a_page_cannot_mean_is_refused(text):
+    with pytest.raises(ProgramError, match='is no direction'):
+        parse(text, 1)
+
+
+def test_a_page_asks_by_direction_and_numbers():
+    assert parse('-z 10 50', 2) == ('-z', [10.0, 50.0])
 
 
 @pytest.mark.parametrize('direction', DIRECTIONS)

@@ -53,6 +53,8 @@ def test_a_clock_that_does_not_begin_again_stands_at_the_end():
     assert (clock.time_s, clock.playing) == (0.0, True)
     clock.seek(-4.0)
     assert clock.time_s == 0.0
+    clock.seek(float('nan'))
+    assert clock.time_s == 2.0
 
 
 def test_an_instant_is_that_of_its_cycle(run, robot):
@@ -116,3 +118,11 @@ def test_the_drives_are_shown_as_their_status_words_tell_it(run):
 def test_drives_that_are_not_recorded_tell_nothing(run):
     film = Film(replace(run, drives=()))
     assert [(drive.state, drive.brake) for drive in film.facts(0, 'paused', 1.0).drives] == [('', '')] * 3
+
+
+def test_the_load_of_a_recording_stays_as_it_was_where_the_current_is_not_known():
+    ratio = np.full((300, 3), 2.0)
+    ratio[100:150, 1] = np.nan
+    found = overload_of(ratio, 1e-3)
+    assert found[-1] == pytest.approx([0.9, 0.75, 0.9])
+    assert (found[100:150, 1] == found[99, 1]).all()

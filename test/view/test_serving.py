@@ -70,7 +70,17 @@ def test_a_browser_is_told_an_address_that_it_can_reach():
         (None, 'localhost:8642', '127.0.0.1', False),
         ('http://127.0.0.1:8642', '127.0.0.1:8642', '127.0.0.1', False),
         ('http://localhost:9000', 'localhost:9000', '127.0.0.1', False),  # through a tunnel
-        ('http://cell.plant.test:8642', 'cell.plant.test:8642', '0.0.0.0', False),
+        ('http://cell.plant.test:8642', 'cell.plant.test:8642', '0.0.0.0', False),  # its own name
+        ('http://CELL.plant.test:8642', 'CELL.plant.test:8642', '0.0.0.0', False),
+        ('http://10.0.0.7:8642', '10.0.0.7:8642', '0.0.0.0', False),
+        ('http://[fe80::7]:8642', '[fe80::7]:8642', '::', False),
+        ('http://evil.test:8642', 'evil.test:8642', '0.0.0.0', True),  # its name leads to this machine
+        ('http://cell.plant.test.evil.test:8642', 'cell.plant.test.evil.test:8642', '0.0.0.0', True),
+        ('http://10.0.0.7.evil.test:8642', '10.0.0.7.evil.test:8642', '0.0.0.0', True),
+        ('http://10.0.0.7:8642', '10.0.0.7:8642', '127.0.0.1', True),
+        ('http://:8642', ':8642', '0.0.0.0', True),
+        ('http://[', '[', '0.0.0.0', True),
+        ('http://[', 'localhost:8642', '127.0.0.1', True),
         ('http://evil.test', '127.0.0.1:8642', '127.0.0.1', True),
         ('http://127.0.0.1:8000', '127.0.0.1:8642', '127.0.0.1', True),
         ('null', '127.0.0.1:8642', '127.0.0.1', True),
@@ -79,7 +89,15 @@ def test_a_browser_is_told_an_address_that_it_can_reach():
     ],
 )
 def test_the_pages_of_others_are_foreign(origin, asked, host, foreign):
-    assert serving.is_foreign(origin, asked, host) is foreign
+    names = frozenset({'localhost', 'cell.plant.test'})
+    assert serving.is_foreign(origin, asked, host, names) is foreign
+
+
+def test_a_machine_goes_by_its_own_names_where_others_can_reach_it():
+    assert serving.own_names('127.0.0.1') == {'localhost'}
+    names = serving.own_names('0.0.0.0')
+    assert {'localhost', socket.gethostname().lower()} <= names
+    assert 'cell.plant.test' in serving.own_names('Cell.Plant.test')
 
 
 def test_a_page_of_others_cannot_connect(robot):
@@ -93,5 +111,11 @@ def test_a_page_of_others_cannot_connect(robot):
             pass
         with pytest.raises(InvalidStatus, match='403'):
             connect(there, origin='http://evil.test')
+        renamed = there.replace('127.0.0.1', 'evil.test')
+        with (
+            socket.create_connection(('127.0.0.1', int(page.url.rpartition(':')[2]))) as way,
+            pytest.raises(InvalidStatus, match='403'),
+        ):
+            connect(renamed, sock=way, origin=renamed.replace('ws', 'http'))
     finally:
         page.close()
