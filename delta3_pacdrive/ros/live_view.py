@@ -199,15 +199,15 @@ class LiveView:
 
     def _stop(self, wish: Wish) -> None:
         """Stop the robot, in the middle of whatever else is being waited for, and show what it answers."""
+        if wish.action in self._stops:  # asked for, and not answered yet
+            return
         try:
             self._ask_for_stop(wish.action)
         except (RunError, ProgramError) as error:
             self._page.tell(str(error), refused=True)
 
     def _ask_for_stop(self, action: str) -> None:
-        """Ask for a stop, unless somebody waits for the same one already, and show that it was accepted."""
-        if action in self._stops:
-            return
+        """Ask for a stop, and show that it was accepted."""
         self._stops.add(action)
         try:
             self._page.tell(self._uninterrupted(action))
@@ -216,6 +216,9 @@ class LiveView:
 
     def _stop_jog(self) -> None:
         """Stop what was set off by a button; without an answer it is asked for again while the robot may move."""
+        if 'abort' in self._stops:  # of somebody else, and nobody knows whether it is answered
+            self._jog.unheard()
+            return
         try:
             with suppress(ProgramError):  # it stands already
                 self._ask_for_stop('abort')

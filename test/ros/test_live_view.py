@@ -245,6 +245,17 @@ def test_a_stop_that_nobody_answers_is_told_and_asked_for_until_the_robot_stands
     assert cell.state == 'idle'
 
 
+def test_a_lost_abort_of_somebody_else_does_not_let_a_jog_run_on(cell: Cell) -> None:
+    cell.takes_s['abort'] = [float('inf')]
+    cell.takes_s['deaf'] = [1.0]
+    cell.hold(0.5, 2.0)
+    cell.click(1.5, 'abort')
+    cell.at(11.0, lambda: cell.takes_s.pop('deaf'))
+    cell.run(20.0)
+    assert len(cell.times('abort')) == 2
+    assert cell.state == 'idle'
+
+
 def test_a_robot_that_cannot_be_reached_is_not_asked_for_ever(cell: Cell) -> None:
     cell.takes_s['abort'] = [float('inf')] * 100
     cell.hold(0.5, 2.0)
