@@ -38,7 +38,8 @@ class _Piece:
     def of(move: Move) -> '_Piece':
         """Return the piece of a move, from where that begins: after a stop this is in its middle."""
         first, last = float(move.master[0, 1]), move.length_m
-        wanted = max(MOVE_POINTS_MIN, 2 + int((last - first) / STEP_M), 2 * len(move.segments))
+        steps = int(min((last - first) / STEP_M, MOVE_POINTS_MAX))  # whoever may have written it
+        wanted = max(MOVE_POINTS_MIN, 2 + steps, 2 * len(move.segments))
         points = move.sample(np.linspace(first, last, min(wanted, MOVE_POINTS_MAX)))[:, 0]
         return _Piece(points, move if move.kind == MoveKind.JOINTS else None)
 

@@ -225,3 +225,11 @@ def test_what_is_no_row_of_a_plan_is_refused(path: PlannedPath, text: str, row: 
     path.take(label('ABRACADABRA', 1), np.array([1.0]))
     path.look(status(1))
     assert not len(path.points_m)
+
+
+def test_a_move_that_is_longer_than_numbers_go_is_not_shown(path: PlannedPath, plan: Plan) -> None:
+    slow = np.array([1e2, 5e306, 5e304, 5e302, 5e300])  # so that no jerk is infinite
+    row = replace(plan.moves[0], master=slow * plan.moves[0].master).to_array(0, 1)
+    take(path, [(label('LINE', 1), row), (label(ORDER, 1), np.array([-1.0, 1.0, 0.0]))])
+    path.look(status(1))
+    assert np.isfinite(path.points_m).all()

@@ -44,12 +44,8 @@ class Cell:
         self.wishes: deque[Wish] = deque()
         self.watched, self.controls = True, SimpleNamespace(show_override=self._put_back)
         # the robot, and what is known of it
-        self.operator, self.parameters, self.here, self.planned = (
-            self,
-            parameters,
-            True,
-            (np.empty((0, 3)), 0),
-        )
+        self.operator, self.parameters, self.here = self, parameters, True
+        self.planned = SimpleNamespace(points_m=np.empty((0, 3)), changes=0)
         self.state, self.in_control, self.queue = 'idle', False, SimpleNamespace(moves=0)
         self.view = LiveView(self, self, self)
 

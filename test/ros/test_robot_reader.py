@@ -1,4 +1,4 @@
-"""Facts about what a view knows of a robot: also if it joins late; what strangers publish neither ends it nor counts."""
+"""Facts about what a view knows of a robot, also if it joins late; strangers neither end it nor count."""
 
 import json
 from typing import Any
