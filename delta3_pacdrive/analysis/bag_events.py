@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +12,29 @@ from rosbags.typesys.store import Typestore
 from delta3_pacdrive.analysis.planning.evaluation import of_recorded_move
 from delta3_pacdrive.analysis.planning.report import limited_text
 from delta3_pacdrive.analysis.run_signals import positive
-from delta3_pacdrive.controller.messages import EXTEND, FAULT, ORDER, REVOKE, Origin
-from delta3_pacdrive.errors import ProgramError, TelegramError
+from delta3_pacdrive.controller.messages import EXTEND, FAULT, LAST, ORDERS, REVOKE, Origin
+from delta3_pacdrive.errors import Delta3Error, ProgramError
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.plan_times import told_length_m
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
 
 LIMITS_MAX = 1000  # moves of which it is told what limits them: that takes milliseconds for each
+# what a message of a foreign writer may lead to
+SPOILT = (
+    Delta3Error,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
 ORDER_HEADER = 2  # of the row that ends a plan: start cycle, override
 NUMBERS, TEXT, JOINT_STATE = (
     'std_msgs/msg/Float64MultiArray',
@@ -36,7 +47,8 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
     """Return moves, outputs, events, faults and trips of the bag of a trace, times [s] from the start of its program.
 
     They have the form that a simulation gives them in the ``meta`` of its trace. What is not recorded, or was written
-    by somebody who does not know how, is not there. What limited a move is told if the robot is known.
+    by somebody who does not know how, is not there; ``notes`` are sentences about programs whose moves cannot be told.
+    What limited a move is told if the robot is known.
 
     Raises
     ------
@@ -46,7 +58,7 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
     """
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import open_bag
+    from delta3_pacdrive.recording.bag_reader import PHASE, open_bag
 
     bag = open_bag(path)
     period = positive(trace, 'cycle_time_s')
@@ -58,6 +70,7 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
             bag.robot + 'outputs': story.take(JOINT_STATE, story.outputs),
             bag.robot + 'faults/schedule': story.take(TEXT, story.fault),
             bag.robot + 'motion/progress': story.take(TEXT, story.progress),
+            bag.robot + PHASE: story.sessions.add,
         }
     )
     return story.told(round(float(trace.time_s[-1]) / period))
@@ -80,19 +93,50 @@ class _Longer:
 _Followed = tuple[MotionProfile, _Longer | None]  # and what follows from it on, if a plan became longer
 
 
+_Sender = tuple[str, str]  # planner and session
+
+
+@dataclass
+class _Coming:
+    """A planner has sent this of an order: its number, moves, the whole plan, or more moves for one that is driven."""
+
+    number: int = -1
+    moves: list[Move] = field(default_factory=list)
+    plan: Plan | None = None
+    longer: _Longer | None = None  # ordered, and perhaps taken
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A program was started by a planner; without a plan nobody knows its moves."""
+
+    session: str
+    plan: Plan | None
+    profiles: list[_Followed]
+
+    @property
+    def start(self) -> int:
+        return self.profiles[0][0].cycle
+
+
+def _origin(message: Any) -> Origin:
+    """Return where a row comes from; raises TelegramError."""
+    return Origin.from_label(message.layout.dim[0].label if message.layout.dim else '')
+
+
 class _Story:
     """A story takes the messages of a bag in their order."""
 
     def __init__(self, typestore: Typestore, period_s: float, start: int, robot: Parameters | None) -> None:
         self._typestore, self._period_s, self._start, self._robot = typestore, period_s, start, robot
         self._limits: dict[int, str] = {}  # by the identity of a move
-        self._moves: list[Move] = []
-        self._plan: Plan | None = None
-        self._longer: _Longer | None = None  # ordered, and perhaps taken
-        self._timelines: list[tuple[Timeline, list[_Followed]]] = []
+        self.sessions = Sessions()
+        self._coming: dict[_Sender, _Coming] = {}
+        self._runs: list[_Run] = []
+        self._newest: dict[_Sender, _Run] = {}
         self._switched: list[tuple[int, list[float]]] = []
         self._faults: list[dict[str, Any]] = []
-        self._trips: dict[int, tuple[str, str]] = {}  # sentence and source by bus cycle
+        self._trips: dict[int, tuple[float, str, str]] = {}  # time, sentence and source by bus cycle
 
     def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
         """Return what takes the bytes of a message."""
@@ -101,42 +145,57 @@ class _Story:
         def take(data: bytes) -> None:
             try:
                 add(self._typestore.deserialize_cdr(data, kind))
-            except (SerdeError, ProgramError, TelegramError, ValueError, TypeError, KeyError, IndexError):
+            except (SerdeError, *SPOILT):
                 return  # a foreign writer
 
         return take
 
     def plan(self, message: Any) -> None:
         """Take a row of a plan: a move, or the order that ends the plan."""
-        label = message.layout.dim[0].label if message.layout.dim else ''
-        kind, row = Origin.from_label(label).kind, np.asarray(message.data)
-        if kind in (ORDER, EXTEND):
-            moves, self._moves = self._moves, []
-            builder = PlanBuilder()
-            for move in moves:
-                builder.add(move)
-            if kind == ORDER:
-                self._plan = builder.build(row[ORDER_HEADER:].astype(np.int64))
-            else:
-                told = Row.from_array(row)
-                self._longer = _Longer(told, builder.build(told.order))
-        elif kind not in (FAULT, REVOKE):
+        origin, row = _origin(message), np.asarray(message.data)
+        if origin.kind in (FAULT, REVOKE):
+            return
+        coming = self._coming.setdefault((origin.planner, origin.session), _Coming())
+        if origin.number != coming.number:
+            coming.number, coming.moves = origin.number, []
+        if origin.kind not in LAST:
             move, number, _ = Move.from_array(row, self._robot.kinematics if self._robot else None)
-            self._moves = [*self._moves[:number], move]
+            if number > len(coming.moves):
+                raise ProgramError(f'move {number} came where {len(coming.moves)} was due')
+            coming.moves[number:] = [move]
+            return
+        builder = PlanBuilder()
+        for move in coming.moves:
+            builder.add(move)
+        if origin.kind in ORDERS:
+            coming.plan = coming.longer = None
+            coming.plan = builder.build(row[ORDER_HEADER:].astype(np.int64))
+        elif origin.kind == EXTEND:
+            told = Row.from_array(row)
+            coming.longer = _Longer(told, builder.build(told.order))
 
     def course(self, message: Any) -> None:
-        """Take what the master follows from a bus cycle on."""
+        """Take what the master follows from a bus cycle on; of planners whose plans are not recorded nothing counts."""
+        origin = _origin(message)
+        sender = origin.planner, origin.session
+        coming = self._coming.get(sender)
+        if coming is None:
+            return
         profile = MotionProfile.from_array(np.asarray(message.data))
         starts = profile.number == 0 and not profile.held and profile.table[0, 1] == 0.0
-        if starts and len(profile.table) == 1 and self._plan is not None:
-            self._timelines.append((Timeline(self._plan, self._period_s), [(profile, None)]))
-        elif self._timelines:
-            longer = self._longer if self._longer and self._longer.taken_with(profile) else None
-            self._longer = None if longer else self._longer
-            self._timelines[-1][1].append((profile, longer))
+        if starts and len(profile.table) == 1:
+            self._newest[sender] = run = _Run(origin.session, coming.plan, [(profile, None)])
+            self._runs.append(run)
+            coming.plan = coming.longer = None
+        elif sender in self._newest:
+            longer = coming.longer if coming.longer and coming.longer.taken_with(profile) else None
+            coming.longer = None if longer else coming.longer
+            self._newest[sender].profiles.append((profile, longer))
 
     def outputs(self, message: Any) -> None:
         """Take the state of all outputs since a bus cycle."""
+        if len(message.position) != len(OUTPUTS) + 1 or not np.isfinite(message.position).all():
+            return
         stamp = message.header.stamp
         cycle = round((stamp.sec + stamp.nanosec / NANOSECONDS) / self._period_s)
         self._switched.append((cycle, [float(value) for value in message.position]))
@@ -155,36 +214,59 @@ class _Story:
     def progress(self, message: Any) -> None:
         """Take a report: it tells the fault of the robot, and the bus cycle in which that came."""
         facts = json.loads(message.data)
-        if facts['fault'] and int(facts['fault_cycle']) >= 0:
-            told = str(facts['fault']), str(facts.get('fault_source', ''))
-            self._trips.setdefault(int(facts['fault_cycle']), told)
+        cycle = int(facts['fault_cycle'])
+        if facts['fault'] and cycle >= 0:
+            told = self._time(cycle), str(facts['fault']), str(facts.get('fault_source', ''))
+            self._trips.setdefault(cycle, told)
 
     def told(self, last_cycle: int) -> dict[str, Any]:
         """Return everything up to a bus cycle."""
         moves: list[dict[str, Any]] = []
         events: list[dict[str, Any]] = []
-        for n, (timeline, profiles) in enumerate(self._timelines):
-            follows = (
-                self._timelines[n + 1][1][0][0].cycle if n + 1 < len(self._timelines) else last_cycle + 1
-            )
-            moves += self._driven(timeline, profiles, min(follows, last_cycle + 1))
-            events += [self._event(profile, longer) for profile, longer in profiles[1:]]
+        notes: list[str] = []
+        runs = [run for run in self._runs if self.sessions.holds(run.session)]
+        ends = [*(run.start for run in runs[1:]), last_cycle + 1]
+        for run, end in zip(runs, ends, strict=False):
+            try:
+                moves += self._driven(run, min(end, last_cycle + 1))
+            except SPOILT as error:
+                why = (
+                    str(error)
+                    if isinstance(error, Delta3Error)
+                    else 'it holds numbers that are none of a program'
+                )
+                notes.append(
+                    f'The moves of the program that began at {self._time(run.start):.3f} s cannot be told: {why}'
+                )
+            events += [self._event(profile, longer) for profile, longer in run.profiles[1:]]
         return {
             'moves': moves,
             'events': events,
             'outputs': list(self._changes()),
             'faults': self._faults,
             'trips': [
-                {'time_s': self._time(cycle), 'text': text, 'source': source}
-                for cycle, (text, source) in sorted(self._trips.items())
+                {'time_s': time_s, 'text': text, 'source': source}
+                for _, (time_s, text, source) in sorted(self._trips.items())
             ],
+            'notes': notes,
         }
 
     def _time(self, cycle: int) -> float:
         return (cycle - self._start) * self._period_s
 
-    def _driven(self, timeline: Timeline, profiles: list[_Followed], end: int) -> list[dict[str, Any]]:
-        """Return the moves of a program that were begun before a bus cycle, each from its first cycle to its last."""
+    def _driven(self, run: _Run, end: int) -> list[dict[str, Any]]:
+        """Return the moves of a program that were begun before a bus cycle, each from its first cycle to its last.
+
+        Raises
+        ------
+        ProgramError
+            Its plan is not known, or a motion profile does not follow from the one before: rows are missing.
+
+        """
+        profiles = run.profiles
+        if run.plan is None:
+            raise ProgramError('its plan is not recorded as a whole')
+        timeline = Timeline(run.plan, self._period_s)
         timeline.start(profiles[0][0].cycle, profiles[0][0].override)
         found: dict[int, list[int]] = {}
         known: dict[int, Move] = {}

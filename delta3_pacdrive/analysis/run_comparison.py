@@ -96,6 +96,8 @@ class Comparison:
         Pairs of moves that the two have in common, by number.
     parameters
         Values of both robots, by the names of those that differ.
+    uncompared
+        Cycles that only one of the two has, as a whole or of a signal.
 
     """
 
@@ -105,11 +107,17 @@ class Comparison:
     figures: dict[str, Difference]
     moves: tuple[tuple[DrivenMove, DrivenMove], ...]
     parameters: dict[str, tuple[Any, Any]]
+    uncompared: int
+
+    @property
+    def equal(self) -> bool:
+        """Whether no signal differs at all where both runs have it."""
+        return not any(figure.largest > 0.0 for figure in self.figures.values())
 
     @property
     def same(self) -> bool:
-        """Whether no signal differs at all."""
-        return all(figure.largest == 0.0 for figure in self.figures.values())
+        """Whether no signal differs at all, and neither run has cycles that the other one lacks."""
+        return self.equal and not self.uncompared
 
 
 def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison:
@@ -140,9 +148,15 @@ def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison
             f'{first.name} and {second.name} have no time in common: {time_s[0]:g} to {time_s[-1]:g} s, '
             f'and {shifted[0]:g} to {shifted[-1]:g} s'
         )
+    outside = int((~both).sum())
+    outside += int(((shifted < time_s[0] - slack) | (shifted > time_s[-1] + slack)).sum())
     time_s = time_s[both]
     held = {name: first.part[name] for name in common}
     differences = subtracted(first, second, held, second.part.signals, time_s, alignment)
+    lacking = np.zeros(len(time_s), dtype=bool)
+    for name in common:
+        one, other = first.part[name][both], resampled(shifted, second.part[name], time_s, second.period_s)
+        lacking |= (np.isnan(one) != np.isnan(other)).any(axis=1)
     return Comparison(
         alignment,
         time_s,
@@ -150,6 +164,7 @@ def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison
         {name: _figures(QUANTITIES[name][0], values, time_s) for name, values in differences.items()},
         tuple(_pairs(first, second)),
         differing(first.robot, second.robot),
+        outside + int(lacking.sum()),
     )
 
 
@@ -286,6 +301,8 @@ def to_document(found: Comparison, first: Run, second: Run) -> dict[str, Any]:
         moves.append(row | {name: [_known(values[name]) for values in figures] for name in figures[0]})
     return {
         'same': found.same,
+        'equal': found.equal,
+        'uncompared': found.uncompared,
         'alignment': {
             'by': found.alignment.by,
             'shift_s': found.alignment.shift_s,

@@ -138,6 +138,12 @@ class Run:
         return self.part.meta.get('start_cycle') is not None
 
     @property
+    def tells_robot(self) -> bool:
+        """Whether it is a recording that tells the parameters of its robot itself."""
+        told = self.whole.meta.get('parameters')
+        return self.kind != 'program' and isinstance(told, dict) and not self.robot_note
+
+    @property
     def told_source(self) -> str | None:
         """Parameter file for the provenance: where a recording tells its own parameters, the recording."""
         told_itself = self.kind != 'program' and not self.robot_note
@@ -184,6 +190,7 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
     try:
         moves, marks, notes = _moves(story, part), _marks(story, part), _notes(trace)
         drives = _drives(trace)
+        notes += tuple(story['notes']) if kind == 'bag' else ()
     except (KeyError, TypeError, ValueError):
         raise TraceError(f'what {text} tells of its moves, outputs, faults or notes cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)

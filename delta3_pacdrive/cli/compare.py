@@ -54,6 +54,10 @@ def _lines(result: dict[str, Any], names: list[str]) -> list[str]:
     ]
     if result['same']:
         lines += ['no signal differs by a single bit', '']
+    elif result['equal']:
+        lines += ['no signal differs by a single bit in the cycles that both have', '']
+    if result['uncompared']:
+        lines += [f'{result["uncompared"]} cycles were not compared: only one of the two has them', '']
     lines.append(f'{"signal":<16} {"rms":>12} {"largest":>12}  {"unit":<6} {"at [s]":>8}')
     for name, row in result['signals'].items():
         numbers = ' '.join(_number(row[key], 12) for key in ('rms', 'largest'))

@@ -50,9 +50,12 @@ def run(options: Options) -> int:
     from delta3_pacdrive.recording import trace_file
 
     trace = derived_signals.added(trace_file.load(options.recording))
-    period, starts = trace.meta.get('cycle_time_s'), trace.meta.get('starts', [])
-    if len(starts) > 1 and period:
-        told = ', '.join(f'{(start - trace.meta["start_cycle"]) * period:g}' for start in starts)
+    starts = trace.meta.get('starts')
+    starts = [start for start in starts if isinstance(start, int)] if isinstance(starts, list) else []
+    if len(starts) > 1 and 'cycle_time_s' in trace.meta:
+        first = run_signals.noted_cycle(trace, 'start_cycle') or 0
+        period = run_signals.positive(trace, 'cycle_time_s')
+        told = ', '.join(f'{(start - first) * period:g}' for start in starts)
         print(f'note: programs started at {told} s; --from and --to choose what is shown', file=sys.stderr)
     windowed = options.from_s is not None or options.to_s is not None
     if windowed:

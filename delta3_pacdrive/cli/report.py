@@ -14,6 +14,15 @@ class Options(RunOptions):
 
     output: str = option('the page; a file of this name is replaced', 'FILE.html', default='report.html')
 
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if len(self.inputs) > 1:
+            from delta3_pacdrive.analysis.report_page.page import RUNS_MAX
+
+            if len(self.inputs) > RUNS_MAX:
+                return f'a page takes at most {RUNS_MAX} runs, not {len(self.inputs)}'
+        return super().check()
+
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""

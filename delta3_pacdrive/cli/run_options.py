@@ -7,6 +7,7 @@ from delta3_pacdrive.cli.command import JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import TIME
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.configuration.packaged import program_names
+from delta3_pacdrive.errors import ParameterError
 
 RUN = f'trace (.npz, .csv), rosbag2 folder, or a program that is simulated: {", ".join(program_names())}'
 START, BEST = 'start', 'best'
@@ -72,7 +73,21 @@ class RunOptions(WindowOptions):
         for text, source in zip(self.inputs, sources, strict=True):
             if not is_recording(text):
                 announce_compilation(source)
-        return [
+        loaded = [
             runs.load(text, source, self.from_s, self.to_s)
             for text, source in zip(self.inputs, sources, strict=True)
         ]
+        # one file is for those that need one
+        each = ',' in (self.parameters or '')
+        if each or all(run.tells_robot for run in loaded):
+            for run, source in zip(loaded, sources, strict=True):
+                require_obeyed(run, source)
+        return loaded
+
+
+def require_obeyed(run: Any, source: str | None) -> None:
+    """Refuse a parameter file for a recording that tells its own parameters; raises ParameterError."""
+    if source and run.tells_robot:
+        raise ParameterError(
+            f'--parameters is {source}, but {run.name} tells the parameters of its robot itself'
+        )

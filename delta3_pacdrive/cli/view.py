@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
+from delta3_pacdrive.cli.run_options import require_obeyed
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
 
@@ -93,7 +94,9 @@ def _play(options: Options, name: str) -> int:
 
     if workspace.Volume.is_one(Path(name)):
         return _show_volume(options, Path(name))
-    film = playback.Film(runs.load(name, options.parameters))
+    found = runs.load(name, options.parameters)
+    require_obeyed(found, options.parameters)
+    film = playback.Film(found)
     if film.run.robot_note:
         print(f'note: {film.run.robot_note}', file=sys.stderr)
     page = _page(options, film.robot, Path(name).name)

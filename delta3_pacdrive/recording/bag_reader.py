@@ -17,6 +17,7 @@ from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bag_recovery import recover
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
 from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import reason
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     Take = Callable[[bytes], None]
 
 TYPES = {telegram.topic: telegram.type for telegram in CARRIED}
-COURSE = 'motion/course'
+COURSE, PHASE = 'motion/course', 'sercos/phase'
 PROFILE_OF_START = 9  # numbers of a motion profile with a single phase
 PROFILE_ROW = 6  # numbers that tell a start of a program from a change of its motion profile
 
@@ -189,7 +190,8 @@ class Profiles:
 
     def __init__(self, typestore: Typestore) -> None:
         self._typestore = typestore
-        self._starts: set[int] = set()
+        self._starts: set[tuple[int, str]] = set()  # and the session of each
+        self.sessions = Sessions()
 
     def add(self, data: bytes) -> None:
         """Take a message of ``motion/course``: cycle, move, override, held, and phases (t, s, v, a, jerk)."""
@@ -206,12 +208,20 @@ class Profiles:
         # a change of override, a stop and a resume begin further on, or have phases; so has a plan that became longer
         one_phase = len(row) <= PROFILE_OF_START
         if number == 0.0 and not held and distance == 0.0 and one_phase and 0.0 <= cycle < 2**53:
-            self._starts.add(int(cycle))
+            self._starts.add((int(cycle), _session_of(message)))
 
     @property
     def starts(self) -> list[int]:
-        """In their order."""
-        return sorted(self._starts)
+        """In their order; those of other sessions were played back."""
+        return sorted(
+            {cycle for cycle, session in self._starts if not session or self.sessions.holds(session)}
+        )
+
+
+def _session_of(message: Any) -> str:
+    """Return the session that the label of a motion profile names (kind, planner, session, number), or ''."""
+    words = message.layout.dim[0].label.split(' ') if message.layout.dim else []
+    return words[2] if len(words) == 4 else ''
 
 
 def _cyclic_topics(connections: Iterable[Connection | Channel]) -> dict[str, str]:

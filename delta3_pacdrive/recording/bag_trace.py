@@ -109,7 +109,7 @@ def _read_bag(path: Path) -> Trace:
     # what only bags need takes longer to import than everything else here
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import COURSE, Profiles, open_bag
+    from delta3_pacdrive.recording.bag_reader import COURSE, PHASE, Profiles, open_bag
 
     bag = open_bag(path)
     typestore = get_typestore(Stores.ROS2_JAZZY)
@@ -120,7 +120,7 @@ def _read_bag(path: Path) -> Trace:
     }
     profiles = Profiles(typestore)
     add = {topic: columns[name].add for topic, name in bag.names.items()}
-    bag.read(add | {bag.robot + COURSE: profiles.add})
+    bag.read(add | {bag.robot + COURSE: profiles.add, bag.robot + PHASE: profiles.sessions.add})
     meta = bag.meta
     if 'cycle_time_s' not in meta:
         meta['cycle_time_s'] = _cycle_time(

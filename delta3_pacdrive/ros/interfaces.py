@@ -338,8 +338,8 @@ MASTER = _telegram(
 )
 JOINT_STATES = _telegram(
     telegrams.JOINT_STATES,
-    'arm angles [rad], arm speeds [rad/s], motor torques [N m]; behind them, without torques, the passive joints of '
-    'the robot as the tree that `robot_description` says',
+    'arm angles [rad], arm speeds [rad/s], arm torques (gear ratio times motor torque) [N m]; behind them, without '
+    'torques, the passive joints of the robot as the tree that `robot_description` says',
     (PLANNER, VISUALIZATION), '100 Hz', recorded=True,
 )
 OUTPUTS = Topic(

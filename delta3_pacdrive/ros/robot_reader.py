@@ -106,7 +106,8 @@ class RobotReader:
         if found is None:
             return None
         sec, nanosec, _, values = found
-        theta, speed, torque = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
+        theta, speed, effort = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
+        torque = effort / self.parameters.dynamics.gear_ratio
         return Instant(
             sec + nanosec / NANOSECONDS, theta, self._lag, torque,
             torque / self.parameters.motor.torque_constant_n_m_a, self._overload, self._tcp_speed(theta, speed),

@@ -48,7 +48,8 @@ class TaskOutputs:
             if output.wanted:
                 output.send(stamp, values.tolist())
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
-            torques = self._axes.torques.tolist()
+            # of the joints that are shown: the arms, behind the gears
+            torques = [torque * self._ratio for torque in self._axes.torques.tolist()]
             self._joint_states.send(stamp, [*self._joint_motion(), *torques, *AT_EASE])
 
     def _joint_motion(self) -> list[float]:

@@ -104,6 +104,17 @@ def test_a_gap_in_a_recording_does_not_hide_the_rest(one):
     found = compare(one, replace(one, part=part))
     assert found.figures['current'].largest == 0.0
     assert found.figures['current'].rms == 0.0
+    assert (found.same, found.equal, found.uncompared) == (False, True, 10)
+    assert compare(replace(one, part=part), replace(one, part=part)).same
+
+
+def test_a_run_that_ends_before_the_other_is_not_the_same(one):
+    part = replace(
+        one.part, time_s=one.part.time_s[:-7], signals={name: v[:-7] for name, v in one.part.signals.items()}
+    )
+    for pair in ((one, replace(one, part=part)), (replace(one, part=part), one)):
+        found = compare(*pair)
+        assert (found.same, found.equal, found.uncompared) == (False, True, 7)
 
 
 def test_runs_without_a_common_signal_or_time_are_refused_in_one_sentence(one):

@@ -10,7 +10,7 @@ import pytest
 from bags import CLOCK, META, STORE, TYPES, message, messages, numbers, record
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import runs
-from delta3_pacdrive.controller.messages import EXTEND, ORDER, Origin
+from delta3_pacdrive.controller.messages import COURSE, EXTEND, ORDER, Origin
 from delta3_pacdrive.errors import ProgramError, TraceError
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.faults.schedule import Scheduled
@@ -20,6 +20,7 @@ from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.extension import Driven, extend
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.program import MoveL, Program, Target
+from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
@@ -33,7 +34,7 @@ moves:
 """
 TRIP = {'fault': 'axis1: two AT are lost', 'fault_source': 'axis1', 'fault_cycle': 142}
 STARTS, HELD, LAST = 100, 130, 400  # bus cycles
-MULTI_ARRAY, TEXT = 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String'
+MULTI_ARRAY, TEXT, HEADER = 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String', 'std_msgs/msg/Header'
 
 
 @pytest.fixture
@@ -51,6 +52,11 @@ def row(label, values):
     return bytes(STORE.serialize_cdr(types[MULTI_ARRAY](layout, np.asarray(values, float)), MULTI_ARRAY))
 
 
+def followed(profile, number, planner='a', session='3fa9'):
+    """Return a motion profile as the robot tells it."""
+    return row(Origin(COURSE, planner, session, number).label(), profile.to_array())
+
+
 def text(document):
     return bytes(STORE.serialize_cdr(STORE.types[TEXT](json.dumps(document)), TEXT))
 
@@ -64,26 +70,50 @@ def outputs(cycle, gripper, payload, output1=0.0):
     return bytes(STORE.serialize_cdr(whole, 'sensor_msgs/msg/JointState'))
 
 
+def ordered(plan, number=1, planner='a', session='3fa9'):
+    """Return the rows of a plan, and of its order."""
+    kinds = [*((move.kind.name, move.to_array(n, len(plan.moves))) for n, move in enumerate(plan.moves))]
+    kinds.append((ORDER, [-1.0, 1.0, *range(len(plan.moves))]))
+    return [
+        ('motion/plan', row(Origin(kind, planner, session, number).label(), values)) for kind, values in kinds
+    ]
+
+
 @pytest.fixture
-def bag(program, tmp_path, robot):
-    """Record a program that is held on its first move and goes on, with an output, a fault and a trip."""
+def plan(program, robot):
     loaded = programs.load(program, robot.motion)
-    plan = program_planner.plan(loaded, loaded.start_m, robot).plan
+    return program_planner.plan(loaded, loaded.start_m, robot).plan
+
+
+@pytest.fixture
+def recorded(tmp_path, robot):
+    """Return what records messages beside those of all cycles."""
+
+    def recorded(arrivals):
+        cycles = range(90, LAST + 1)
+        whole = [
+            *arrivals,
+            *((t, message(t, CLOCK.stamp(k), numbers(t, k % 8))) for k in cycles for t in TYPES),
+        ]
+        kinds = TYPES | dict.fromkeys(['motion/plan', 'motion/course'], MULTI_ARRAY)
+        kinds |= dict.fromkeys(['faults/schedule', 'motion/progress'], TEXT)
+        kinds |= {'outputs': 'sensor_msgs/msg/JointState', 'sercos/phase': HEADER}
+        meta = META | {'parameters': parameters.flat_document(robot), 'checksum': robot.checksum}
+        return record(tmp_path / 'bag', whole, meta, types=kinds)
+
+    return recorded
+
+
+@pytest.fixture
+def bag(plan, recorded):
+    """Record a program that is held on its first move and goes on, with an output, a fault and a trip."""
     timeline = Timeline(plan, 1e-3)
     timeline.start(STARTS)
     arrivals = [
-        (
-            'motion/plan',
-            row(Origin(move.kind.name, 'a', '3fa9', 1).label(), move.to_array(n, len(plan.moves))),
-        )
-        for n, move in enumerate(plan.moves)
-    ]
-    order = [-1.0, 1.0, *range(len(plan.moves))]
-    arrivals += [
-        ('motion/plan', row(Origin(ORDER, 'a', '3fa9', 1).label(), order)),
+        *ordered(plan),
         ('outputs', outputs(0, 0.0, 0.0)),
-        ('motion/course', row('', timeline.profile.to_array())),
-        ('motion/course', row('', timeline.stop(HELD).to_array())),
+        ('motion/course', followed(timeline.profile, 1)),
+        ('motion/course', followed(timeline.stop(HELD), 2)),
         ('outputs', outputs(135, 1.0, 0.5)),
         ('outputs', outputs(150, 1.0, 0.5, 1.0)),
         ('faults/schedule', text(Scheduled(Fault('drop_at', 'axis1'), 140, 141).to_document())),
@@ -91,14 +121,7 @@ def bag(program, tmp_path, robot):
         ('motion/progress', text(TRIP)),
         ('motion/progress', b'\x00\x01\x00\x00nonsense'),
     ]
-    cycles = range(90, LAST + 1)
-    arrivals += [(t, message(t, CLOCK.stamp(k), numbers(t, k % 8))) for k in cycles for t in TYPES]
-    kinds = TYPES | dict.fromkeys(['motion/plan', 'motion/course'], MULTI_ARRAY)
-    kinds |= dict.fromkeys(['faults/schedule', 'motion/progress'], TEXT) | {
-        'outputs': 'sensor_msgs/msg/JointState'
-    }
-    meta = META | {'parameters': parameters.flat_document(robot), 'checksum': robot.checksum}
-    return record(tmp_path / 'bag', arrivals, meta, types=kinds)
+    return recorded(arrivals)
 
 
 def test_a_program_tells_moves_outputs_and_its_start(program):
@@ -215,7 +238,7 @@ def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):
         )
         arrivals.append(('motion/plan', row(Origin(kind, 'a', '3fa9', number).label(), last)))
         profile = timeline.profile if number == 1 else extension.profile
-        arrivals.append(('motion/course', row('', profile.to_array())))
+        arrivals.append(('motion/course', followed(profile, number)))
     end = extension.timeline.end_cycle
     arrivals += [
         (t, message(t, CLOCK.stamp(k), numbers(t, k % 8))) for k in range(90, end + 10) for t in TYPES
@@ -226,6 +249,89 @@ def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):
     assert [(move.number, move.kind) for move in run.moves] == [(1, 'line'), (2, 'line')]
     assert run.moves[1].start_s == pytest.approx(planned.plan.duration_s, abs=2e-3)
     assert (20, 'more moves follow') in [(round(1e3 * mark.time_s), mark.text) for mark in run.marks]
+
+
+def phase(session):
+    types = STORE.types
+    whole = types[HEADER](types['builtin_interfaces/msg/Time'](0, 0), f'CP4 {session}')
+    return 'sercos/phase', bytes(STORE.serialize_cdr(whole, HEADER))
+
+
+@pytest.mark.parametrize('with_plan', [False, True])
+def test_what_was_played_back_meanwhile_is_none_of_this_robot(with_plan, plan, recorded):
+    timeline, other = Timeline(plan, 1e-3), Timeline(plan, 1e-3)
+    timeline.start(STARTS)
+    other.start(50)
+    foreign = [
+        ('motion/course', followed(profile, 7, 'b', 'ffff')) for profile in (other.profile, other.stop(90))
+    ]
+    own = [
+        ('motion/course', followed(timeline.profile, 1)),
+        ('motion/course', followed(timeline.stop(HELD), 2)),
+    ]
+    arrivals = [phase('3fa9'), *ordered(plan), *(ordered(plan, 9, 'b', 'ffff') if with_plan else [])]
+    run = runs.load(str(recorded([*arrivals, own[0], *foreign, own[1]])))
+    assert [(move.number, move.kind) for move in run.moves] == [(1, 'line')]
+    assert [mark.text for mark in run.marks] == ['start of the program', 'stop on the path']
+    assert run.notes == ()
+    assert run.whole.meta['starts'] == [STARTS]
+
+
+def test_a_lost_row_loses_the_moves_of_its_program_only_and_is_told(plan, recorded):
+    first, second = Timeline(plan, 1e-3), Timeline(plan, 1e-3)
+    first.start(STARTS)
+    first.change(first.stop(HELD))
+    resumed = resume(first, 200, 1.0)
+    first.change(resumed)
+    held_again = first.stop(240)  # the row of the resume before it is lost
+    second.start(300)
+    begun = Timeline(plan, 1e-3)
+    begun.start(STARTS)
+    rows = [begun.profile, begun.stop(HELD), held_again]
+    arrivals = [*ordered(plan), *(('motion/course', followed(one, n)) for n, one in enumerate(rows, start=1))]
+    arrivals += [*ordered(plan, 2), ('motion/course', followed(second.profile, 5))]
+    run = runs.load(str(recorded(arrivals)))
+    assert run.moves[0].start_s == pytest.approx(0.2)  # those of the second program
+    assert any(
+        note.startswith('The moves of the program that began at 0.000 s cannot be told: a motion profile')
+        for note in run.notes
+    )
+    assert [mark.text for mark in run.marks].count('stop on the path') == 2
+
+
+def test_a_plan_that_lacks_a_row_loses_its_moves_and_is_told(plan, recorded):
+    timeline = Timeline(plan, 1e-3)
+    timeline.start(STARTS)
+    run = runs.load(str(recorded([*ordered(plan)[1:], ('motion/course', followed(timeline.profile, 1))])))
+    assert run.moves == ()
+    assert run.notes == (
+        'The moves of the program that began at 0.000 s cannot be told: its plan is not recorded as a whole',
+    )
+
+
+SPOILT = {
+    'a cycle without end': ('motion/progress', '{"fault": "x", "fault_cycle": Infinity}'),
+    'a cycle of many digits': ('motion/progress', '{"fault": "x", "fault_cycle": 1' + '0' * 400 + '}'),
+    'nested without end': ('motion/progress', '[' * 100_000),
+    'a number': ('faults/schedule', '5'),
+    'a fault that nobody can count': (
+        'faults/schedule',
+        '{"fault": "emergency_stop", "first": 1' + '0' * 400 + ', "end": 2' + '0' * 400 + '}',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', SPOILT)
+def test_a_message_of_somebody_who_does_not_know_how_is_not_there(case, plan, recorded):
+    topic, words = SPOILT[case]
+    data = bytes(STORE.serialize_cdr(STORE.types[TEXT](words), TEXT))
+    timeline = Timeline(plan, 1e-3)
+    timeline.start(STARTS)
+    run = runs.load(
+        str(recorded([*ordered(plan), ('motion/course', followed(timeline.profile, 1)), (topic, data)]))
+    )
+    assert [mark.text for mark in run.marks] == ['start of the program']
+    assert len(run.moves) == 2
 
 
 def test_messages_that_are_missing_or_spoilt_are_told_in_one_note(tmp_path):

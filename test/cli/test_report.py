@@ -69,6 +69,39 @@ def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
 
 
 @pytest.mark.parametrize(
+    'arguments',
+    [['report', 'a.npz'], ['compare', 'a.npz', 'a.npz'], ['view', 'a.npz']],
+    ids=lambda words: words[0],
+)
+def test_parameters_for_a_recording_that_tells_its_own_are_refused(arguments, trace, here, capsys):
+    capsys.readouterr()
+    assert main([*arguments, '--parameters', 'rich']) == 1
+    sentence = 'error: --parameters is rich, but a.npz tells the parameters of its robot itself\n'
+    assert capsys.readouterr().err == sentence
+    assert [path.name for path in here.iterdir()] == ['a.npz']
+
+
+def test_a_gap_in_one_of_two_runs_is_told(here, trace, capsys):
+    whole = Trace.load(trace)
+    Trace(whole.time_s[:-5], {name: v[:-5] for name, v in whole.signals.items()}, whole.meta).save(
+        here / 'b.npz'
+    )
+    capsys.readouterr()
+    assert main(['compare', 'a.npz', 'b.npz', '--to', '99']) == 0
+    told = capsys.readouterr().out
+    assert 'no signal differs by a single bit in the cycles that both have' in told
+    assert '5 cycles were not compared: only one of the two has them' in told
+
+
+def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsys):
+    time_s = np.arange(50) * 1e-3
+    meta = {'cycle_time_s': 1e-3, 'starts': [10, 30], 'gear_ratio': 32.0}
+    Trace(time_s, {'current': np.zeros((50, 3))}, meta).save(here / 'c.npz')
+    assert main(['plot', 'c.npz', '--signals', 'current']) == 0
+    assert 'note: programs started at 0.01, 0.03 s' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
         (['report', 'missing.npz'], 'there is no recording missing.npz'),
@@ -131,6 +164,7 @@ def test_numbers_that_nothing_could_be_computed_from_are_refused(command, name, 
         (['report', 'a', '--from', '2', '--to', '1'], '--from is 2, but must be less than --to, 1'),
         (['report', 'a', 'b', '--parameters', ',,'], '--parameters names 3 files, but there are 2 runs'),
         (['report', 'a', '--parameters', 'b,c'], '--parameters names 2 files, but there is 1 run'),
+        (['report', *'abcde'], 'a page takes at most 4 runs, not 5'),
     ],
 )
 def test_options_that_do_not_fit_are_a_usage_error(arguments, sentence, capsys):

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
@@ -40,7 +41,9 @@ def test_arms_that_close_no_chain_have_passive_joints_of_zero(graph: Any) -> Non
     assert tuple(message.name) == JOINTS
     assert list(message.position) == [0.0] * len(JOINTS)
     assert list(message.velocity) == [1.0, 0.0, -2.0, *[0.0] * 14]
-    assert list(message.effort) == [0.1, 0.2, 0.3, *[0.0] * 14]
+    # on the side of the arms, as position, speed and the limits of the URDF
+    assert message.effort[:3] == pytest.approx([3.2, 6.4, 9.6])
+    assert list(message.effort[3:]) == [0.0] * 14
 
 
 def test_arms_that_close_a_chain_have_those_of_the_chain(graph: Any) -> None:

@@ -122,7 +122,7 @@ def test_joint_states_tell_angles_speeds_and_torques_of_their_stamp_at_100_hz(dr
     for cycle in cycles:
         position, speed, torque = answers[cycle]
         told = np.reshape(joints[cycle], (3, len(JOINTS)))
-        expected = [position / RATIO, speed / RATIO, torque]
+        expected = [position / RATIO, speed / RATIO, torque * RATIO]
         assert told[:, :3] == pytest.approx(np.array(expected), abs=1e-12)
     assert max(abs(answers[cycle][1]).max() for cycle in cycles) > 10.0
 

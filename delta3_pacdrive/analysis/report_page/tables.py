@@ -96,6 +96,10 @@ def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
     lead = f'<p><b>{second}</b> minus <b>{first}</b>, {told}{correlation}.</p>'
     if found.same:
         lead += '<p>No signal differs by a single bit.</p>'
+    elif found.equal:
+        lead += '<p>No signal differs by a single bit in the cycles that both have.</p>'
+    if found.uncompared:
+        lead += f'<p>{found.uncompared} cycles were not compared: only one of the two has them.</p>'
     rows = []
     for name, figure in found.figures.items():
         unit, factor = _READ_IN.get(name, (figure.unit, 1.0))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive import kinematics, simulation
+from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive.analysis.planning import evaluation, figures, report
 from delta3_pacdrive.analysis.planning.study import Quantity
 from delta3_pacdrive.analysis.provenance import Provenance
@@ -115,6 +115,35 @@ def test_the_table_is_what_the_simulation_drives(name, robot):
     np.testing.assert_allclose(
         np.max([row.motor_torque_max_n_m for row in found.rows], axis=0), torque, rtol=0.2
     )
+
+
+COMMANDED, FOLLOWED = (
+    0.005,
+    0.16,
+)  # shares of a move's largest torque: differences over a cycle, and the loops
+
+
+def test_torques_of_a_plan_are_those_of_the_commanded_motion_and_the_rest_is_following(robot):
+    program = program_file.load('packaging', robot.motion)
+    planned = program_planner.plan(program, program.start_m, robot)
+    trace = simulation.run(program, robot)
+    period, motor, gear = trace.meta['cycle_time_s'], robot.motor, robot.dynamics.gear_ratio
+    time_s = trace.time_s - trace.meta['start_cycle'] * period
+    theta = kinematics.inverse(trace['tcp_command'], robot)
+    speed, acceleration = np.gradient(theta, period, axis=0), np.zeros_like(theta)
+    acceleration[1:-1] = (theta[2:] - 2.0 * theta[1:-1] + theta[:-2]) / period**2
+    friction = motor.static_friction_n_m * np.tanh(gear * speed / motor.friction_smoothing_rad_s)
+    friction += motor.viscous_friction_n_m_s_rad * gear * speed
+    moving = [row for row in evaluation.study(planned, robot).rows if row.kind != 'dwell']
+    assert len(moving) == 2
+    for row in moving:
+        within = (time_s >= row.start_s) & (time_s <= row.start_s + row.duration_s)
+        carrying = robot.replace(dynamics__payload_mass_kg=row.payload_kg)
+        torque = dynamics.inverse(theta, speed, acceleration, carrying) / gear + friction
+        largest = np.array(row.motor_torque_max_n_m)
+        np.testing.assert_allclose(np.abs(torque[within]).max(axis=0), largest, rtol=COMMANDED)
+        driven = motor.torque_constant_n_m_a * np.abs(trace['current'][within]).max(axis=0)
+        np.testing.assert_allclose(driven, largest, rtol=FOLLOWED)
 
 
 @pytest.mark.parametrize('name', ['experiment1', 'experiment2', 'packaging'])
