@@ -28,6 +28,7 @@ from delta3_pacdrive.errors import (
 )
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.robot_client import OperatorNode
@@ -363,7 +364,7 @@ class LiveView:
         x, y, z = self._place().tolist()
         if self._page.controls is not None:
             self._page.controls.teach(name.strip(), (x, y, z))
-        return f'{name.strip()} is at ({1e3 * x:.3f}, {1e3 * y:.3f}, {1e3 * z:.3f}) mm'
+        return f'{name.strip()} is at {millimetres((x, y, z))}'
 
     def _forget(self) -> str:
         if self._page.controls is not None:

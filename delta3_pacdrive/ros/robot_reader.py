@@ -22,7 +22,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.controller.messages import Status
 from delta3_pacdrive.controller.planned_path import PlannedPath
-from delta3_pacdrive.errors import Delta3Error, TelegramError
+from delta3_pacdrive.errors import Delta3Error, TelegramError, sources_of
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, interfaces
@@ -137,7 +137,7 @@ class RobotReader:
             lost_telegrams=int(p['lost_telegrams']),
             waiting=p['waiting'],
             fault=p['fault'],
-            sources=tuple(filter(None, p['fault_source'].split(', '))),
+            sources=sources_of(p['fault_source']),
             drives=tuple(self._drives),
             move=int(p['move']),
             moves=int(p['moves']),
