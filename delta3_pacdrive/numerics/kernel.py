@@ -89,6 +89,7 @@ def _imports(module: str) -> frozenset[str]:
         found.add(origin or plain)
         words = [word.split()[0] for word in names.strip('()').split(',') if word.strip()]
         found.update(f'{origin}.{word}' for word in words)
+    found.discard(_PACKAGE.name)  # the face of the package: it imports everything and holds no formula
     return frozenset(name for name in found if _source(name) is not None)
 
 

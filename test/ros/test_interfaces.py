@@ -59,7 +59,8 @@ def endpoints(robot: Any, whose: str) -> Iterator[tuple[str, str, Any]]:
     """Yield (node, relative name, information) of all publishers or subscriptions of the robot."""
     listener: Node = robot.listener
     for name, _ in listener.get_topic_names_and_types():
-        if name in OF_EVERY_NODE:
+        # where control_msgs is installed there is an action, which is made of topics
+        if name in OF_EVERY_NODE or '/_action/' in name:
             continue
         for info in getattr(listener, f'get_{whose}_info_by_topic')(name):
             if info.node_name != 'listener':

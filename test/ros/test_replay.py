@@ -8,7 +8,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 
-from delta3_pacdrive.ros.interfaces import MOTION_PLAN, RECORDED
+from delta3_pacdrive.ros.interfaces import MOTION_CHANGE, RECORDED
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
@@ -20,7 +20,7 @@ BACK = 'moves: [{move_l: {to_m: [0.0, 0.0, -0.75], speed_m_s: 0.4}}]'
 AWAY = 'moves: [{move_l: {to_m: [0.0, 0.2, -0.75], speed_m_s: 0.002}}]'
 # what "ros2 bag record -a" records beside what our recorder does
 MORE = {
-    'motion/change': (MOTION_PLAN.type, MOTION_PLAN.delivery.publisher),
+    'motion/change': (MOTION_CHANGE.type, MOTION_CHANGE.delivery.publisher),
     'motion/status': (String, LATCHED),
     'motion/verdict': (String, REQUEST),
     'unit_robot/alive': (Header, REPORT),
