@@ -199,9 +199,7 @@ class Bringup:
             self._brake()
         if hasattr(self, '_processes'):
             self._processes.end()
-        if hasattr(self, '_process'):
-            self._process.close()
-        rclpy.try_shutdown()
+        node_process.leave(getattr(self, '_process', None))
 
     def _brake(self) -> None:
         """Disable the drives: a controlled stop, then the brakes."""

@@ -3,7 +3,6 @@
 The view is an operator like ``delta3 move``, in a process of its own.
 """
 
-import faulthandler
 import json
 import signal
 import time
@@ -52,7 +51,6 @@ APPEAR_S = 10.0  # for a robot to be found, unless one is being brought up
 SETS_OFF = ('start', 'resume')
 GONE_S = 2.0  # without a browser, after which what the page has set off is held: a page may be loaded anew meanwhile
 RELEASE_S = 0.5  # standing, after which the page gives control back
-CLOSE_S = 10.0  # for the node to leave the graph
 CLEARED_S = 1.0  # until a queue that was cleared is told to be empty
 IN_MOTION = ('moving', 'stopping')
 NAME = 'delta3 view'
@@ -418,8 +416,4 @@ def run(page: Page, parameters: Parameters, namespace: str, patience_s: float = 
         with interrupts.answered_by(view.stop):
             view.run(patience_s)
     finally:
-        # rclpy was seen to spin in there for ever, where neither signals nor threads of Python come to their turn
-        faulthandler.dump_traceback_later(CLOSE_S, exit=True)
-        process.close()
-        rclpy.try_shutdown()
-        faulthandler.cancel_dump_traceback_later()
+        node_process.leave(process)

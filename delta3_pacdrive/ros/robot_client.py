@@ -342,7 +342,6 @@ def operating(namespace: str) -> Iterator[OperatorNode]:
     try:
         yield operator
     finally:
-        process.close()
-        rclpy.try_shutdown()
+        node_process.leave(process)
         for number, handler in before.items():
             signal.signal(number, handler)
