@@ -416,11 +416,12 @@ class Planner:
         caps: Caps = NO_CAPS,
         wrapped: bool = False,
         behind: Behind | None = None,
+        program: Program | None = None,
     ) -> None:
-        """Let the queue, and a text behind it, be planned."""
+        """Let the queue, or another program, and a text behind it be planned."""
         self._jobs += 1
         x, y, z = here.tolist()
-        job = Job(self._jobs, self._queue.program, text, caps, (x, y, z), wrapped, behind)
+        job = Job(self._jobs, program or self._queue.program, text, caps, (x, y, z), wrapped, behind)
         self._job = job, then
         self.actions.append(planner_actions.Working(job))
 
@@ -652,8 +653,9 @@ class Planner:
             raise _refused(Code.STATE, 'no moves are in the queue')
         self._require_readiness()
         if again and self._run.program is not None:
-            self._queue.put(replace(self._run.program, faults=()))  # injected faults happen once
-        if self._queue.planned is None:
+            # injected faults happen once; the queue stays empty, should it be refused
+            self._work(here, self._launch_again, program=replace(self._run.program, faults=()))
+        elif self._queue.planned is None:
             self._work(here, self._launch_planned)
         else:
             self._launch_queue(-1)
@@ -669,6 +671,11 @@ class Planner:
         self._queue.put(result.program, result.planned)
         self._require_rest()
         self._launch_queue(-1)
+
+    def _launch_again(self, result: Result) -> None:
+        self._require_rest()
+        if result.program is not None and result.planned is not None:
+            self._launch(-1, result.program, result.planned)
 
     def _launch_queue(self, cycle: int) -> None:
         """Order what is in the queue; it leaves the queue when it is accepted."""
