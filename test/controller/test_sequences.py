@@ -58,6 +58,12 @@ REQUESTS = ('move', 'move', 'start', 'resume', 'clear', 'program', 'override', '
 SERVICES = ('enable', 'disable', 'hold', 'abort', 'emergency_stop', 'reset')
 
 
+FOUND = (
+    5980,
+    6663,
+)  # seeds that found something: a queue that a refused start filled; a start right behind an end
+
+
 class Sequence:
     """One random sequence of requests of two operators and of clients without an identity."""
 
@@ -105,7 +111,7 @@ class Sequence:
         }.get(action, '')
         before = rig.planner.queue
         motion, losses = rig.state.motion, rig.control.losses
-        holder = rig.control.operator
+        holder, order = rig.control.operator, rig.planner.status.order
         accepted, sentence = rig.ask(action, text, operator)
         self.told.append(f'{operator or "anybody"}: {action} {text}: {accepted} {sentence}')
         assert sentence
@@ -113,8 +119,12 @@ class Sequence:
         if holder is not None and rig.control.operator == holder and holder.identity != operator:
             assert not accepted or action == 'withdraw'
         if action == 'start' or (action == 'trajectory' and '"points": []' not in text):
-            # who is told that it has started finds it moving, and who is refused finds everything as before
-            assert accepted == (rig.state.motion == 'moving' and motion != 'moving'), self.told[-5:]
+            # who is told that it has started finds it moving, and who is refused finds everything as before; what is
+            # asked for in the last cycles of a program may start when that has ended
+            started = rig.state.motion == 'moving' and (
+                motion != 'moving' or rig.planner.status.order != order
+            )
+            assert accepted == started, self.told[-5:]
             assert accepted or rig.planner.queue[0] == before[0] or rig.control.losses > losses
         if action == 'resume' and accepted:
             assert rig.state.motion == 'moving'
@@ -170,7 +180,7 @@ class Sequence:
 
 def test_after_any_sequence_of_requests_the_documented_ones_lead_out(new_rig: Callable[[], Any]) -> None:
     followed = driven = 0
-    for seed in range(SEQUENCES):
+    for seed in (*range(SEQUENCES), *FOUND):
         sequence = Sequence(new_rig(), seed)
         try:
             for _ in range(LENGTH):
