@@ -120,8 +120,8 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.bringup.bringup import Bringup
     from delta3_pacdrive.bringup.options import Options
 
-    port = serving.choose(serving.HOST, None) if case == 'viewed' else None
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder, ExitStack() as stack:
+        port = stack.enter_context(serving.port_for(serving.HOST, None)) if case == 'viewed' else None
         bringup = Bringup(
             Options(
                 program=program_file(seconds, folder),

@@ -4,6 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -79,26 +80,28 @@ def bring_up(
     from delta3_pacdrive.motion import program_file as programs
 
     announce_compilation(options.parameters)
-    asked = BringupOptions(
-        program=programs.find(program).absolute() if program is not None else None,
-        parameters=Path(options.parameters) if options.parameters else None,
-        namespace=namespace,
-        real_time_factor=options.real_time_factor,
-        bag=Path(options.bag).absolute() if options.bag else None,
-        single_process=options.single_process,
-        exchange_period_s=options.exchange_period,
-        real_time_priority=not options.ordinary_priority,
-        markers=options.markers,
-        logs=Path(options.logs).absolute() if options.logs else None,
-        view_port=serving.choose(serving.HOST, options.view_port)
-        if options.view or options.view_port
-        else None,
-    )
-    bringup = Bringup(asked, started_s)
-    if asked.view_port is not None:
-        page = serving.address(serving.HOST, asked.view_port)
-        print(f'the page comes up at {page}', file=sys.stderr, flush=True)
-    with Progress(quiet=options.json) as display:
+    with ExitStack() as stack:
+        port = None
+        if options.view or options.view_port:
+            port = stack.enter_context(serving.port_for(serving.HOST, options.view_port))
+        asked = BringupOptions(
+            program=programs.find(program).absolute() if program is not None else None,
+            parameters=Path(options.parameters) if options.parameters else None,
+            namespace=namespace,
+            real_time_factor=options.real_time_factor,
+            bag=Path(options.bag).absolute() if options.bag else None,
+            single_process=options.single_process,
+            exchange_period_s=options.exchange_period,
+            real_time_priority=not options.ordinary_priority,
+            markers=options.markers,
+            logs=Path(options.logs).absolute() if options.logs else None,
+            view_port=port,
+        )
+        bringup = Bringup(asked, started_s)
+        if port is not None:
+            page = serving.address(serving.HOST, port)
+            print(f'the page comes up at {page}', file=sys.stderr, flush=True)
+        display = stack.enter_context(Progress(quiet=options.json))
         return bringup, bringup.run(shown(display, bringup))
 
 

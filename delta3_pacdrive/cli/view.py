@@ -1,11 +1,14 @@
 """``delta3 view``: a robot that is up, or a recording, as a page in the browser."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
+from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.run_options import require_obeyed
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
@@ -58,8 +61,8 @@ class Options(NodeOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    options.port = serving.choose(options.host, options.port)
-    return _watch(options) if options.run is None else _play(options, options.run)
+    with serving.port_for(options.host, options.port) as options.port:
+        return _watch(options) if options.run is None else _play(options, options.run)
 
 
 def _watch(options: Options) -> int:
@@ -69,8 +72,7 @@ def _watch(options: Options) -> int:
     from delta3_pacdrive import parameters as core
 
     parameters = core.load()
-    page = _page(options, parameters, f'Delta-3 in {options.namespace}')
-    try:
+    with _served(options, parameters, f'Delta-3 in {options.namespace}') as page:
         from delta3_pacdrive.ros import live_view
 
         if serving.is_here(options.host) or options.control:
@@ -82,28 +84,26 @@ def _watch(options: Options) -> int:
         os.nice(NICENESS)  # not before: people wait for the first picture
         patience_s = float('inf') if options.wait else live_view.APPEAR_S
         live_view.run(page, parameters, options.namespace, patience_s)
-    finally:
-        page.close()
     return 0
 
 
 def _play(options: Options, name: str) -> int:
     """Show a run."""
     from delta3_pacdrive.analysis import runs
+    from delta3_pacdrive.analysis.inputs import is_recording
     from delta3_pacdrive.view import playback, workspace
 
     if workspace.Volume.is_one(Path(name)):
         return _show_volume(options, Path(name))
+    if not is_recording(name):
+        announce_compilation(options.parameters)
     found = runs.load(name, options.parameters)
     require_obeyed(found, options.parameters)
     film = playback.Film(found)
     if film.run.robot_note:
         print(f'note: {film.run.robot_note}', file=sys.stderr)
-    page = _page(options, film.robot, Path(name).name)
-    try:
+    with _served(options, film.robot, Path(name).name) as page:
         playback.run(page, film)
-    finally:
-        page.close()
     return 0
 
 
@@ -113,30 +113,37 @@ def _show_volume(options: Options, path: Path) -> int:
     from delta3_pacdrive.view import workspace
 
     robot, volume = core.load(options.parameters), workspace.Volume.load(path)
-    page = _page(options, robot, path.name)
-    try:
+    with _served(options, robot, path.name) as page:
         workspace.run(page, robot, volume, path.name)
-    finally:
-        page.close()
     return 0
 
 
-def _page(options: Options, parameters: 'Parameters', title: str) -> 'Page':
-    """Serve the page, and say where."""
+@contextmanager
+def _served(options: Options, parameters: 'Parameters', title: str) -> Iterator['Page']:
+    """Serve the page, and say where; who asks for its end before the first picture has it, too."""
     from delta3_pacdrive.view.page import Page
 
     page = Page(parameters, options.host, options.port or 0, title)
-    page.darken(options.dark)
-    print(f'the page is at {page.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
-    if options.open:
-        import webbrowser
+    try:
+        page.darken(options.dark)
+        print(f'the page is at {page.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
+        if options.open:
+            _open(page.url)
+        yield page
+    except KeyboardInterrupt:
+        pass
+    finally:
+        page.close()
 
-        try:
-            webbrowser.get().open(page.url)
-        except webbrowser.Error:
-            page.close()
-            raise RunError(f'there is no browser here that could open {page.url}') from None
-    return page
+
+def _open(url: str) -> None:
+    """Open the page in a browser of this desktop; raises RunError."""
+    import webbrowser
+
+    try:
+        webbrowser.get().open(url)
+    except webbrowser.Error:
+        raise RunError(f'there is no browser here that could open {url}') from None
 
 
 main = Command(

@@ -71,19 +71,36 @@ def require_free(host: str, port: int) -> None:
         raise taken(host, port, error.strerror or str(error)) from None
 
 
-def choose(host: str, port: int | None) -> int:
-    """Return the port of a page: the one that is asked for, else the first that is free; raises RunError."""
+@contextlib.contextmanager
+def port_for(host: str, port: int | None) -> Iterator[int]:
+    """Give the port of a page: the one that is asked for, else the first that is free.
+
+    The latter is held within the context: what comes before a page is served, such as compiling, may take long, and
+    other pages that look for a port meanwhile take another one.
+
+    Raises
+    ------
+    RunError
+        The port is taken, no port is free, or the address is not one of this machine.
+
+    """
     require_viser()
     if port is not None:
         require_free(host, port)
-        return port
+        yield port
+        return
     for candidate in range(PORT, PORT + PORTS):
-        try:
-            require_free(host, candidate)
-        except RunError as error:
-            last = error
-        else:
-            return candidate
+        with socket.socket(socket.AF_UNIX) as claim:
+            try:
+                claim.bind(f'\0delta3_page_{candidate}')  # no file: it ends with the process
+                require_free(host, candidate)
+            except (RunError, OSError) as error:
+                last = (
+                    error if isinstance(error, RunError) else taken(host, candidate, 'Address already in use')
+                )
+            else:
+                yield candidate
+                return
     raise last
 
 

@@ -75,6 +75,16 @@ def report(browser, scratch, picture):
         visit.page.screenshot(path=picture)
 
 
+def address(lines):
+    """Read lines until one tells where the page is; before it comes what takes a while, such as compiling."""
+    said = []
+    for line in lines:
+        said.append(line)
+        if found := re.search(r'http\S+', line):
+            return found[0]
+    raise RuntimeError(f'no page: {"".join(said)}')
+
+
 def view(browser, _, picture):
     """Take the page of a robot that is played, between two places of a pick cycle."""
     command = [
@@ -89,8 +99,7 @@ def view(browser, _, picture):
     ]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
-            address = re.search(r'http\S+', process.stderr.readline())[0]
-            with Visit(browser, address) as visit:
+            with Visit(browser, address(process.stderr)) as visit:
                 visit.page.get_by_text('playing', exact=True).wait_for()
                 visit.page.wait_for_timeout(4000)  # the plots fill
                 visit.page.get_by_role('button', name='Pause').click()

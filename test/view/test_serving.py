@@ -1,6 +1,9 @@
 """Facts about where the page is served."""
 
 import socket
+import subprocess
+import sys
+from contextlib import ExitStack
 
 import pytest
 
@@ -11,6 +14,12 @@ from delta3_pacdrive.view.page import Page
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
 
+@pytest.fixture(autouse=True)
+def own_ports(monkeypatch):
+    """Keep away from the ports of pages that other tests serve meanwhile."""
+    monkeypatch.setattr(serving, 'PORT', 18642)
+
+
 @pytest.fixture
 def taken():
     with socket.socket() as other:
@@ -19,28 +28,57 @@ def taken():
         yield other.getsockname()[1]
 
 
+def chosen(host, port=None):
+    with serving.port_for(host, port) as found:
+        return found
+
+
 def test_a_port_that_is_taken_is_refused_in_one_sentence(taken):
     with pytest.raises(
         RunError, match=f'^cannot serve the page on port {taken} of .*: Address already in use$'
     ):
-        serving.choose(serving.HOST, taken)
+        chosen(serving.HOST, taken)
 
 
 def test_a_port_that_nobody_asked_for_is_one_that_is_free():
-    first = serving.choose(serving.HOST, None)
+    first = chosen(serving.HOST)
     assert serving.PORT <= first < serving.PORT + serving.PORTS
     with socket.socket() as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # others may have had it a moment ago
         other.bind((serving.HOST, first))
         other.listen()
-        assert serving.choose(serving.HOST, None) != first
+        assert chosen(serving.HOST) != first
+
+
+def test_a_port_is_held_until_its_page_is_served():
+    look = (
+        f'from delta3_pacdrive.view import serving; serving.PORT = {serving.PORT};'
+        f'print(serving.port_for({serving.HOST!r}, None).__enter__())'
+    )
+    with serving.port_for(serving.HOST, None) as first:
+        other = subprocess.run([sys.executable, '-c', look], capture_output=True, text=True, check=True)
+        assert first < int(other.stdout) < serving.PORT + serving.PORTS
+    assert chosen(serving.HOST) == first
+
+
+def test_where_every_port_is_taken_one_sentence_says_so():
+    with ExitStack() as stack:
+        for _ in range(serving.PORTS):
+            stack.enter_context(serving.port_for(serving.HOST, None))
+        last = serving.PORT + serving.PORTS - 1
+        with pytest.raises(
+            RunError, match=f'^cannot serve the page on port {last} of .*: Address already in use$'
+        ):
+            chosen(serving.HOST)
 
 
 def test_an_address_that_is_not_ours_is_refused():
     with pytest.raises(RunError, match='cannot serve the page'):
-        serving.choose('192.0.2.1', 8000)
+        chosen('192.0.2.1', 8000)
     with pytest.raises(RunError, match='cannot serve the page'):
-        serving.choose('no.such.host.invalid', 8000)
+        chosen('192.0.2.1')
+    with pytest.raises(RunError, match='cannot serve the page'):
+        chosen('no.such.host.invalid', 8000)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +142,8 @@ def test_a_page_of_others_cannot_connect(robot):
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    page = Page(robot, serving.HOST, serving.choose(serving.HOST, None), 'a robot of the tests')
+    with serving.port_for(serving.HOST, None) as port:
+        page = Page(robot, serving.HOST, port, 'a robot of the tests')
     try:
         there = page.url.replace('http', 'ws')
         with connect(there, origin=page.url):
