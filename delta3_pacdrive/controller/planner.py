@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.controller import planner_actions
+from delta3_pacdrive.controller.follow_up import LOST_CONTROL, FollowUp
 from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.override import Override
-from delta3_pacdrive.controller.planner_actions import Arrival
-from delta3_pacdrive.controller.planning_job import UNROUNDED, Behind, Caps, Job, Result
+from delta3_pacdrive.controller.planning import Planning
+from delta3_pacdrive.controller.planning_job import UNROUNDED, Result
 from delta3_pacdrive.controller.profile_change import ChangeEvent
 from delta3_pacdrive.controller.program_queue import ProgramQueue
 from delta3_pacdrive.controller.program_run import (
@@ -28,26 +29,22 @@ from delta3_pacdrive.controller.program_run import (
     RunEvent,
     RunState,
 )
+from delta3_pacdrive.controller.readiness import Readiness, refused
 from delta3_pacdrive.controller.request_service import WITHDRAWN, RequestService
 from delta3_pacdrive.controller.stop_request import StopRequest
 from delta3_pacdrive.controller.task_status import TaskStatus
-from delta3_pacdrive.controller.tolerances import Followed, Tolerances, ToleranceWatch
+from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.controller.trajectory import SOON, TrajectoryRequest
+from delta3_pacdrive.controller.trajectory_watch import TrajectoryWatch
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
-from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.extension import SeamError
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
-from delta3_pacdrive.motion.resume import way_back
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
-NO_CAPS = (0.0, 0.0, 0.0)
 NO_TOLERANCES = Tolerances()
-LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
 SUPERSEDED = Reason(Code.STATE, 'another program was started before the arms had come to the goal')
-LOST_GOAL = Reason(Code.STATE, 'the trajectory did not come to its end')
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
 PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
 ACTIONS = ('program', 'move', 'trajectory', 'start', 'resume', 'clear', 'override', 'withdraw')
@@ -73,6 +70,8 @@ class Planner:
     ----------
     actions
         What has to be done, in this order; whoever does it takes them away.
+    trajectory
+        The watch over the trajectory that is driven: it has to be told where the arms are.
 
     """
 
@@ -84,30 +83,37 @@ class Planner:
         newest_cycle: Callable[[], int],
         tolerances: Tolerances = NO_TOLERANCES,
     ) -> None:
-        self._watch = ToleranceWatch(tolerances, parameters)
-        self._driven_for = ''  # identity of the request for the program that was accepted last
-        self._observed: tuple[int, Floats] | None = None
-        self._robot, self._identity, self._newest_cycle = parameters, identity, newest_cycle
+        self._robot, self._newest_cycle = parameters, newest_cycle
         self.actions: list[planner_actions.Action] = []
         self._now_s = 0.0
         self._task = TaskStatus()
         self._requests = RequestService(self._task, self._act)
         self._tracker, self._reply = self._requests.tracker, self._requests.reply
         self._profiles = Numbering()
-        self._here: Floats | None = None
         self._mirrored: MotionState | None = None
 
-        self._job: tuple[Job, Callable[[Result], None]] | None = None
-        self._jobs = 0
         numbers = OrderNumbers()
         self._queue = ProgramQueue(program)
+        self._planning = Planning(self._queue, self._act)
         self._run = ProgramRun(numbers, parameters.bus.cycle_time_s)
+        self._readiness = Readiness(identity, self._task, self._run)
         self._override = Override(self._run, numbers, newest_cycle)
         self._change = self._override.change
         self._following = Following(self._run, numbers)
+        self._follow_up = FollowUp(
+            self._following,
+            self._run,
+            self._readiness,
+            self._requests,
+            self._planning,
+            self._act,
+            newest_cycle,
+            self._plan_moves,
+        )
+        watch = ToleranceWatch(tolerances, parameters)
+        self.trajectory = TrajectoryWatch(watch, self._run, self._readiness, self._tracker, self._act)
+        self._identity = identity
         self._stopping = StopRequest()
-        self._orphaned = False  # whether the operator of moves that follow has lost control meanwhile
-        self._came_to_its_end = False  # the program that ran last
         self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
 
     def _act(self, action: planner_actions.Action) -> None:
@@ -123,7 +129,7 @@ class Planner:
     @property
     def motion(self) -> MotionState:
         """What is done with the TCP, as far as is known."""
-        return MotionState(self.status.state) if self.status else MotionState.IDLE
+        return self._readiness.motion
 
     @property
     def queue(self) -> tuple[int, float]:
@@ -138,12 +144,7 @@ class Planner:
     @property
     def listened_to(self) -> bool:
         """Whether the transformation task takes orders of this planner."""
-        return self.status is not None and self.status.planner == self._identity
-
-    @property
-    def _refusal(self) -> Reason | None:
-        """Why the transformation task would take no order now."""
-        return self.status.reason if self.status else None
+        return self._readiness.listened_to
 
     # what the task tells ----------------------------------------------------------------------------------------------
 
@@ -159,15 +160,13 @@ class Planner:
         elif before is not None and status.losses != before.losses and not self._starts_by_itself:
             # its operator has lost control
             self._empty(LOST_CONTROL)
-            self._orphaned = self._following.busy and bool(
-                self._requests.serving and self._requests.serving.operator
-            )
+            self._follow_up.lose_control()
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
                 self._end_order(None)  # a verdict that was lost
         if self._following.sent and self.listened_to and status.order >= self._following.number:
-            self._end_following(None)
+            self._follow_up.take_verdict(None)
         if self.motion == MotionState.ERROR:
             self._happen(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):
@@ -183,9 +182,9 @@ class Planner:
 
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
-        self._give_goal_up(PHASED_UP)
+        self.trajectory.give_up(PHASED_UP)
         if self._run.waits or self._change.waits or self._following.busy or self._stopping.waits:
-            self._job = None
+            self._planning.forget()
             self._following.end()
             self._stopping.end()
             self._reply(PHASED_UP)
@@ -194,8 +193,8 @@ class Planner:
             self._happen(RunEvent.PHASE_UP)
 
     def _be_located(self, here: Floats) -> None:
-        first = self._here is None
-        self._here = here
+        first = self._readiness.here is None
+        self._readiness.here = here
         self._happen(RunEvent.LOCATE)
         self._queue.forget_plan()
         if first and self._queue.program is not None and not self._starts_by_itself:
@@ -221,7 +220,7 @@ class Planner:
         elif self._change.waits and verdict.number == self._change.number:
             self._end_change(reason)
         elif self._following.sent and verdict.number == self._following.number:
-            self._end_following(reason)
+            self._follow_up.take_verdict(reason)
         else:
             return False
         self._go_on()
@@ -229,27 +228,20 @@ class Planner:
 
     def _happen(self, event: RunEvent) -> None:
         before, timeline = self._run.state, self._run.timeline
-        ended = self._has_come_to_its_end if before is RunState.RUNNING else self._came_to_its_end
-        self.actions.extend(self._run.happen(event))
-        if before is RunState.RUNNING and self._run.state is not RunState.RUNNING:
-            self._came_to_its_end = ended and event in (RunEvent.END, RunEvent.LOCATE)
-            if event in (RunEvent.END, RunEvent.LOCATE) and ended:
-                if timeline is not None and timeline.profile is not None:
-                    self._watch.arrive(timeline)
-                self._tracker.end()
-            elif event is RunEvent.FAIL:
-                self._tracker.give_up(self._refusal or Reason(Code.FAULT, 'a fault has stopped the robot'))
-            else:
-                lost = event is RunEvent.PHASE_UP
-                self._tracker.give_up(PHASED_UP if lost else Reason(Code.STATE, 'the program was given up'))
-
-    @property
-    def _has_come_to_its_end(self) -> bool:
-        """Whether a program that does not run any more was driven to its end, not given up."""
-        timeline, status = self._run.timeline, self.status
-        if timeline is None or timeline.profile is None or status is None:
-            return True
-        return not timeline.profile.held and status.cycle >= timeline.end_cycle
+        self.actions.extend(self._run.happen(event, self.status.cycle if self.status else None))
+        if before is not RunState.RUNNING or self._run.state is RunState.RUNNING:
+            return
+        if self._run.came_to_its_end:
+            if timeline is not None:
+                self.trajectory.arrive(timeline)
+            self._tracker.end()
+        elif event is RunEvent.FAIL:
+            self._tracker.give_up(
+                self._readiness.refusal or Reason(Code.FAULT, 'a fault has stopped the robot')
+            )
+        else:
+            lost = event is RunEvent.PHASE_UP
+            self._tracker.give_up(PHASED_UP if lost else Reason(Code.STATE, 'the program was given up'))
 
     def _empty(self, reason: Reason) -> None:
         """Forget what is in the queue."""
@@ -269,9 +261,11 @@ class Planner:
                 if order.own and request is not None:
                     self._tracker.queue(request.identity, order.own)
                 self._tracker.start(order.queued.ends)
-            self._give_goal_up(SUPERSEDED)
-            self._driven_for = request.identity if request is not None else ''
-            self._watch.begin(self._run.number, order.tolerances if order is not None else None)
+            self.trajectory.give_up(SUPERSEDED)
+            self.trajectory.begin(
+                request.identity if request is not None else '',
+                order.tolerances if order is not None else None,
+            )
             if order is not None:
                 self._following.begin(self._run.number, order.program, order.queued)
         self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
@@ -306,7 +300,7 @@ class Planner:
             self._end_change(silence)
         if self._following.sent and now_s - self._following.since_s > VERDICT_S:
             self.actions.append(planner_actions.Revoked(self._following.number))
-            self._end_following(silence)
+            self._follow_up.take_verdict(silence)
         if self._stopping.waits and now_s - self._stopping.since_s > VERDICT_S:
             self._stopping.end()
             self._reply(silence)
@@ -323,10 +317,9 @@ class Planner:
 
     def _withdraw(self) -> None:
         """Give up what is done for the request that is served."""
-        if self._job is not None:
-            job, self._job = self._job[0], None
+        if self._planning.busy:
             self._following.end()
-            self.actions.append(planner_actions.Cancelled(job.number))
+            self._planning.cancel()
             self._reply(WITHDRAWN)
         elif self._run.waits:
             self._revoke_order(WITHDRAWN)
@@ -341,14 +334,14 @@ class Planner:
     @property
     def _busy(self) -> bool:
         waits = self._run.waits or self._change.waits or self._stopping.waits
-        return self._job is not None or waits or self._following.busy
+        return self._planning.busy or waits or self._following.busy
 
     def _go_on(self) -> None:
         """Serve requests as long as none has to wait."""
         if self._starts_by_itself and not self._busy:
             self._start_by_itself()
-        if self._following.busy and self._job is None and not self._following.sent:
-            self._send_following()
+        if self._following.busy and not self._planning.busy and not self._following.sent:
+            self._follow_up.send(self._now_s)
         while not self._busy and self._requests.serve_next(self._now_s, self._must_wait, self._serve):
             pass
 
@@ -358,20 +351,17 @@ class Planner:
     def _serve(self, request: Request) -> None:
         match request.action:
             case 'program' | 'move':
-                wrapped = request.action == 'move'
-                if wrapped and self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
-                    self._tracker.begin(request.identity)
-                    self._orphaned = False
-                    self._follow(request, rounded=True)
+                runs = self._run.state is RunState.RUNNING and self.motion in UNDER_WAY
+                if request.action == 'move' and runs:
+                    self._follow_up.begin(request)
                     return
-                then = self._take_moves if wrapped else self._take_planned
-                here = self._require_rest()
+                self._readiness.require_rest()
                 self._tracker.begin(request.identity)
-                self._work(here, then, request.text, request.caps, wrapped)
+                self._plan_moves(request)
             case 'trajectory':
                 self._follow_trajectory(request)
             case 'plan' if request.operator == '':
-                self._work(self._require_rest(), self._take_planned)
+                self._planning.begin(self._readiness.require_rest(), self._take_planned)
             case 'start':
                 self._start()
             case 'resume':
@@ -394,46 +384,23 @@ class Planner:
         else:
             self._reply(outcome)
 
-    def _require_rest(self) -> Floats:
-        """Return where the robot stands; moves are taken only by a robot that is ready and stands."""
-        if self.status is None or self._here is None:
-            raise _refused(Code.BUS, 'the transformation task has not located the robot yet')
-        if self.motion != MotionState.IDLE or self._run.state is not RunState.NONE:
-            refusal = self._refusal
-            if refusal is not None and refusal.code == Code.FAULT:
-                raise RefusedError(refusal)
-            motion = MotionState.MOVING if self.motion == MotionState.IDLE else self.motion
-            raise _refused(Code.STATE, f'the robot is {motion}: moves are taken when it is idle')
-        return self._here
-
     # planning ---------------------------------------------------------------------------------------------------------
 
-    def _work(
-        self,
-        here: Floats,
-        then: Callable[[Result], None],
-        text: str = '',
-        caps: Caps = NO_CAPS,
-        wrapped: bool = False,
-        behind: Behind | None = None,
-        program: Program | None = None,
-    ) -> None:
-        """Let the queue, or another program, and a text behind it be planned."""
-        self._jobs += 1
-        x, y, z = here.tolist()
-        job = Job(self._jobs, program or self._queue.program, text, caps, (x, y, z), wrapped, behind)
-        self._job = job, then
-        self.actions.append(planner_actions.Working(job))
+    def _plan_moves(self, request: Request) -> None:
+        """Let the moves of a request be planned behind those in the queue."""
+        wrapped = request.action == 'move'
+        then = self._take_moves if wrapped else self._take_planned
+        self._planning.begin(self._readiness.require_rest(), then, request.text, request.caps, wrapped)
 
     def take_result(self, result: Result, now_s: float) -> None:
         """Take what the planning thread has found; of a job that was given up it counts for nothing."""
         self._now_s = now_s
-        if self._job is None or self._job[0].number != result.number:
+        then = self._planning.end(result)
+        if then is None:
             return
-        then, self._job = self._job[1], None
         try:
             if result.reason is UNROUNDED and self._requests.serving is not None:
-                self._follow(self._requests.serving, rounded=False)
+                self._follow_up.plan(self._requests.serving, rounded=False)
                 return
             if result.reason is not None:
                 self._starts_by_itself = False
@@ -446,7 +413,7 @@ class Planner:
 
     def _take_planned(self, result: Result) -> None:
         """Let a queue that is possible as a whole take the place of the present one."""
-        self._require_rest()
+        self._readiness.require_rest()
         self._queue.put(result.program, result.planned)
         planned = result.planned
         if planned is None:
@@ -458,8 +425,8 @@ class Planner:
     def _planned_sentence(self, planned: Planned) -> str:
         sentence = f'planned "{planned.name}": {len(planned.plan)} moves, {planned.plan.duration_s:.3f} s'
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
-        if self._refusal is not None:
-            sentence += f'; it cannot start yet: {self._refusal}'
+        if self._readiness.refusal is not None:
+            sentence += f'; it cannot start yet: {self._readiness.refusal}'
         return sentence
 
     def _take_moves(self, result: Result) -> None:
@@ -467,10 +434,9 @@ class Planner:
         if not result.starts:
             self._take_planned(result)
             return
-        self._require_rest()
-        self._require_readiness()
-        if result.program is not None and result.planned is not None:
-            self._launch(-1, result.program, result.planned, result.statements)
+        self._readiness.require_rest()
+        self._readiness.require_orders()
+        self._launch(result, own=result.statements)
 
     # trajectories -----------------------------------------------------------------------------------------------------
 
@@ -480,31 +446,23 @@ class Planner:
         if not trajectory.points:
             self._stop()
             return
-        here = self._require_rest()
+        here = self._readiness.require_rest()
         if self._queue.program is not None:
-            raise _refused(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
-        self._require_readiness()
+            raise refused(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
+        self._readiness.require_orders()
         cycle, program = trajectory.due(self._newest_cycle(), self._robot.bus.cycle_time_s)
         self._tracker.begin(request.identity)
 
         def launch(result: Result) -> None:
-            self._require_rest()
-            self._require_readiness()
+            self._readiness.require_rest()
+            self._readiness.require_orders()
             if cycle != SOON and self._newest_cycle() >= cycle:
-                raise _refused(
+                raise refused(
                     Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
                 )
-            if result.program is not None and result.planned is not None:
-                self._launch(
-                    cycle,
-                    result.program,
-                    result.planned,
-                    result.statements,
-                    cycle != SOON,
-                    trajectory.tolerances,
-                )
+            self._launch(result, cycle, result.statements, cycle != SOON, trajectory.tolerances)
 
-        self._work(here, launch, program)
+        self._planning.begin(here, launch, program)
 
     def _stop(self) -> None:
         """Give up the program that runs: the task stops it on its path, and tells so."""
@@ -519,124 +477,29 @@ class Planner:
         if not self._stopping.waits:
             return
         self._stopping.note(self.motion, self._now_s)
-        sentence = self._stopping.answer(self._run.state, self.motion, self._came_to_its_end, self._refusal)
+        sentence = self._stopping.answer(
+            self._run.state, self.motion, self._run.came_to_its_end, self._readiness.refusal
+        )
         if sentence is not None:
             self._stopping.end()
             self._reply(sentence)
-
-    def observe(self, cycle: int, angles_rad: Floats, speeds_rad_s: Floats) -> None:
-        """Hold the arms [rad], [rad/s] of a bus cycle against the tolerances; whoever violates them is stopped."""
-        timeline, waited = self._run.timeline, self._watch.waits
-        self._observed = cycle, np.stack([angles_rad, speeds_rad_s])
-        if self._run.state is RunState.RUNNING and timeline is not None and cycle < timeline.end_cycle:
-            reason = self._watch.follow(self._run.number, timeline, cycle, angles_rad)
-            if reason is not None and self.motion == MotionState.MOVING:
-                self.actions.append(planner_actions.Settled(self._driven_for, Arrival.OFF_PATH, reason))
-                self._tracker.give_up(reason)
-                self.actions.append(planner_actions.Revoked(self._run.number))
-        elif self._run.state is RunState.RUNNING or self._came_to_its_end:
-            reason = self._watch.settle(cycle, angles_rad, speeds_rad_s)
-            if waited and not self._watch.waits:
-                arrival = Arrival.OFF_GOAL if reason else Arrival.REACHED
-                self.actions.append(planner_actions.Settled(self._driven_for, arrival, reason))
-        else:
-            reason = None
-            self._give_goal_up(LOST_GOAL)
-        if reason is not None:
-            self.actions.append(planner_actions.Replied(Request('', '', 0, 0, 'trajectory'), reason, ''))
-
-    @property
-    def watches(self) -> bool:
-        """Whether it has to be told where the arms are."""
-        return (self._run.state is RunState.RUNNING and self._watch.wants) or self._watch.waits
-
-    def followed(self) -> Followed | None:
-        """Return where the arms are on the trajectory that is driven, None if none is, or nobody has told."""
-        timeline, observed = self._run.timeline, self._observed
-        if self._run.state is not RunState.RUNNING or timeline is None or observed is None:
-            return None
-        due = self._watch.due(timeline, observed[0])
-        return Followed(observed[0], *due, observed[1]) if due is not None else None
-
-    def settles(self, identity: str) -> bool:
-        """Whether the program of a request is driven, or the arms still have to come to its goal."""
-        return identity == self._driven_for and (self._run.state is RunState.RUNNING or self._watch.waits)
-
-    def _give_goal_up(self, reason: Reason) -> None:
-        if self._watch.forget():
-            self.actions.append(planner_actions.Settled(self._driven_for, Arrival.GIVEN_UP, reason))
 
     def require_control(self, request: Request) -> None:
         """Raise RefusedError if somebody else has control of the robot."""
         self._requests.require_control(request)
 
-    # moves that follow ------------------------------------------------------------------------------------------------
-
-    def _follow(self, request: Request, rounded: bool) -> None:
-        """Let moves be planned behind those of the program that is driven."""
-        behind = self._following.behind(self._tracker.following, rounded, self._newest_cycle())
-        here = np.array(behind.seam.start_m)
-        self._work(here, self._take_following, request.text, request.caps, True, behind)
-
-    def _take_following(self, result: Result) -> None:
-        self._following.take(result)
-        self._send_following()
-
-    def _send_following(self) -> None:
-        """Send moves that are planned, unless they must wait for a stop, or the program is over."""
-        request = self._requests.serving
-        if request is None or self.motion == MotionState.STOPPING:
-            return
-        try:
-            self._requests.require_control(request)
-            if self._orphaned:
-                raise RefusedError(LOST_CONTROL)
-            if self._run.state is RunState.RUNNING and self.motion in UNDER_WAY:
-                ordered = self._following.send(self._newest_cycle(), self._now_s)
-                if ordered is not None:
-                    self.actions.append(ordered)
-            elif self._run.state is RunState.NONE and self._came_to_its_end:
-                self._following.end()  # it was driven to its end meanwhile: they are planned from there
-                self._work(self._require_rest(), self._take_moves, request.text, request.caps, True)
-            elif self._run.state is not RunState.RUNNING:
-                raise RefusedError(
-                    self._refusal or Reason(Code.STATE, 'the program that they were to follow was given up')
-                )
-        except SeamError:
-            self._follow(request, rounded=False)
-        except Delta3Error as error:
-            self._following.end()
-            self._reply(Reason.of(error))
-
-    def _end_following(self, reason: Reason | None) -> None:
-        """Answer whoever waits for the verdict on moves that follow, or send them again for a later cycle."""
-        following, request = self._following, self._requests.serving
-        if reason is not None and reason.code == Code.LATE and following.miss():
-            return
-        if reason is not None:
-            following.end()
-            self._reply(reason)
-            return
-        statements, sentence = following.taken()
-        if request is not None:
-            self._tracker.follow(request.identity, statements, following.ends)
-        if self._run.state is not RunState.RUNNING:  # a fault came right behind them
-            self._tracker.give_up(self._refusal or Reason(Code.STATE, 'the program was given up'))
-        if self.motion != MotionState.MOVING:
-            sentence += f'; the robot is {self.motion}: resume goes on'
-        self._reply(sentence)
-
     # running ----------------------------------------------------------------------------------------------------------
 
     def _start_by_itself(self) -> None:
         """Plan the program that was given at the start as soon as the robot is located, then start it."""
-        if self.status is None or self._here is None:
+        here = self._readiness.here
+        if self.status is None or here is None:
             return
         own = Request('', '', 0, 0, 'start')
         if self._queue.planned is None:
             self._requests.serving = own
-            self._work(self._here, self._keep_own)
-        elif self.listened_to and self._refusal is None:
+            self._planning.begin(here, self._keep_own)
+        elif self.listened_to and self._readiness.refusal is None:
             self._starts_by_itself = False
             self._requests.serving = own
             self._launch_queue(self._robot.motion.start_cycle)
@@ -647,87 +510,58 @@ class Planner:
         self._requests.serving = None
 
     def _start(self) -> None:
-        here = self._require_rest()
+        here = self._readiness.require_rest()
         again = self._queue.program is None and self._run.remains is not Remains.NOTHING
         if self._queue.program is None and not again:
-            raise _refused(Code.STATE, 'no moves are in the queue')
-        self._require_readiness()
+            raise refused(Code.STATE, 'no moves are in the queue')
+        self._readiness.require_orders()
         if again and self._run.program is not None:
             # injected faults happen once; the queue stays empty, should it be refused
-            self._work(here, self._launch_again, program=replace(self._run.program, faults=()))
+            self._planning.begin(here, self._launch, program=replace(self._run.program, faults=()))
         elif self._queue.planned is None:
-            self._work(here, self._launch_planned)
+            self._planning.begin(here, self._launch_planned)
         else:
             self._launch_queue(-1)
 
-    def _require_readiness(self) -> None:
-        """Refuse what the transformation task would refuse anyway."""
-        if not self.listened_to:
-            raise _refused(Code.BUS, 'the transformation task does not listen to this planner yet')
-        if self._refusal is not None:
-            raise RefusedError(self._refusal)
-
     def _launch_planned(self, result: Result) -> None:
         self._queue.put(result.program, result.planned)
-        self._require_rest()
+        self._readiness.require_rest()
         self._launch_queue(-1)
-
-    def _launch_again(self, result: Result) -> None:
-        self._require_rest()
-        if result.program is not None and result.planned is not None:
-            self._launch(-1, result.program, result.planned)
 
     def _launch_queue(self, cycle: int) -> None:
         """Order what is in the queue; it leaves the queue when it is accepted."""
         program, planned = self._queue.program, self._queue.planned
         if program is not None and planned is not None:
-            self._launch(cycle, program, planned)
+            self._send(Order.of(program, planned, self.override, cycle))
 
     def _launch(
         self,
-        cycle: int,
-        program: Program,
-        planned: Planned,
+        result: Result,
+        cycle: int = -1,
         own: int = 0,
         exact: bool = False,
         tolerances: Tolerances | None = None,
     ) -> None:
-        """Order a program, the last statements of which may be those of the request that is served.
-
-        One that is ``exact`` begins in its cycle, or is refused.
-        """
-        override = min(self.override, planned.override_max)
-        moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / override:.3f} s'
-        sentence = f'started "{planned.name}": {moves}'
-        if own:
-            sentence += ''.join(f'; {notice}' for notice in planned.notices)
-        order = Order(planned.plan, program.faults, cycle, override, planned.override_max, program, sentence)
-        self._send(replace(order, queued=planned, own=own, exact=exact, tolerances=tolerances))
+        """Order what was planned beside the queue, from where the robot still stands; for the rest see ``Order``."""
+        self._readiness.require_rest()
+        program, planned = result.program, result.planned
+        if program is not None and planned is not None:
+            self._send(Order.of(program, planned, self.override, cycle, own, exact, tolerances))
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))
 
     def _resume(self) -> None:
         if self.motion == MotionState.STOPPED:
-            refusal = self._refusal
+            refusal = self._readiness.refusal
             if refusal is not None and refusal.code == Code.DISABLED:
                 raise RefusedError(refusal)
             self._tell(self._override.resume(self.motion, self._now_s))
             return
         cut_off = self._run.cut_off
         if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
-            raise _refused(Code.STATE, f'the robot is {self.motion}: only a stopped program can be resumed')
-        self._resume_after_fault(cut_off)
-
-    def _resume_after_fault(self, timeline: Timeline) -> None:
-        """Go back to the path, then on along it; whoever was told to restart may still do so."""
-        here = self._require_rest()
-        self._require_readiness()
-        plan, override_max = way_back(timeline, here, self._robot), self._run.override_max
-        override = min(self.override, override_max)
-        sentence = f'resumed after the fault: {len(plan)} moves, {plan.duration_s / override:.3f} s'
-        self._send(Order(plan, (), -1, override, override_max, self._run.program, sentence))
-
-
-def _refused(code: Code, sentence: str) -> RefusedError:
-    return RefusedError(Reason(code, sentence))
+            raise refused(Code.STATE, f'the robot is {self.motion}: only a stopped program can be resumed')
+        # back to the path, then on along it; whoever was told to restart may still do so
+        here = self._readiness.require_rest()
+        self._readiness.require_orders()
+        self._send(Order.back(self._run, cut_off, here, self.override, self._robot))

@@ -15,11 +15,12 @@ from delta3_pacdrive.motion.execution import OVERRIDE_MAX, MotionProfile, Timeli
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.motion.resume import way_back
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 
-LEAP, LEAPS_MAX = (
-    1000,
-    3,
-)  # by how much, and how often, the numbers of orders leap over those of a foreign writer
+# by how much, and how often, the numbers of orders leap over those of a foreign writer
+LEAP, LEAPS_MAX = 1000, 3
 
 
 class RunState(Enum):
@@ -120,6 +121,52 @@ class Order:
     exact: bool = False
     tolerances: Tolerances | None = None
 
+    @staticmethod
+    def of(
+        program: Program,
+        planned: Planned,
+        override: float,
+        start_cycle: int = -1,
+        own: int = 0,
+        exact: bool = False,
+        tolerances: Tolerances | None = None,
+    ) -> 'Order':
+        """Return the order of a program that is planned, with an override or less if the motors bear less."""
+        override = min(override, planned.override_max)
+        moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / override:.3f} s'
+        sentence = f'started "{planned.name}": {moves}'
+        if own:
+            sentence += ''.join(f'; {notice}' for notice in planned.notices)
+        return Order(
+            planned.plan,
+            program.faults,
+            start_cycle,
+            override,
+            planned.override_max,
+            program,
+            sentence,
+            planned,
+            own,
+            exact,
+            tolerances,
+        )
+
+    @staticmethod
+    def back(
+        run: 'ProgramRun', cut_off: Timeline, here: Floats, override: float, robot: Parameters
+    ) -> 'Order':
+        """Return the order of the way back to a path that was cut off, from where the TCP stands [m], and on along it.
+
+        Raises
+        ------
+        ProgramError
+            There is no way back.
+
+        """
+        plan, override = way_back(cut_off, here, robot), min(override, run.override_max)
+        sentence = f'resumed after the fault: {len(plan)} moves, {plan.duration_s / override:.3f} s'
+        return Order(plan, (), -1, override, run.override_max, run.program, sentence)
+
 
 class OrderNumbers:
     """Numbers of the orders and changes of one planner, each larger than the one before."""
@@ -158,6 +205,8 @@ class ProgramRun:
         The timeline of the program that is cut off, None if none is.
     program, override_max
         The program that was accepted last, and the largest override that its motors bear.
+    came_to_its_end
+        Whether the program that ran last was driven to its end, not given up.
 
     """
 
@@ -173,6 +222,7 @@ class ProgramRun:
         self.cut_off: Timeline | None = None
         self.program: Program | None = None
         self.override_max = OVERRIDE_MAX
+        self.came_to_its_end = False
         self._longer: Timeline | None = None  # which is followed from the cycle of its motion profile on
 
     @property
@@ -198,11 +248,13 @@ class ProgramRun:
         if rows != self._checked:
             self._checked, self.since_s = rows, now_s
 
-    def happen(self, event: RunEvent) -> list[Ordered | Revoked]:
-        """Let an event happen; returns the actions that it asks for."""
+    def happen(self, event: RunEvent, cycle: int | None = None) -> list[Ordered | Revoked]:
+        """Let an event happen, in a bus cycle if one is known; returns the actions that it asks for."""
         step = TRANSITIONS.get((self.state, event))
         if step is None:
             return []
+        if self.state is RunState.RUNNING and step.state is not RunState.RUNNING:
+            self.came_to_its_end = event in (RunEvent.END, RunEvent.LOCATE) and self._is_over(cycle)
         before, self.state = self.state, step.state
         if step.remains is not None:
             self.remains = step.remains
@@ -214,6 +266,13 @@ class ProgramRun:
         elif event is RunEvent.ACCEPT and self.order is not None:
             self.program, self.override_max = self.order.program, self.order.override_max
         return [self._action(step.action)] if step.action else []
+
+    def _is_over(self, cycle: int | None) -> bool:
+        """Whether the motion profile that is followed is at its end in a bus cycle."""
+        timeline = self.timeline
+        if timeline is None or timeline.profile is None or cycle is None:
+            return True
+        return not timeline.profile.held and cycle >= timeline.end_cycle
 
     def _action(self, kind: type[Ordered] | type[Revoked]) -> Ordered | Revoked:
         order = self.order

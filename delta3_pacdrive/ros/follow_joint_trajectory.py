@@ -211,14 +211,15 @@ class FollowJointTrajectory:
     def look(self) -> None:
         """Tell how far a goal is, end those that are reached, stop those that are cancelled."""
         for identity, goal in list(self._goals.items()):
-            if goal.done and not self._planner.settles(identity):
+            if goal.done and not self._planner.trajectory.settles(identity):
                 self._end(goal, SUCCESSFUL, 'the arms have come to the goal')
             elif goal.handle.is_cancel_requested:
                 self._stop(goal)
         running = next(
-            (goal for identity, goal in self._goals.items() if self._planner.settles(identity)), None
+            (goal for identity, goal in self._goals.items() if self._planner.trajectory.settles(identity)),
+            None,
         )
-        followed = self._planner.followed() if running is not None else None
+        followed = self._planner.trajectory.followed() if running is not None else None
         if running is not None and followed is not None and followed.cycle > self._told:
             self._told = followed.cycle
             running.handle.publish_feedback(self._feedback(followed))

@@ -58,7 +58,7 @@ class ToleranceMonitor:
 
     def look(self) -> None:
         """Tell the planner what has come."""
-        if self._take is None and self._planner.watches:
+        if self._take is None and self._planner.trajectory.wants:
             self._listen()
         while self._take is not None and (taken := self._take()) is not None:
             try:
@@ -67,4 +67,4 @@ class ToleranceMonitor:
                 continue  # joints of somebody else: the topic belongs to everybody
             if frame == telegrams.BASE_FRAME and sec >= 0:
                 cycle = self._cycles.count(sec, nanosec)
-                self._planner.observe(cycle, np.array(values[:3]), np.array(values[SPEEDS]))
+                self._planner.trajectory.observe(cycle, np.array(values[:3]), np.array(values[SPEEDS]))

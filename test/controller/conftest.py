@@ -34,6 +34,7 @@ PERIOD_S = 0.2
 IN_TORQUE = int(Word.IN_TORQUE | Word.FOLLOWS_COMMAND)
 READY = int(Word.READY_TO_ENABLE)
 ENABLING = 40  # cycles from the control word to torque
+DISABLING = 40  # until the brakes hold
 LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'
 FAILURE = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
 
@@ -51,7 +52,7 @@ class Rig:
     def __init__(self, robot: Parameters, plan: Callable[[Job], Result] | None = None) -> None:
         self.robot = robot
         self.now_s = 0.0
-        self.next_cycle = self.answered = 0
+        self.next_cycle = self.answered = self.holds_until = 0
         self.in_cyclic_operation = True
         self.task, self.axes = Transformation(robot), AxisMonitor(robot)
         theta = kinematics.inverse(np.array(robot.motion.home_m), robot.kinematics)
@@ -118,7 +119,9 @@ class Rig:
             self.next_cycle = cycle + 1
             self.state.commanded(cycle)
             enabled = self.task.enable_cycle + ENABLING <= cycle < self.task.disable_cycle
-            status = IN_TORQUE if enabled else READY
+            if enabled:
+                self.holds_until = cycle + DISABLING
+            status = IN_TORQUE if cycle < self.holds_until else READY
             answers = [((position, 0.0, 0.0), status) for position in self.task.motors.tolist()]
             self.answered = cycle + 1
             stop = self.cycle.evaluate(cycle, answers, self.state.checked_from, bool(self.state.fault))
@@ -213,10 +216,10 @@ class Rig:
         def tell(reason: Reason | None, sentence: str) -> None:
             answers.append((reason is None, reason.sentence if reason else sentence))
 
-        if action == 'reset':
-            outcome: Any = self.enabling.reset(tell)
+        if action in ('reset', 'enable'):
+            outcome: Any = getattr(self.enabling, action)(tell)
         else:
-            outcome = getattr(self.enabling if action in ('enable', 'disable') else self.state, action)()
+            outcome = getattr(self.enabling if action == 'disable' else self.state, action)()
         if isinstance(outcome, Reason):
             tell(outcome, '')
         elif outcome is not None:

@@ -142,31 +142,31 @@ def driven(robot):
 
 def test_a_trajectory_that_a_fault_has_stopped_has_no_goal(robot):
     client, timeline, _ = driven(robot)
-    client.planner.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
+    client.planner.trajectory.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
     client.say(state='error', refusal='there is a fault: axis1', refusal_code='fault')
     client.planner.actions.clear()
     for cycle in (310, timeline.end_cycle + 10, timeline.end_cycle + 5000):
-        client.planner.observe(cycle, answered(timeline, 300, 0.0), np.zeros(3))
+        client.planner.trajectory.observe(cycle, answered(timeline, 300, 0.0), np.zeros(3))
     client.say(state='idle', refusal='', refusal_code='', located=2)
-    client.planner.observe(timeline.end_cycle + 6000, answered(timeline, 300, 0.0), np.zeros(3))
+    client.planner.trajectory.observe(timeline.end_cycle + 6000, answered(timeline, 300, 0.0), np.zeros(3))
     assert client.none(Replied)
 
 
 def test_a_trajectory_that_came_to_its_end_off_its_goal_is_told(robot):
     client, timeline, _ = driven(robot)
     last = timeline.end_cycle - 1
-    client.planner.observe(last, answered(timeline, last, 0.0), np.zeros(3))
+    client.planner.trajectory.observe(last, answered(timeline, last, 0.0), np.zeros(3))
     client.say(state='idle', located=2, cycle=timeline.end_cycle + 5)
-    client.planner.observe(timeline.end_cycle + 600, answered(timeline, last, 0.1), np.zeros(3))
+    client.planner.trajectory.observe(timeline.end_cycle + 600, answered(timeline, last, 0.1), np.zeros(3))
     assert 'goal tolerance violated: axis1 is 0.1' in client.do(Replied).reason.sentence
 
 
 def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robot):
     client, timeline, number = driven(robot)
-    client.planner.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
+    client.planner.trajectory.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
     assert client.planner.actions == []
     for cycle in (400, 410):
-        client.planner.observe(cycle, answered(timeline, cycle, 0.0, 0.05, 0.0), np.zeros(3))
+        client.planner.trajectory.observe(cycle, answered(timeline, cycle, 0.0, 0.05, 0.0), np.zeros(3))
     assert client.do(Revoked).number == number
     assert 'path tolerance violated: axis2 is 0.05 rad off' in client.do(Replied).reason.sentence
     report = client.do(Reported).report
@@ -249,25 +249,25 @@ def test_whoever_asked_for_a_trajectory_is_told_whether_the_arms_have_come_to_it
     moved = Robot(robot, TIGHT)
     client, identity = moved.client, moved.request.identity
     followed = []
-    client.planner.observe(START + 400, answered(moved.timeline, START + 400, 0.0), np.zeros(3))
-    followed.append(client.planner.followed())
+    client.planner.trajectory.observe(START + 400, answered(moved.timeline, START + 400, 0.0), np.zeros(3))
+    followed.append(client.planner.trajectory.followed())
     assert (followed[0].cycle, followed[0].time_s) == (START + 400, pytest.approx(0.4))
     assert followed[0].due[0] == pytest.approx(followed[0].actual[0], abs=1e-5)
     moved.end()
-    assert client.planner.settles(identity)
+    assert client.planner.trajectory.settles(identity)
     assert client.none(Settled)
     late = moved.timeline.end_cycle + 500
-    client.planner.observe(late, moved.goal + np.array([off, 0.1, 0.1]), np.zeros(3))
+    client.planner.trajectory.observe(late, moved.goal + np.array([off, 0.1, 0.1]), np.zeros(3))
     settled = client.do(Settled)
     assert (settled.identity, settled.arrival) == (identity, arrival)
-    assert not client.planner.settles(identity)
+    assert not client.planner.trajectory.settles(identity)
 
 
 def test_a_goal_that_is_waited_for_is_given_up_for_another_program(robot):
     moved = Robot(robot, Tolerances(goal_rad=(1e-6, 0.0, 0.0)))
     moved.end()
     client = moved.client
-    client.planner.observe(moved.timeline.end_cycle + 10**6, moved.goal + 0.1, np.zeros(3))
+    client.planner.trajectory.observe(moved.timeline.end_cycle + 10**6, moved.goal + 0.1, np.zeros(3))
     assert client.none(Settled)  # without a goal time it is waited for
     client.planner.actions.clear()
     ordered = client.order()
