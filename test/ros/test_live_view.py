@@ -10,7 +10,7 @@ import pytest
 
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros import live_view
+from delta3_pacdrive.ros import live_view, page_wishes
 from delta3_pacdrive.ros.live_view import LiveView
 from delta3_pacdrive.view.values import Facts, Wish
 
@@ -176,7 +176,8 @@ class Cell:
 @pytest.fixture
 def cell(robot: Parameters, monkeypatch: pytest.MonkeyPatch) -> Cell:
     made = Cell(robot)
-    monkeypatch.setattr(live_view, 'time', SimpleNamespace(monotonic=lambda: made.now))
+    for module in (live_view, page_wishes):
+        monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: made.now))
     return made
 
 
