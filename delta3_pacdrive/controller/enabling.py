@@ -3,6 +3,7 @@
 Pure, as ``RobotState`` is, whose actions these requests add to.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from delta3_pacdrive.controller.fault_reset import FaultReset, ResetEvent, ResetState
@@ -33,9 +34,13 @@ class Enabling:
     def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor, state: RobotState) -> None:
         self._bus, self._task, self._axes, self._state = bus, task, axes, state
         self._reset = FaultReset()
+        self._waiting: list[Any] = []  # who wants drives enabled that are being switched off
 
-    def enable(self) -> Reason | str:
-        """Enable the drives; returns why not, or from which cycle on."""
+    def enable(self, request: Any) -> Reason | str | None:
+        """Enable the drives; returns why not, or from which cycle on; None if the answer to the request follows.
+
+        Drives that were disabled hold their motors until the brakes do; so long this waits.
+        """
         fault, closed = self._state.fault, self._bus.closed()
         if fault:
             return Reason(Code.FAULT, f'not after a fault: {fault}', fault)
@@ -43,6 +48,9 @@ class Enabling:
             return Reason(Code.BUS, f'the drives cannot be enabled, {closed}')
         if self._state.enabled:
             return f'enabled already, effective in bus cycle {self._task.enable_cycle + 1}'
+        if self._state.in_torque:
+            self._waiting.append(request)
+            return None
         reason = self._take_over_position()
         if reason is not None:
             return reason
@@ -52,6 +60,7 @@ class Enabling:
     def disable(self) -> str:
         """Disable the drives, after a stop on the path if the TCP moves; returns when."""
         cycle, state = self._bus.next_cycle, self._state
+        self._answer_waiting(lambda _: Reason(Code.STATE, 'the drives were disabled meanwhile'))
         if state.motion in (MotionState.MOVING, MotionState.STOPPING):
             sentence = f'disabled by the operator in motion, in bus cycle {cycle}'
             state.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
@@ -63,8 +72,6 @@ class Enabling:
 
     def _take_over_position(self) -> Reason | None:
         """Command the TCP to be where the brakes hold it; returns why that is not possible."""
-        if self._state.in_torque:
-            return Reason(Code.STATE, 'a drive is in torque still')
         try:
             away = self._task.distance_m(self._axes.positions)
         except UnreachableError as error:
@@ -78,6 +85,17 @@ class Enabling:
         if away > SETTLED_M:
             self._state.locate(self._task.locate(self._axes.positions), self._bus.answered)
         return None
+
+    def _answer_waiting(self, outcome: Callable[[Any], Reason | str | None]) -> None:
+        """Answer who waits for drives to be enabled, unless he has to wait on."""
+        waiting, self._waiting = self._waiting, []
+        for request in waiting:
+            found = outcome(request)
+            if found is None:
+                continue
+            reason, sentence = (found, '') if isinstance(found, Reason) else (None, found)
+            told = Answered(request, reason, sentence)
+            self._state.actions.extend((Said(f'enable: {found}', error=reason is not None), told))
 
     # clearing of faults -----------------------------------------------------------------------------------------------
 
@@ -96,14 +114,17 @@ class Enabling:
         return None
 
     def look(self) -> None:
-        """Look whether a reset need not wait any more: a drive that is still to be enabled would be so at once."""
+        """Look whether who asked need not wait any more; for a reset a drive that is to be enabled counts as such."""
+        if self._waiting:
+            self._answer_waiting(self.enable)
         if self._reset.state is ResetState.WAITING and self._state.without_torque:
             self._reset.ask(len(DRIVES))
             asked = [Asked(index, RESET_CLASS_1, self._take_answer) for index in range(len(DRIVES))]
             self._state.actions.extend(asked)
 
     def lose_bus(self, fault: RobotFault) -> None:
-        """Answer who waits for a reset, since cyclic operation has ended."""
+        """Answer who waits, since cyclic operation has ended."""
+        self._answer_waiting(lambda _: Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
         if self._reset.happen(ResetEvent.LOSE_BUS):
             self._answer(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
 

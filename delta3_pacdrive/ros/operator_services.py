@@ -58,7 +58,6 @@ class OperatorServices:
             messages.HOLD: state.hold,
             messages.ABORT: state.abort,
             messages.EMERGENCY_STOP: state.emergency_stop,
-            messages.ENABLE: enabling.enable,
             messages.DISABLE: enabling.disable,
         }
         self._operator = interfaces.CONTROL_OPERATOR.publisher(node)
@@ -128,8 +127,8 @@ class OperatorServices:
         if outcome is None:
             if action in (messages.TAKE, TAKE_OVER, RELEASE):
                 outcome = self._change_control(operator, action, text)
-            elif action == RESET:
-                outcome = self._enabling.reset(tell)
+            elif action in (RESET, ENABLE):
+                outcome = (self._enabling.reset if action == RESET else self._enabling.enable)(tell)
             elif action in self._acts:
                 outcome = self._acts[action]()
             else:

@@ -155,6 +155,13 @@ class Page:
         with self.top:
             self.controls = Controls(self.server.gui, self.wishes.append)
 
+    def stand_still(self) -> None:
+        """Show nothing that only a robot that moves has: no plots, no bars, no ghost, no paths."""
+        self._plots.hide()
+        paths = (self._boxes[name] for name in ('planned path', 'travelled path'))
+        for handle in (self._bars, self._ghost, self._magnified, self._window, *paths):
+            handle.visible = False
+
     def note(self, sentence: str) -> None:
         """Show a sentence for good."""
         with self.middle:

@@ -81,12 +81,16 @@ class Plots:
 
     def __init__(self, gui: Any) -> None:
         self._charts: dict[str, Any] = {}
-        panel = gui.add_panel()
+        self._panel = panel = gui.add_panel()
         for name, (_, series, unit) in PLOTS.items():
             with panel.add_tab(name):
                 self._charts[name] = _chart(gui, series, unit)
         panel.float(x=10, y=-10, width=WIDTH, height=HEIGHT + 100)
         self._newest_s = np.nan
+
+    def hide(self) -> None:
+        """Take the panel away."""
+        self._panel.visible = False
 
     def draw(self, rows: Floats) -> None:
         """Send rows to the browsers, as ``rows_of`` makes them."""

@@ -194,6 +194,7 @@ class Slices:
 def run(page: Page, parameters: Any, volume: Volume, title: str) -> None:
     """Show a volume around a robot at its home until a signal asks for the end."""
     over = threading.Event()
+    page.stand_still()
     Slices(page, volume)
     instant = Instant(0.0, kinematics.inverse(np.array(parameters.motion.home_m), parameters))
     facts = Facts(state='paused', recording=title)

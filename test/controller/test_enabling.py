@@ -52,12 +52,67 @@ def test_a_program_that_is_held_survives_disabling_and_goes_on_when_it_is_enable
     assert rig.task.state['tcp'][0] == pytest.approx([0.05, 0.0, -0.75], abs=1e-9)
 
 
+def test_who_enables_drives_that_are_being_switched_off_is_answered_when_they_are_on(rig: Any) -> None:
+    rig.enable()
+    answers: list[Any] = []
+    for _ in range(2):
+        assert rig.do('disable') == (True, f'effective in bus cycle {rig.next_cycle + 1}')
+        rig.run(2)
+        assert rig.state.in_torque  # the brakes do not hold yet
+        assert rig.enabling.enable(lambda *answer: answers.append(answer)) is None
+        assert rig.enabling.enable(lambda *answer: answers.append(answer)) is None
+        assert not rig.state.enabled
+        assert answers == []
+        rig.run(200)
+        cycle = rig.task.enable_cycle + 1
+        assert answers == [
+            (None, f'effective in bus cycle {cycle}'),
+            (None, f'enabled already, effective in bus cycle {cycle}'),
+        ]
+        rig.run(200)
+        assert rig.state.in_torque
+        answers.clear()
+    rig.ask('program', LINE)
+    assert rig.ask('start')[0]
+    rig.finish()
+
+
+def test_who_waits_for_drives_to_be_enabled_is_told_when_that_will_not_be(rig: Any) -> None:
+    lost = RobotFault(FaultCode.ANSWER_LOST, 'nobody is there')
+
+    def fall() -> None:
+        rig.state.lose_bus(lost)
+        rig.enabling.lose_bus(lost)
+
+    cases = (
+        (lambda: rig.do('disable'), Code.STATE, 'the drives were disabled meanwhile'),
+        (lambda: rig.do('emergency_stop'), Code.FAULT, 'not after a fault: emergency stop in bus cycle'),
+        (fall, Code.BUS, f'the bus has fallen: {lost}'),
+    )
+    for happens, code, sentence in cases:
+        if rig.state.fault:
+            assert rig.do('reset')[0]
+        rig.run(200)
+        rig.enable()
+        answers: list[Any] = []
+        rig.do('disable')
+        rig.run(2)
+        assert rig.enabling.enable(lambda *answer, told=answers: told.append(answer)) is None
+        happens()
+        rig.settle()
+        rig.run(200)
+        ((reason, _),) = answers
+        assert reason.code is code
+        assert reason.sentence.startswith(sentence)
+        assert not rig.state.enabled
+
+
 def test_a_held_robot_that_was_moved_by_hand_is_not_enabled_before_its_program_is_given_up(rig: Any) -> None:
     rig.lead_to('stopped')
     rig.do('disable')
     rig.run(60)
     rig.axes.positions[0] += 2.0 * DISPLACED_M / rig.robot.kinematics.upper_arm_length_m * 32.0
-    outcome = rig.enabling.enable()
+    outcome = rig.enabling.enable(None)
     assert isinstance(outcome, Reason)
     assert outcome.sentence.endswith('from where its program was held: abort it first')
 
@@ -102,10 +157,10 @@ def test_a_reset_is_answered_when_the_bus_falls_meanwhile(rig: Any) -> None:
 
 def test_nothing_is_enabled_after_a_fault_nor_outside_cyclic_operation(rig: Any) -> None:
     rig.in_cyclic_operation = False
-    assert rig.enabling.enable() == Reason(Code.BUS, 'the drives cannot be enabled, the bus is in CP0')
+    assert rig.enabling.enable(None) == Reason(Code.BUS, 'the drives cannot be enabled, the bus is in CP0')
     rig.in_cyclic_operation = True
     rig.lead_to('error')
-    assert rig.enabling.enable() == Reason(Code.FAULT, f'not after a fault: {FAULT}', FAULT)
+    assert rig.enabling.enable(None) == Reason(Code.FAULT, f'not after a fault: {FAULT}', FAULT)
     assert not rig.state.enabled
 
 

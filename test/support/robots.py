@@ -154,8 +154,10 @@ def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 @pytest.fixture(scope='session')
-def start_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the real command line; what a failed test leaves running is ended."""
+def start_delta3(request: pytest.FixtureRequest) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the real command line; what a failed test leaves running is ended before anybody looks what is left."""
+    if 'nothing_left_behind' in request.fixturenames:
+        request.getfixturevalue('nothing_left_behind')
     started = []
 
     def start(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
@@ -174,6 +176,7 @@ def start_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
             process.communicate(timeout=END_S)
         except subprocess.TimeoutExpired:
             process.kill()
+            process.communicate()
 
 
 _WORK = """

@@ -88,5 +88,10 @@ def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
             visit.page.get_by_label('colour').click()
             visit.page.get_by_role('option', name=SPEED, exact=True).click()
             visit.page.get_by_text(f'{volume.scale(SPEED).at(0.5):.3g}', exact=True).first.wait_for()
+            # what only a robot that moves has
+            panel = visit.page.get_by_role('tab', name='following error')
+            panel.wait_for()
+            page.stand_still()
+            panel.wait_for(state='hidden')
     finally:
         page.close()
