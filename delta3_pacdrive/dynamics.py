@@ -297,13 +297,13 @@ def regressor(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, param
     (angles, rates, accelerations), shape = _three_rows(
         theta, thetadot, thetaddot, ('theta', 'thetadot', 'thetaddot')
     )
-    gravity = parameters.dynamics.gravity_m_s2
-    units = {'arm': 1.0, 'plate': 1.0, 'weight': gravity / parameters.kinematics.upper_arm_length_m}
+    gravity, lengths = parameters.dynamics.gravity_m_s2, geometry(parameters.kinematics)
+    units = {'arm': 1.0, 'plate': 1.0, 'weight': gravity / lengths['l_a']}
     out = np.empty((3, *angles.shape))
     for column, (name, value) in zip(out, units.items(), strict=True):
         unit = np.zeros(1, INERTIA)
         unit[name], unit['gravity'] = value, gravity
-        _inverse(angles, rates, accelerations, column, geometry(parameters.kinematics), unit)
+        _inverse(angles, rates, accelerations, column, lengths, unit)
     return np.moveaxis(out, 0, -1).reshape(*shape, 3, 3)
 
 

@@ -2,7 +2,7 @@
 
 Frame ``base``: origin in the centre of the base plate, z up. Arm i lies in the vertical plane at azimuth alpha_i; its
 angle theta_i is 0 when it points outward and positive downward. R = R_A - R_B (4.1: the plate shrinks to a point).
-The kernels take l_A, l_B and R of each arm: those of a built robot differ a little.
+The kernels take l_A, l_B and R of each arm: those of a built robot differ a little, and so do calibrated ones.
 
     elbow        C_i = (R + l_A cos theta_i) u_i - l_A sin theta_i z
     forearm      s_i = X - C_i,  |s_i| = l_B                                   (4.4, 4.5)
@@ -53,7 +53,7 @@ from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, cross, difference, dot, triple
-from delta3_pacdrive.parameters import Kinematics, Parameters, Rich
+from delta3_pacdrive.parameters import ArmDeviations, Kinematics, Parameters
 
 Lengths = Kinematics | Parameters  # the parameters of a robot, or their group of lengths
 Unreachable = Literal['raise', 'nan']  # what becomes of points for which there is no solution
@@ -69,19 +69,27 @@ GEOMETRY = np.dtype(
 )
 
 
-def geometry(kinematics: Lengths, errors: Rich | None = None) -> NDArray[Any]:
-    """Return the constants of the kernels, an array of one ``GEOMETRY``; with ``errors`` those of a built robot."""
+def geometry(kinematics: Lengths, deviations: ArmDeviations | None = None) -> NDArray[Any]:
+    """Return the constants of the kernels, an array of one ``GEOMETRY``.
+
+    Parameters
+    ----------
+    kinematics
+        The parameters of a robot, or their group ``kinematics``.
+    deviations
+        Of the arms from the drawing; without them what the controller takes for true: its corrections.
+
+    """
     kinematics = kinematics.kinematics if isinstance(kinematics, Parameters) else kinematics
+    deviations = kinematics.corrections if deviations is None else deviations
     record = np.zeros(1, GEOMETRY)
-    azimuth = np.array(kinematics.arm_azimuth_rad)
+    azimuth = np.array(kinematics.drawn_azimuth_rad) + deviations.azimuth_rad
     record['l_a'] = kinematics.upper_arm_length_m
     record['l_b'] = kinematics.forearm_length_m
     record['r'] = kinematics.radius_difference_m
-    if errors is not None:
-        record['l_a'] += errors.upper_arm_error_m
-        record['l_b'] += errors.forearm_error_m
-        record['r'] += errors.radius_error_m
-        azimuth += np.radians(errors.arm_azimuth_error_deg)
+    record['l_a'] += deviations.upper_arm_m
+    record['l_b'] += deviations.forearm_m
+    record['r'] += deviations.radius_m
     record['cos_alpha'] = np.cos(azimuth)
     record['sin_alpha'] = np.sin(azimuth)
     return record

@@ -31,9 +31,12 @@ ELASTIC_EXCHANGE_S = (
 )
 
 
-def _quantity(description: str, low: float = -math.inf, high: float = math.inf) -> Any:
-    """Declare a field with the text and the closed range that every reader of it enforces."""
-    return field(metadata={'description': description, 'low': low, 'high': high})
+def _quantity(description: str, low: float = -math.inf, high: float = math.inf, **more: Any) -> Any:
+    """Declare a field with the text and the closed range that every reader of it enforces.
+
+    A value with a ``default`` may be missing in a file.
+    """
+    return field(metadata={'description': description, 'low': low, 'high': high}, **more)
 
 
 def _positive(description: str, high: float = math.inf) -> Any:
@@ -42,6 +45,45 @@ def _positive(description: str, high: float = math.inf) -> Any:
 
 def _switch(description: str) -> Any:
     return _quantity(description, False, True)
+
+
+PerArm = tuple[float, float, float]
+EQUAL: PerArm = (0.0, 0.0, 0.0)
+
+
+def _correction(description: str, limit: float) -> Any:
+    return _quantity(description, -limit, limit, default=EQUAL)
+
+
+@dataclass(frozen=True)
+class ArmDeviations:
+    """Each arm deviates from the drawing by these figures: lengths [m] and angles [rad] of arms 1 to 3.
+
+    Attributes
+    ----------
+    upper_arm_m, forearm_m, radius_m
+        Of l_A, of l_B and of R.
+    azimuth_rad
+        Of alpha.
+    angle_rad
+        Arm angle beyond that which its shaft, as it was referenced, stands for.
+
+    """
+
+    upper_arm_m: PerArm = EQUAL
+    forearm_m: PerArm = EQUAL
+    radius_m: PerArm = EQUAL
+    azimuth_rad: PerArm = EQUAL
+    angle_rad: PerArm = EQUAL
+
+
+def _radians(degrees: PerArm) -> PerArm:
+    first, second, third = degrees
+    return math.radians(first), math.radians(second), math.radians(third)
+
+
+def _sums(value: float, more: PerArm) -> PerArm:
+    return value + more[0], value + more[1], value + more[2]
 
 
 @dataclass(frozen=True)
@@ -61,16 +103,64 @@ class Kinematics:
     workspace_bottom_m: float = _quantity('z of the bottom of the workspace', -8.0, 0.0)
     serial_singularity_min: float = _quantity('smallest s.b/(l_A l_B) a move may reach', 0.0, 1.0)
     parallel_singularity_min: float = _quantity('smallest |det S|/l_B^3 a move may reach', 0.0, 1.0)
+    upper_arm_correction_m: tuple[float, float, float] = _correction(
+        'calibrated l_A of each arm, less that of the drawing', 0.02
+    )
+    forearm_correction_m: tuple[float, float, float] = _correction(
+        'calibrated l_B of each arm, less that of the drawing', 0.02
+    )
+    radius_correction_m: tuple[float, float, float] = _correction(
+        'calibrated R of each arm, less that of the drawing', 0.02
+    )
+    arm_azimuth_correction_deg: tuple[float, float, float] = _correction(
+        'calibrated alpha of each arm, less that of the drawing', 5.0
+    )
+    arm_angle_correction_deg: tuple[float, float, float] = _correction(
+        'calibrated arm angle, less that of the shaft as it was referenced', 5.0
+    )
+
+    @property
+    def corrections(self) -> ArmDeviations:
+        """How the arms deviate from the drawing, as far as the controller knows: what a calibration has found."""
+        return ArmDeviations(
+            self.upper_arm_correction_m,
+            self.forearm_correction_m,
+            self.radius_correction_m,
+            _radians(self.arm_azimuth_correction_deg),
+            _radians(self.arm_angle_correction_deg),
+        )
 
     @property
     def radius_difference_m(self) -> float:
-        """R = R_A - R_B (4.2)."""
+        """R = R_A - R_B of the drawing (4.2)."""
         return self.base_radius_m - self.plate_radius_m
 
     @property
-    def arm_azimuth_rad(self) -> tuple[float, ...]:
-        """The three azimuths alpha_i [rad]."""
-        return tuple(math.radians(angle) for angle in self.arm_azimuth_deg)
+    def upper_arm_lengths_m(self) -> PerArm:
+        """l_A of each arm, calibrated."""
+        return _sums(self.upper_arm_length_m, self.upper_arm_correction_m)
+
+    @property
+    def forearm_lengths_m(self) -> PerArm:
+        """l_B of each arm, calibrated."""
+        return _sums(self.forearm_length_m, self.forearm_correction_m)
+
+    @property
+    def base_radii_m(self) -> PerArm:
+        """R_A of each arm, calibrated; R_B is that of the drawing."""
+        return _sums(self.base_radius_m, self.radius_correction_m)
+
+    @property
+    def arm_azimuth_rad(self) -> PerArm:
+        """The three azimuths alpha_i [rad], calibrated."""
+        one, two, three = self.drawn_azimuth_rad
+        more = self.corrections.azimuth_rad
+        return one + more[0], two + more[1], three + more[2]
+
+    @property
+    def drawn_azimuth_rad(self) -> PerArm:
+        """The three azimuths alpha_i [rad] of the drawing."""
+        return _radians(self.arm_azimuth_deg)
 
     @property
     def arm_angle_min_rad(self) -> float:
@@ -225,6 +315,19 @@ class Rich:
             return self
         switches: dict[str, Any] = {f.name: False for f in dataclasses.fields(self) if f.type is bool}
         return dataclasses.replace(self, **switches)
+
+    @property
+    def deviations(self) -> ArmDeviations:
+        """How the arms as they are built deviate from the drawing: not at all without ``geometry``."""
+        if not self.effects.geometry:
+            return ArmDeviations()
+        return ArmDeviations(
+            self.upper_arm_error_m,
+            self.forearm_error_m,
+            self.radius_error_m,
+            _radians(self.arm_azimuth_error_deg),
+            _radians(self.arm_angle_error_deg),
+        )
 
 
 @dataclass(frozen=True)

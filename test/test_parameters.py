@@ -38,6 +38,7 @@ DIMENSIONLESS = SWITCHES | {
     'motion.enable_cycle',
     'motion.start_cycle',
 }
+CORRECTIONS = {name for name in FIELDS if '_correction_' in name}
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,
@@ -158,10 +159,21 @@ def test_the_file_holds_every_parameter_and_no_other(tree):
     assert {f'{group}.{key}' for group, values in tree.items() for key in values} == set(FIELDS)
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - CORRECTIONS))
 def test_a_missing_parameter_is_named(name, values):
     del values[name]
     assert f'missing parameter {name}' in refusal(parameters.from_flat, values)
+
+
+def test_a_file_without_a_calibration_has_equal_arms(values, robot):
+    assert len(CORRECTIONS) == 5
+    for name in CORRECTIONS:
+        del values[name]
+    assert parameters.from_flat(values) == robot
+    k = robot.kinematics
+    assert k.upper_arm_lengths_m == (k.upper_arm_length_m,) * 3
+    assert k.forearm_lengths_m == (k.forearm_length_m,) * 3
+    assert k.base_radii_m == (k.base_radius_m,) * 3
 
 
 @pytest.mark.parametrize('name', FIELDS)

@@ -1,6 +1,7 @@
 """ROS parameter files, read strictly: every value of every group, and no other, each of its type and within its range.
 
-A group is a dataclass whose fields carry ``low`` and ``high`` in their metadata.
+A group is a dataclass whose fields carry ``low`` and ``high`` in their metadata. Values with a default, those of a
+calibration, may be missing: there are robots without any.
 """
 
 import dataclasses
@@ -67,9 +68,9 @@ def _checked_group(given: Any, group: str, cls: Any, errors: Errors) -> dict[str
     for key, f in fields.items():
         name = f'{group}.{key}'
         with errors.noted(place_in(given, key) if key in given else None):
-            if key not in given:
+            if key not in given and f.default is dataclasses.MISSING:
                 refuse(f'missing parameter {name}')
-            values[key] = _checked(f, given[key], name)
+            values[key] = _checked(f, given[key], name) if key in given else f.default
     for key in given:
         if key not in fields:
             with errors.noted(place_of_key(given, key)):

@@ -80,6 +80,7 @@ STATE = np.dtype(
         ('good_cycles', 'i8'),  # since the last loss, or since one was cleared
         ('silent', 'i8'),  # nothing was received from the master for too long
         # encoder
+        ('absolute_distance', 'f8'),  # increments of its zero point from that of the machine (S-0-0177)
         ('encoder_broken', 'i8'),
         ('encoder_offset', 'f8'),  # [rad], of what it reads from the truth
         ('encoder_drift', 'f8'),  # [rad/s], by which the offset grows: a mounting that slips

@@ -24,13 +24,16 @@ from delta3_pacdrive.sercos.words import payload_on_grid
 
 @kernel
 def _encoder(position, s, c):
-    """Increments that the encoder reads for a shaft position, with its errors; an injected fault adds its own."""
+    """Increments from the machine's zero point that the encoder tells for a shaft position.
+
+    It has its errors; an injected fault adds its own.
+    """
     noise = c.encoder_noise + s.encoder_noise
     position += sensors.interpolation_error(position, c)
     if noise != 0.0:
         s.encoder_seed = sensors.next_random(s.encoder_seed)
         position += noise * sensors.signed_share(s.encoder_seed)
-    return to_increments(position + s.encoder_offset, c.increments_per_rad)
+    return to_increments(position + s.encoder_offset, c.increments_per_rad) + s.absolute_distance
 
 
 @kernel
@@ -271,10 +274,10 @@ class MC4:
         return DriveWarning(int(self.state['warning'][0]))
 
     def encoder_position(self, position: float) -> float:
-        """Shaft position [rad] as the encoder reads it."""
+        """Position [rad] from the machine's zero point that the encoder tells for a shaft position."""
         per_rad = float(self.constants['increments_per_rad'][0])
         read = position + sensors.interpolation_error(position, self.constants[0])
-        return float(to_increments(read, per_rad)) / per_rad
+        return float(to_increments(read, per_rad) + self.state['absolute_distance'][0]) / per_rad
 
     def phase_currents(self) -> tuple[float, float, float]:
         """I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""

@@ -135,6 +135,10 @@ def _travel(end_stop_deg: float, gear_in: float, gear_out: float) -> float:
     return math.radians(end_stop_deg) * gear_in / gear_out
 
 
+def _angle(increments: float, increments_per_rev: float) -> float:
+    return math.tau * increments / increments_per_rev
+
+
 def _diagnostic_number(fault: float, warning: float) -> float:
     """Message number of the fault, else of the first warning, else 0."""
     if fault:
@@ -222,6 +226,7 @@ _GROUPS = {
         _row('S-0-0116', 'Resolution of feedback 1 (motor feedback)', 'increments', 'bus.increments_per_rev'),
         _row('S-0-0121', 'Input revolutions of load gear', ONE, 'dynamics.gear_in'),
         _row('S-0-0122', 'Output revolutions of load gear', ONE, 'dynamics.gear_out'),
+        _row('S-0-0177', 'Absolute distance 1', 'rad', 'absolute_distance', 'bus.increments_per_rev', formula=_angle),
         _row('P-0-0051', 'Commutation offset, electrical', 'rad', 'drive.commutation_offset_rad'),
     ),
     Group.MOTOR: (

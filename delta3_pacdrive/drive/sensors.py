@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.increments import to_increments
 
 _SHARES = 2.0**53
 
@@ -52,8 +53,14 @@ def _seed(axis: int, sensor: str, seed: int) -> int:
 
 
 def calibrate(axis: int, parameters: Parameters, state: NDArray[Any]) -> None:
-    """Give the record of a drive the sensors of its axis, 0 to 2: ideal ones, or those of ``parameters.rich``."""
+    """Give the record of a drive the sensors of its axis, 0 to 2: ideal ones, or those of ``parameters.rich``.
+
+    The zero point of the machine is that of the calibrated arm angles. The drive knows it: whatever goes over the bus
+    counts from it.
+    """
     effects = parameters.rich.effects
+    distance = parameters.dynamics.gear_ratio * parameters.kinematics.corrections.angle_rad[axis]
+    state['absolute_distance'] = to_increments(distance, parameters.bus.increments_per_rev / math.tau)
     state['current_gain'] = 1.0
     if effects.sensors:
         state['current_gain'] += effects.current_gain_error[axis]

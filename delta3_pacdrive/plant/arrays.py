@@ -116,6 +116,5 @@ def plant_constants(parameters: Parameters) -> NDArray[Any]:
     record['stop_max'] = math.radians(p.end_stop_max_deg)
     record['stop_stiffness'] = p.end_stop_stiffness_n_m_rad
     record['stop_damping'] = p.end_stop_damping_n_m_s_rad
-    if parameters.rich.effects.geometry:
-        record['angle_error'] = np.radians(parameters.rich.arm_angle_error_deg)
+    record['angle_error'] = parameters.rich.deviations.angle_rad
     return record

@@ -83,8 +83,8 @@ def true_tcp(plant):
 class Plant:
     """A plant holds motors, brakes, gears and arms, at rest at the home position and with brakes applied at first.
 
-    The controller believes that a shaft at k_r theta holds its arm at theta: a plant with geometric errors or elastic
-    gears stands a little beside the home position.
+    The controller takes an arm for as long as its parameters say, and for where its shaft says: a plant with geometric
+    errors or elastic gears stands a little beside the home position.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Plant:
 
     def __init__(self, parameters: Parameters, record: NDArray[Any] | None = None) -> None:
         effects = parameters.rich.effects
-        lengths = geometry(parameters.kinematics, effects if effects.geometry else None)
+        lengths = geometry(parameters.kinematics, parameters.rich.deviations)
         self.record = record = np.zeros(1, PLANT) if record is None else record
         self.state = state = record['state']
         self._shafts: Floats = record['shafts'][0]
@@ -113,7 +113,7 @@ class Plant:
         record['inertia'] = inertia(parameters, lengths, rods=effects.forearm_rods, rotors=not effects.gear)
         record['motor'] = motor(parameters)
         state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
-        state['theta'] += record['constants']['angle_error']
+        state['theta'] += record['constants']['angle_error'] - parameters.kinematics.corrections.angle_rad
         self.built: NDArray[Any] | None = None
         if effects.gear or effects.friction or effects.ripple:
             self.built = np.zeros(1, BUILT)

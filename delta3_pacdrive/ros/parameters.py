@@ -22,7 +22,7 @@ SHOWN = {
     ),
     'mc4_drive': (
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
-        'dynamics.payload_mass_kg',
+        'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg',
     ),
     'plant': ('kinematics', 'dynamics', 'motor', 'bus', 'rich', 'drive.current_period_s', 'motion.home_m'),
     'recorder': (),

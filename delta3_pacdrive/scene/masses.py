@@ -12,7 +12,7 @@ and motors do not move and have no masses; the rotors count as inertia of the mo
 from dataclasses import dataclass
 
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.scene.parts import ARMS, RODS, payload_edge
+from delta3_pacdrive.scene.parts import ARMS, RODS, arm_of, payload_edge
 
 TINY_KG_M2 = 1e-14  # of slender rods about their length; the smallest that MuJoCo takes is 1e-15
 TINY_KG = 1e-9  # of parts without a mass, which engines do not take
@@ -46,18 +46,24 @@ def masses(parameters: Parameters, *, rods: bool | None = None) -> dict[str, Ine
     k, d = parameters.kinematics, parameters.dynamics
     rods = parameters.rich.effects.forearm_rods if rods is None else rods
     share = 0.5 if rods else d.forearm_share_at_elbow
-    arm = _along_x(
-        d.upper_arm_mass_kg + d.elbow_mass_kg,
-        (0.5 * d.upper_arm_mass_kg + d.elbow_mass_kg) * k.upper_arm_length_m,
-        (d.upper_arm_mass_kg / 3.0 + d.elbow_mass_kg) * k.upper_arm_length_m**2,
-    )
-    forearm = _along_x(
-        0.5 * d.forearm_mass_kg,
-        0.5 * d.forearm_mass_kg * (1.0 - share) * k.forearm_length_m,
-        0.5 * d.forearm_mass_kg * (1.0 / 3.0 if rods else 1.0 - share) * k.forearm_length_m**2,
-    )
+    arms = [
+        _along_x(
+            d.upper_arm_mass_kg + d.elbow_mass_kg,
+            (0.5 * d.upper_arm_mass_kg + d.elbow_mass_kg) * length,
+            (d.upper_arm_mass_kg / 3.0 + d.elbow_mass_kg) * length**2,
+        )
+        for length in k.upper_arm_lengths_m
+    ]
+    forearms = [
+        _along_x(
+            0.5 * d.forearm_mass_kg,
+            0.5 * d.forearm_mass_kg * (1.0 - share) * length,
+            0.5 * d.forearm_mass_kg * (1.0 / 3.0 if rods else 1.0 - share) * length**2,
+        )
+        for length in k.forearm_lengths_m
+    ]
     disc = 0.25 * d.plate_mass_kg * k.plate_radius_m**2
-    found = {f'arm{i}': arm for i in ARMS} | {f'forearm{i}': forearm for i in RODS}
+    found = {f'arm{i}': arms[i - 1] for i in ARMS} | {f'forearm{i}': forearms[arm_of(i)] for i in RODS}
     found['plate'] = Inertia(d.plate_mass_kg, (0.0, 0.0, 0.0), (disc, disc, 2.0 * disc))
     if d.payload_mass_kg > 0.0:
         edge = payload_edge(d.payload_mass_kg)

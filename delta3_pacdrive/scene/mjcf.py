@@ -16,7 +16,7 @@ from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.masses import Inertia, masses
-from delta3_pacdrive.scene.parts import ARMS, RODS, Part, Sizes, parts
+from delta3_pacdrive.scene.parts import ARMS, RODS, Part, Sizes, arm_of, parts
 from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -119,7 +119,7 @@ class _Model:
         )
         half = 0.5 * Sizes.of(k).rod_distance_m
         rods = '\n'.join(
-            self._rod(f'{arm}{rod}', (k.upper_arm_length_m, side * half, 0.0))
+            self._rod(f'{arm}{rod}', (k.upper_arm_lengths_m[arm - 1], side * half, 0.0))
             for side, rod in ((1, 'a'), (-1, 'b'))
         )
         turned = _quaternion(Rotation.from_euler('z', k.arm_azimuth_rad[arm - 1]))
@@ -138,7 +138,7 @@ class _Model:
         pitch, swing = (self._at_home[f'{name}_{angle}'] for angle in ('pitch', 'swing'))
         # The axis of the first hinge lies still in the arm; here it stands as the rod at home sees it.
         axis = _text((math.sin(swing), math.cos(swing), 0.0))
-        end = _text((self._parameters.kinematics.forearm_length_m, 0.0, 0.0))
+        end = _text((self._parameters.kinematics.forearm_lengths_m[arm_of(rod)], 0.0, 0.0))
         return f"""\
         <body name="{name}" pos="{_text(elbow)}" quat="{_quaternion(Rotation.from_euler('YZ', [pitch, swing]))}">
           <joint name="{name}_pitch" axis="{axis}" ref="{pitch!r}"/>

@@ -142,17 +142,22 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
     kinematics = parameters.kinematics
     sizes = Sizes.of(kinematics)
     carried_kg = parameters.dynamics.payload_mass_kg if payload_kg is None else payload_kg
-    arm, rod = _arm(kinematics, sizes), _rod(kinematics, sizes)
     found = [Part('base', _LIGHT, _base(kinematics, sizes))]
     found += [Part(f'motor{i}', _DARK, _motor(sizes)) for i in ARMS]
-    found += [Part(f'arm{i}', _ORANGE, arm) for i in ARMS]
-    found += [Part(f'forearm{i}', _DARK, rod) for i in RODS]
+    lengths = kinematics.upper_arm_lengths_m, kinematics.forearm_lengths_m
+    found += [Part(f'arm{i}', _ORANGE, _arm(lengths[0][i - 1], sizes)) for i in ARMS]
+    found += [Part(f'forearm{i}', _DARK, _rod(lengths[1][arm_of(i)], sizes)) for i in RODS]
     found += [Part('plate', _STEEL, _plate(kinematics, sizes)), Part('tool', _DARK, _tool(sizes))]
     if carried_kg > 0.0:
         edge = payload_edge(carried_kg)
         found.append(Part('payload', _CARTON, (Box((0.0, 0.0, -0.5 * edge), size_m=(edge, edge, edge)),)))
     found.append(Part('workspace', _AIR, (_workspace(kinematics),)))
     return tuple(found)
+
+
+def arm_of(rod: str) -> int:
+    """Return the index, from 0 on, of the arm at which a rod of ``RODS`` hangs."""
+    return int(rod[0]) - 1
 
 
 def payload_edge(payload_kg: float) -> float:
@@ -213,8 +218,7 @@ def _motor(sizes: Sizes) -> tuple[Shape, ...]:
     return (motor, holder)
 
 
-def _arm(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
-    length = kinematics.upper_arm_length_m
+def _arm(length: float, sizes: Sizes) -> tuple[Shape, ...]:
     hub = Cylinder((0.0, 0.0, 0.0), ALONG_Y, radius_m=sizes.hub_radius_m, length_m=sizes.hub_radius_m)
     tube = Cylinder((0.5 * length, 0.0, 0.0), ALONG_X, radius_m=sizes.arm_radius_m, length_m=length)
     elbow = Cylinder(
@@ -223,8 +227,7 @@ def _arm(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
     return (hub, tube, elbow)
 
 
-def _rod(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
-    length = kinematics.forearm_length_m
+def _rod(length: float, sizes: Sizes) -> tuple[Shape, ...]:
     tube = Cylinder((0.5 * length, 0.0, 0.0), ALONG_X, radius_m=sizes.rod_radius_m, length_m=length)
     balls = (Sphere((x, 0.0, 0.0), radius_m=sizes.ball_radius_m) for x in (0.0, length))
     return (tube, *balls)

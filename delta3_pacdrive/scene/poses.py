@@ -68,7 +68,7 @@ def frames(parameters: Parameters) -> tuple[Floats, Floats]:
     across = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(3)], axis=-1)
     sides = np.array([half, -half])
     joint = k.plate_radius_m * outward[:, None] + sides[:, None] * across[:, None]
-    return k.base_radius_m * outward, joint
+    return np.array(k.base_radii_m)[:, None] * outward, joint
 
 
 def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable = 'raise') -> Poses:
@@ -99,7 +99,8 @@ def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable 
     at = joints(angles, parameters, unreachable='nan')
     hip, joint = frames(parameters)
     turned = _turned(angles, parameters)
-    elbow = hip + turned.apply([parameters.kinematics.upper_arm_length_m, 0.0, 0.0]).reshape(-1, 3, 3)
+    arm = np.array([[length, 0.0, 0.0] for length in parameters.kinematics.upper_arm_lengths_m])
+    elbow = hip + turned.apply(np.tile(arm, (len(angles), 1))).reshape(-1, 3, 3)
     position = np.zeros((len(angles), len(NAMES), 3))
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (len(angles), len(NAMES), 1))
     motors, arms = ([NAMES.index(f'{kind}{arm}') for arm in ARMS] for kind in ('motor', 'arm'))

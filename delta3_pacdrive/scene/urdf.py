@@ -53,11 +53,11 @@ def urdf(parameters: Parameters) -> str:
         writer.fixed(f'motor{arm}', 'base', hip[i], azimuth)
         _axis(writer, arm, parameters)
         for side, rod in ((1.0, f'{arm}a'), (-1.0, f'{arm}b')):
-            elbow = (k.upper_arm_length_m, side * half, 0.0)
+            elbow = (k.upper_arm_lengths_m[i], side * half, 0.0)
             name = f'forearm{rod}'
             writer.passive(f'{name}_pitch', f'{name}_elbow', f'arm{arm}', elbow, Y, math.pi)
             writer.passive(f'{name}_swing', name, f'{name}_elbow', (0.0, 0.0, 0.0), Z, math.pi / 2)
-            writer.fixed(f'{name}_end', name, (k.forearm_length_m, 0.0, 0.0))
+            writer.fixed(f'{name}_end', name, (k.forearm_lengths_m[i], 0.0, 0.0))
     writer.passive('plate_swing', 'plate_1a_joint', 'forearm1a_end', (0.0, 0.0, 0.0), Z, math.pi / 2)
     writer.passive('plate_pitch', 'plate_1a_turned', 'plate_1a_joint', (0.0, 0.0, 0.0), Y, math.pi)
     # from the joint to the TCP, seen in the frame of the arm

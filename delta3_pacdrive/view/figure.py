@@ -89,7 +89,7 @@ class _Body:
         self._azimuth = parameters.kinematics.arm_azimuth_rad
         hip, _ = frames(parameters)
         half = 0.5 * Sizes.of(parameters.kinematics).rod_distance_m
-        elbow = parameters.kinematics.upper_arm_length_m
+        elbows = parameters.kinematics.upper_arm_lengths_m
         self._plate = scene.add_frame(f'/{name}/plate', show_axes=False)
         for part in ('plate', 'tool'):
             self.carry(part, named[part])
@@ -98,7 +98,8 @@ class _Body:
             path = f'/{name}/arm{arm}'
             self._arms.append(self._mesh(path, named[f'arm{arm}'], hip[arm - 1]))
             for side, rod in ((half, f'forearm{arm}a'), (-half, f'forearm{arm}b')):
-                self._rods.append(self._mesh(f'{path}/{rod}', named[rod], np.array([elbow, side, 0.0])))
+                joint = np.array([elbows[arm - 1], side, 0.0])
+                self._rods.append(self._mesh(f'{path}/{rod}', named[rod], joint))
 
     def _mesh(self, path: str, part: Part, position: Floats) -> Any:
         vertices, faces = mesh_of(part.shapes)

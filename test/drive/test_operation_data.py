@@ -78,6 +78,7 @@ RECORD = {
     'fault': 3,  # OVERLOAD
     'warning': 2,  # OVERLOAD
     'mdt_losses': 5,
+    'absolute_distance': 4096.0,
     'control': 0xE000,
     'status': 0xC008,
     'state': 9,
@@ -158,6 +159,7 @@ EXPECTED = {
     'P-0-0041': ('1', 1.15, ALWAYS),
     'P-0-0042': ('s', 4.5, ALWAYS),
     'P-0-0051': ('rad', 0.07, NEVER),
+    'S-0-0177': ('rad', math.tau * 4096.0 / 262144, NEVER),
     'P-0-0061': ('N m/A', 0.79, NEVER),
     'P-0-0062': ('kg m2', 0.6e-4, NEVER),
     'P-0-0063': ('kg m2', 0.25e-4, NEVER),

@@ -49,8 +49,8 @@ def directions(kinematics: Kinematics) -> tuple[Floats, Floats]:
 def joints(theta: Floats, point: Floats, kinematics: Kinematics) -> tuple[Floats, Floats, Floats]:
     """Return shoulders, elbows and joints on the plate [m], shapes (3, 3)."""
     u, _ = directions(kinematics)
-    shoulders = kinematics.base_radius_m * u
-    elbows = shoulders + kinematics.upper_arm_length_m * (
+    shoulders = np.array(kinematics.base_radii_m)[:, None] * u
+    elbows = shoulders + np.array(kinematics.upper_arm_lengths_m)[:, None] * (
         np.cos(theta)[:, None] * u - np.sin(theta)[:, None] * UP
     )
     return shoulders, elbows, point + kinematics.plate_radius_m * u

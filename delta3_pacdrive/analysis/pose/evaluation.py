@@ -126,7 +126,7 @@ def loop_error(theta: Floats, point: Floats, parameters: Parameters) -> float:
     if not np.isfinite(theta).all():
         return float('nan')
     lengths = np.linalg.norm(point - elbows(theta, parameters), axis=1)
-    return float(np.abs(lengths - parameters.kinematics.forearm_length_m).max())
+    return float(np.abs(lengths - parameters.kinematics.forearm_lengths_m).max())
 
 
 def _bounds(theta: Floats, point: Floats, parameters: Parameters) -> tuple[Bound, ...]:
