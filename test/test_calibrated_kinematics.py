@@ -8,16 +8,18 @@ from delta3_pacdrive import kinematics
 SEED = 20090419
 STEP = 1e-5
 DIFFERENCE = 1e-8  # of central differences: step^2 and rounding/step
-UPPER_ARM, FOREARM, RADIUS = [0.012, -0.008, 0.003], [-0.015, 0.01, 0.006], [0.008, -0.004, -0.012]
+UPPER_ARM = np.array([0.012, -0.008, 0.003])
+FOREARM = np.array([-0.015, 0.01, 0.006])
+RADIUS = np.array([0.008, -0.004, -0.012])
 AZIMUTH_DEG = [1.5, -2.0, 0.7]
 
 
 @pytest.fixture(scope='module')
 def calibrated(robot):
     return robot.replace(
-        kinematics__upper_arm_correction_m=UPPER_ARM,
-        kinematics__forearm_correction_m=FOREARM,
-        kinematics__radius_correction_m=RADIUS,
+        kinematics__upper_arm_correction_m=UPPER_ARM.tolist(),
+        kinematics__forearm_correction_m=FOREARM.tolist(),
+        kinematics__radius_correction_m=RADIUS.tolist(),
         kinematics__arm_azimuth_correction_deg=AZIMUTH_DEG,
     )
 
@@ -36,13 +38,8 @@ def elbows(theta, robot):
     """Elbows of an own picture of the machine, shape (..., 3 arms, 3)."""
     k = robot.kinematics
     azimuth = np.radians(np.array(k.arm_azimuth_deg) + AZIMUTH_DEG)
-    reach = (
-        k.base_radius_m
-        - k.plate_radius_m
-        + RADIUS
-        + (k.upper_arm_length_m + np.array(UPPER_ARM)) * np.cos(theta)
-    )
-    down = -(k.upper_arm_length_m + np.array(UPPER_ARM)) * np.sin(theta)
+    reach = k.base_radius_m - k.plate_radius_m + RADIUS + (k.upper_arm_length_m + UPPER_ARM) * np.cos(theta)
+    down = -(k.upper_arm_length_m + UPPER_ARM) * np.sin(theta)
     return np.stack([reach * np.cos(azimuth), reach * np.sin(azimuth), down], axis=-1)
 
 
@@ -50,7 +47,7 @@ def test_rods_have_the_length_of_their_arm(calibrated, points):
     theta = kinematics.inverse(points, calibrated)
     lengths = np.linalg.norm(points[:, None] - elbows(theta, calibrated), axis=-1)
     assert lengths == pytest.approx(
-        np.broadcast_to(calibrated.kinematics.forearm_length_m + np.array(FOREARM), lengths.shape), abs=1e-12
+        np.broadcast_to(calibrated.kinematics.forearm_length_m + FOREARM, lengths.shape), abs=1e-12
     )
 
 

@@ -421,7 +421,7 @@ def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
     elif name == 'bus.exchange_period_s':
         changed = 500e-6
     elif isinstance(values[name], tuple):
-        changed = (*values[name][:2], math.nextafter(values[name][2], 0.0))
+        changed = (*values[name][:2], math.nextafter(values[name][2], math.inf))
     elif name in SWITCHES:
         changed = not values[name]
         robot = robot.replace(bus__exchange_period_s=125e-6)
