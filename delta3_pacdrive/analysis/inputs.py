@@ -5,12 +5,18 @@ from pathlib import Path
 
 from delta3_pacdrive.analysis.provenance import digest
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.recording.trace_file import TABLES
 
 
 def is_recording(text: str) -> bool:
     """Whether an input is a recording: a folder, or a file that is no program."""
     path = Path(text)
-    return path.is_dir() or path.suffix.lower() in ('.npz', '.csv')
+    return path.is_dir() or path.suffix.lower() == '.npz' or is_table(text)
+
+
+def is_table(text: str) -> bool:
+    """Whether an input is a table of measurements, by the end of its name."""
+    return Path(text).suffix.lower() in TABLES
 
 
 def program_name(text: str) -> str:

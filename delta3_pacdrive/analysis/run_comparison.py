@@ -1,8 +1,7 @@
 """Two runs side by side: brought to one time, subtracted signal by signal, and the figures of each move.
 
-Runs that know when their program started are aligned by that. Where one does not, or where that is asked for, the
-second run is shifted by whole cycles to where its motor speeds correlate best with those of the first. A run with
-another bus cycle, or with samples between the cycles of the first, is interpolated linearly.
+How they are brought there says ``alignment``. A run with another bus cycle, or with samples between the cycles of the
+first, is interpolated linearly.
 """
 
 import math
@@ -11,38 +10,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import correlate, correlation_lags
 
+from delta3_pacdrive.analysis.alignment import ON_GRID, START, Alignment, align, resampled
 from delta3_pacdrive.analysis.run_signals import derivatives
 from delta3_pacdrive.analysis.runs import DrivenMove, Run, differing
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 
-BY_START, BY_CORRELATION = 'program start', 'best correlation'
-OVERLAP_MIN = 0.25  # share of the shorter run that has to have a counterpart
-ON_GRID = 1e-6  # of a cycle
 QUANTITIES = SIGNALS | TRUE_SIGNALS
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """The second run is brought to the time of the first.
-
-    Attributes
-    ----------
-    by
-        ``BY_START`` or ``BY_CORRELATION``.
-    shift_s
-        What is added to the times of the second run.
-    correlation
-        Of the motor speeds at this shift, 1 for equal ones; nan if they are not recorded or nothing moves.
-
-    """
-
-    by: str
-    shift_s: float
-    correlation: float
 
 
 @dataclass(frozen=True)
@@ -120,15 +96,15 @@ class Comparison:
         return self.equal and not self.uncompared
 
 
-def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison:
+def compare(first: Run, second: Run, how: str = START) -> Comparison:
     """Compare two runs.
 
     Parameters
     ----------
     first, second
         The runs.
-    by_correlation
-        Whether they are aligned by what they do even if both know when their program started.
+    how
+        They are aligned, as ``align`` takes it.
 
     Raises
     ------
@@ -139,7 +115,7 @@ def compare(first: Run, second: Run, by_correlation: bool = False) -> Comparison
     common = [name for name in QUANTITIES if name in first.part.signals and name in second.part.signals]
     if not common:
         raise TraceError(f'{first.name} and {second.name} have no signal in common')
-    alignment = align(first, second, by_correlation)
+    alignment = align(first, second, how)
     time_s, shifted = first.part.time_s, second.part.time_s + alignment.shift_s
     slack = ON_GRID * first.period_s
     both = (time_s >= shifted[0] - slack) & (time_s <= shifted[-1] + slack)
@@ -184,67 +160,6 @@ def subtracted(
         for name, values in of_first.items()
         if name in of_second
     }
-
-
-def align(first: Run, second: Run, by_correlation: bool = False) -> Alignment:
-    """Bring a run to the time of another; raises TraceError if that takes speeds that are not recorded."""
-    by_start = first.knows_start and second.knows_start and not by_correlation
-    if by_start:
-        return Alignment(BY_START, 0.0, _correlation_at(first, second, 0.0))
-    a, b = _speeds(first, first.period_s), _speeds(second, first.period_s)
-    if a is None or b is None:
-        raise TraceError(
-            f'{first.name} and {second.name} cannot be aligned: one does not tell the start of its program, '
-            'and the motor speeds of both are not recorded'
-        )
-    (time_a, speed_a), (time_b, speed_b) = a, b
-    found = sum(correlate(speed_a[:, i], speed_b[:, i]) for i in range(3))
-    lags = correlation_lags(len(speed_a), len(speed_b))
-    overlap = np.minimum(len(speed_a), lags + len(speed_b)) - np.maximum(0, lags)
-    found = np.where(overlap >= OVERLAP_MIN * min(len(speed_a), len(speed_b)), found, -np.inf)
-    lag = int(lags[int(np.argmax(found))])
-    shift_s = float(time_a[0] + lag * first.period_s - time_b[0])
-    # whole cycles stay whole
-    return Alignment(BY_CORRELATION, shift_s, _correlation_at(first, second, shift_s))
-
-
-def resampled(time_s: Floats, values: Floats, at_s: Floats, period_s: float) -> Floats:
-    """Return values (n, columns) at other times: the same numbers where the times are the same, else between two."""
-    rows = np.rint((at_s - time_s[0]) / period_s).astype(np.int64).clip(0, len(time_s) - 1)
-    if (np.abs(time_s[rows] - at_s) <= ON_GRID * period_s).all():
-        return np.asarray(values[rows])
-    return np.column_stack([np.interp(at_s, time_s, column) for column in values.T])
-
-
-def _speeds(run: Run, period_s: float) -> tuple[Floats, Floats] | None:
-    """Return times and motor speeds on a grid of this period, without gaps; None if nothing tells them."""
-    part = run.part
-    if 'motor_speed' in part.signals:
-        speed = part['motor_speed']
-    elif 'motor_position' in part.signals or 'motor_command' in part.signals:
-        name = 'motor_position' if 'motor_position' in part.signals else 'motor_command'
-        speed = derivatives(part[name], run.period_s)[0]
-    else:
-        return None
-    time_s = part.time_s
-    if not math.isclose(run.period_s, period_s):
-        grid = np.arange(round((time_s[-1] - time_s[0]) / period_s) + 1) * period_s + time_s[0]
-        speed, time_s = resampled(time_s, speed, grid, run.period_s), grid
-    return time_s, np.nan_to_num(speed)
-
-
-def _correlation_at(first: Run, second: Run, shift_s: float) -> float:
-    a, b = _speeds(first, first.period_s), _speeds(second, first.period_s)
-    if a is None or b is None:
-        return math.nan
-    (time_a, speed_a), (time_b, speed_b) = a, b
-    shifted = time_b + shift_s
-    both = (time_a >= shifted[0]) & (time_a <= shifted[-1])
-    if not both.any():
-        return math.nan
-    one, other = speed_a[both], resampled(shifted, speed_b, time_a[both], first.period_s)
-    scale = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float((one * other).sum()) / scale if scale > 0.0 else math.nan
 
 
 def _figures(unit: str, difference: Floats, time_s: Floats) -> Difference:
@@ -307,6 +222,11 @@ def to_document(found: Comparison, first: Run, second: Run) -> dict[str, Any]:
             'by': found.alignment.by,
             'shift_s': found.alignment.shift_s,
             'correlation': _known(found.alignment.correlation),
+            'of': found.alignment.of,
+            'uncertainty_s': _known(found.alignment.uncertainty_s),
+            'rival_shift_s': _known(found.alignment.rival_shift_s),
+            'rival_correlation': _known(found.alignment.rival_correlation),
+            'doubts': list(found.alignment.doubts),
         },
         'from_s': float(found.time_s[0]),
         'to_s': float(found.time_s[-1]),

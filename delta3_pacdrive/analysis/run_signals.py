@@ -105,7 +105,7 @@ def program_part(trace: Trace) -> Trace:
     numbers = np.arange(rows[-1] + 1)
     signals = {}
     for name, values in trace.signals.items():
-        signals[name] = np.full((len(numbers), 3), np.nan)
+        signals[name] = np.full((len(numbers), values.shape[1]), np.nan)
         signals[name][rows] = values[keep]
     return Trace((numbers + (cycles[0] - (start or 0))) * period, signals, trace.meta)
 
@@ -149,6 +149,17 @@ def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats,
 def slope(values: Floats, period_s: float) -> Floats:
     """Slope of the least-squares line through the cycles within ``SLOPE_S``; nan where the window is not full."""
     return derivatives(values, period_s, max(1, round(SLOPE_S / period_s)))[0]
+
+
+def delayed(values: Floats, cycles: float) -> Floats:
+    """Return what a command was some cycles before, on the chord between two of them; nan before there was one."""
+    whole = math.floor(cycles)
+    share = cycles - whole
+    out = np.full_like(values, np.nan)
+    if len(values) > whole + 1:
+        newer, older = values[1 : len(values) - whole], values[: len(values) - whole - 1]
+        out[whole + 1 :] = (1.0 - share) * newer + share * older
+    return out
 
 
 def busiest(time_s: Floats, speeds: Floats) -> float:

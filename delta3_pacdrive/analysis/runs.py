@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.analysis import bag_events, derived_signals, run_signals
-from delta3_pacdrive.analysis.inputs import is_recording, noted
+from delta3_pacdrive.analysis import bag_events, derived_signals, measured, run_signals
+from delta3_pacdrive.analysis.inputs import is_recording, is_table, noted
 from delta3_pacdrive.analysis.planning.evaluation import study
 from delta3_pacdrive.analysis.planning.report import limited_text
 from delta3_pacdrive.errors import ParameterError, TraceError, sources_of
@@ -16,11 +16,12 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording import column_file, trace_file
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import words
 
 CONTINUED_S = 0.5  # how long after a stop a run is shown at most: brakes have closed then
+PROGRAM, TRACE, BAG, TABLE = 'program', 'trace', 'bag', 'table'  # kinds of runs
 STARTED, OUTPUT, EVENT, FAULT = 'start', 'output', 'event', 'fault'  # kinds of marks
 
 
@@ -90,9 +91,11 @@ class Run:
     title
         Of its program.
     kind
-        ``program``, ``trace`` or ``bag``.
+        ``program``, ``trace``, ``bag``, or ``table``: of measurements that know no bus cycle.
     robot
         Its parameters.
+    program
+        That was simulated; None for a recording.
     source
         Parameter file that was asked for; empty for the packaged one, and where the recording tells its own.
     robot_note
@@ -116,6 +119,7 @@ class Run:
     title: str
     kind: str
     robot: Parameters
+    program: Program | None
     source: str
     robot_note: str
     whole: Trace
@@ -141,12 +145,12 @@ class Run:
     def tells_robot(self) -> bool:
         """Whether it is a recording that tells the parameters of its robot itself."""
         told = self.whole.meta.get('parameters')
-        return self.kind != 'program' and isinstance(told, dict) and not self.robot_note
+        return self.kind != PROGRAM and isinstance(told, dict) and not self.robot_note
 
     @property
     def told_source(self) -> str | None:
         """Parameter file for the provenance: where a recording tells its own parameters, the recording."""
-        told_itself = self.kind != 'program' and not self.robot_note
+        told_itself = self.kind != PROGRAM and not self.robot_note
         return self.name if told_itself else self.source or None
 
     def changed_parameters(self) -> dict[str, tuple[Any, Any]]:
@@ -160,7 +164,13 @@ def differing(one: Parameters, other: Parameters) -> dict[str, tuple[Any, Any]]:
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 
-def load(text: str, source: str | None = None, from_s: float | None = None, to_s: float | None = None) -> Run:
+def load(
+    text: str,
+    source: str | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    columns: str | None = None,
+) -> Run:
     """Return the run that a name means.
 
     Parameters
@@ -171,6 +181,8 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         Parameter file for a program, and for a recording that does not tell its own.
     from_s, to_s
         What is shown, in times from the start of the program; None: as much as there is of it.
+    columns
+        Column file that says what the columns of a table are.
 
     Raises
     ------
@@ -178,30 +190,44 @@ def load(text: str, source: str | None = None, from_s: float | None = None, to_s
         There is no such run, it cannot be read or simulated, or holds nothing of that part.
 
     """
+    program: Program | None = None
     if not is_recording(text):
-        trace, robot, note, kind = *_simulated(text, source), '', 'program'
+        if columns is not None:
+            raise TraceError(f'{text} is a program, so the column file {columns} is not for it')
+        trace, robot, program, note, kind = *_simulated(text, source), '', PROGRAM
         story: Mapping[str, Any] = trace.meta
     else:
-        trace = trace_file.load(text)
+        chosen = None if columns is None else column_file.read(columns)
+        trace = trace_file.load(text, chosen, gaps=True)
         robot, note = _robot_of(trace, source)
-        kind = 'bag' if Path(text).is_dir() else 'trace'
-        story = bag_events.read(Path(text), trace, None if note else robot) if kind == 'bag' else trace.meta
-    part = run_signals.program_part(_shown(derived_signals.added(trace), from_s, to_s))
+        kind = BAG if Path(text).is_dir() else TRACE
+        if is_table(text) and 'cycle_time_s' not in trace.meta:
+            trace, kind = measured.completed(measured.on_grid(trace, text), robot), TABLE
+        story = bag_events.read(Path(text), trace, None if note else robot) if kind == BAG else trace.meta
+    part = _part(trace, from_s, to_s)
     try:
         moves, marks, notes = _moves(story, part), _marks(story, part), _notes(trace)
         drives = _drives(trace)
-        notes += tuple(story['notes']) if kind == 'bag' else ()
+        notes += tuple(story['notes']) if kind == BAG else ()
     except (KeyError, TypeError, ValueError):
         raise TraceError(f'what {text} tells of its moves, outputs, faults or notes cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)
     outputs = tuple(story.get('outputs', ()))
     (origin,) = noted([text])
-    used = source if kind == 'program' or note else None
-    about = text, title, kind, robot, used or '', note
+    used = source if kind == PROGRAM or note else None
+    about = text, title, kind, robot, program, used or '', note
     return Run(*about, trace, part, moves, marks, outputs, drives, notes, origin)
 
 
-def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters]:
+def _part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
+    """Return what is shown; times of a table stay those of its file."""
+    origin = float(trace.meta.get('origin_s', 0.0))
+    edges = (None if edge is None else edge - origin for edge in (from_s, to_s))
+    part = run_signals.program_part(_shown(derived_signals.added(trace), *edges))
+    return Trace(part.time_s + origin, part.signals, part.meta) if origin else part
+
+
+def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters, Program]:
     from delta3_pacdrive import simulation
 
     robot = core.load(source)
@@ -209,7 +235,7 @@ def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters]:
     simulation.load_kernels(robot)
     trace, placed = simulation.run(program, robot), simulation.placed(robot, program)
     note_limits(trace, program, placed)
-    return trace, placed
+    return trace, placed, program
 
 
 def note_limits(trace: Trace, program: Program, robot: Parameters) -> None:

@@ -129,6 +129,29 @@ class ProgramOptions(RobotOptions):
     )
 
 
+@dataclass
+class ReferenceOptions(ProgramOptions):
+    """Options that name a program, or a trajectory that is played instead."""
+
+    reference: str | None = option(
+        'play this sampled trajectory of the TCP or of the arms instead of a program: a table (.csv, .parquet, .mat), '
+        'a trace (.npz) or a rosbag2 folder',
+        'FILE',
+    )
+    columns: str | None = option(
+        'column file: what the columns of the table with the reference are, if its headings do not say it',
+        'FILE',
+    )
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.columns and not self.reference:
+            return '--columns is for --reference: a program has no columns'
+        if self.reference and 'program' in self.given():
+            return f'--reference is played instead of a program, so {self.program} cannot be run as well'
+        return super().check()
+
+
 def _options(kind: Any) -> list[Any]:
     """Return the declared options; what all commands have comes last."""
     return sorted((one for one in fields(kind) if one.metadata), key=lambda one: one.name == 'json')

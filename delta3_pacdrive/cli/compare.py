@@ -1,54 +1,79 @@
-"""``delta3 compare``: how far two runs are apart, signal by signal and move by move."""
+"""``delta3 compare``: how far two runs are apart, signal by signal and move by move, as model and robot."""
 
 import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.command import Command
-from delta3_pacdrive.cli.run_options import BEST, RunOptions
+from delta3_pacdrive.cli.command import Command, flag, option
+from delta3_pacdrive.cli.option_types import folder
+from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.run_options import RunOptions
 
 
 @dataclass
 class Options(RunOptions):
     """Options of the command."""
 
+    output: Path | None = option(
+        'write figures 11.1 to 11.8 of these two, tables and a page with all of it into this folder, the first as the '
+        'model, the second as the robot',
+        'DIR',
+        type=folder,
+    )
+    no_attribution: bool = flag(
+        'with --output: do not look for what explains the difference of two simulations'
+    )
+
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if len(self.inputs) != 2:
             return f'two runs are compared, not {len(self.inputs)}'
+        if self.no_attribution and self.output is None:
+            return '--no-attribution is for --output: without it nothing is attributed'
         return super().check()
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    from delta3_pacdrive.analysis.experiments import report
+    from delta3_pacdrive.analysis.experiments.run import PairStudy, compared
+    from delta3_pacdrive.analysis.experiments.study import Pair
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import require_writable
     from delta3_pacdrive.analysis.run_comparison import compare, to_document
     from delta3_pacdrive.analysis.runs import named
 
+    require_writable(options.output)
     first, second = options.runs()
-    found = compare(first, second, options.align == BEST)
+    found = compare(first, second, options.align)
     names = named([first, second])
-    result = {'ok': True, 'runs': names, **to_document(found, first, second)}
+    attributed = options.output is not None and not options.no_attribution
+    pair = Pair(first, second, options.align, attributed)
+    if options.output is None:
+        document = report.summary(compared(pair))
+    else:
+        with Progress(quiet=options.json) as progress:
+            document = PairStudy(pair, options.output, options.command_line, progress.show).run()
+    result = {'ok': True, 'runs': names, **to_document(found, first, second), 'model_and_robot': document}
     if options.json:
         origin = Provenance.of(
             options.command_line, first.robot, first.told_source, [first.origin, second.origin]
         )
         print(json.dumps(result | {'provenance': origin.lines()}))
     else:
-        print('\n'.join(_lines(result, names)))
+        print('\n'.join([*_lines(result, names), '', *report.text(document), *document.get('files', ())]))
     return 0
 
 
 def _lines(result: dict[str, Any], names: list[str]) -> list[str]:
     """Return the result for people."""
     aligned = result['alignment']
-    shift = f', shifted by {aligned["shift_s"]:+.3f} s' if aligned['shift_s'] else ''
-    correlation = aligned['correlation']
-    told = '' if correlation is None else f'; motor speeds correlate by {correlation:.6f}'
     lines = [
         f'{names[1]} minus {names[0]}',
-        f'aligned by {aligned["by"]}{shift}{told}',
+        _alignment_text(aligned),
+        *(f'careful: {text}' for text in aligned['doubts']),
         f'from {result["from_s"]:.3f} to {result["to_s"]:.3f} s, {result["cycles"]} cycles',
         '',
     ]
@@ -78,6 +103,18 @@ def _lines(result: dict[str, Any], names: list[str]) -> list[str]:
     return lines
 
 
+def _alignment_text(aligned: dict[str, Any]) -> str:
+    """Tell how the runs were aligned, which shift was found, and how sure it is."""
+    shift = f', shifted by {aligned["shift_s"]:+.3f} s' if aligned['shift_s'] else ''
+    if aligned['uncertainty_s']:
+        shift = f', shifted by {aligned["shift_s"]:+.6f} s +- {aligned["uncertainty_s"]:.1g} s (95 %)'
+    correlation, rival = aligned['correlation'], aligned['rival_correlation']
+    told = '' if correlation is None else f'; {aligned["of"]} correlate by {correlation:.6f}'
+    if rival is not None:
+        told += f', at the next best shift, {aligned["rival_shift_s"]:+.3f} s, by {rival:.3f}'
+    return f'aligned by {aligned["by"]}{shift}{told}'
+
+
 def _number(value: float | None, width: int, form: str = '.4g') -> str:
     known = value is not None and math.isfinite(value)
     return f'{value if known else "-":>{width}{form if known else ""}}'
@@ -85,7 +122,8 @@ def _number(value: float | None, width: int, form: str = '.4g') -> str:
 
 main = Command(
     'compare',
-    'Tell how far two runs are apart: alignment, differences of all signals, moves, parameters that differ.',
+    'Tell how far two runs are apart: alignment, differences of all signals, moves, parameters that differ; and as the '
+    'experiments of the thesis do, the first as the model, the second as the robot.',
     Options,
     run,
 )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, option
-from delta3_pacdrive.cli.run_options import BEST, RunOptions
+from delta3_pacdrive.cli.run_options import RunOptions
 
 
 @dataclass
@@ -35,7 +35,7 @@ def run(options: Options) -> int:
     origin = Provenance.of(
         options.command_line, runs[0].robot, runs[0].told_source, [one.origin for one in runs]
     )
-    page.write(path, runs, origin, options.align == BEST)
+    page.write(path, runs, origin, options.align)
     if options.json:
         result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size}
         print(json.dumps(result | {'provenance': origin.lines()}))

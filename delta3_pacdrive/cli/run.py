@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.command import Command, NodeOptions, ProgramOptions, RobotOptions, flag, option
+from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
 from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
+from delta3_pacdrive.cli.reference import program_of
 from delta3_pacdrive.view import serving
 
 OnProgress = Callable[[dict[str, Any]], None]
@@ -39,11 +40,11 @@ class GraphOptions(NodeOptions, RobotOptions):
         """Return why options do not fit one another; empty if they do."""
         if not 0.0 <= self.real_time_factor <= 1000.0:
             return f'--real-time-factor is {self.real_time_factor}, but must be between 0 and 1000'
-        return serving.refusal('--view-port', self.view_port)
+        return serving.refusal('--view-port', self.view_port) or super().check()
 
 
 @dataclass
-class Options(GraphOptions, ProgramOptions):
+class Options(GraphOptions, ReferenceOptions):
     """Options of the command."""
 
 
@@ -107,19 +108,17 @@ def bring_up(
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    bringup, result = bring_up(options, options.program, lambda display, _: partial(show_run, display))
-    from delta3_pacdrive.analysis.provenance import digest
-
-    notes = []
+    with program_of(options) as chosen:
+        bringup, result = bring_up(options, chosen.program, lambda display, _: partial(show_run, display))
+    notes = list(chosen.notes)
     if missing := result.get('bag_missing'):
         notes.append(
             f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them'
         )
     if cut := result.get('bag_cut'):
         notes.append(f'{options.bag}: {cut}')
-    inputs = [f'{options.program} {digest(bringup.options.program)}']
     ready = f', ready after {result["ready_s"]:.2f} s'
-    return print_run(result, options, bringup.robot, inputs, ready, notes)
+    return print_run(result, options, bringup.robot, chosen.digests(), ready, notes)
 
 
 main = Command(

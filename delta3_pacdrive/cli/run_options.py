@@ -9,8 +9,15 @@ from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import ParameterError
 
-RUN = f'trace (.npz, .csv), rosbag2 folder, or a program that is simulated: {", ".join(program_names())}'
-START, BEST = 'start', 'best'
+RUN = (
+    'trace (.npz), table of measurements (.csv, .parquet, .mat), rosbag2 folder, or a program that is simulated: '
+    f'{", ".join(program_names())}'
+)
+START, CORRELATION, NONE = 'start', 'correlation', 'none'
+
+
+def _how(text: str) -> str:
+    return CORRELATION if text == 'best' else text  # its name in the first version
 
 
 @dataclass
@@ -44,25 +51,45 @@ class RunOptions(WindowOptions):
     )
     align: str = option(
         'bring runs to one time by the start of their programs, where they tell it, or by the best correlation of '
-        'their motor speeds',
-        choices=(START, BEST),
+        'their motion, or take their times as they stand',
+        type=_how,
+        choices=(START, CORRELATION, NONE),
         default=START,
+    )
+    columns: str | None = option(
+        'column file: what the columns of a table are, if its headings do not say it; several, with commas between '
+        'them: one for each run, nothing for one that needs none',
+        'FILE[,FILE...]',
     )
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if refusal := super().check():
             return refusal
-        count = len((self.parameters or '').split(','))
-        if count > 1 and count != len(self.inputs):
-            runs = 'is 1 run' if len(self.inputs) == 1 else f'are {len(self.inputs)} runs'
-            return f'--parameters names {count} files, but there {runs}'
+        for name, given in (('--parameters', self.parameters), ('--columns', self.columns)):
+            count = len((given or '').split(','))
+            if count > 1 and count != len(self.inputs):
+                runs = 'is 1 run' if len(self.inputs) == 1 else f'are {len(self.inputs)} runs'
+                return f'{name} names {count} files, but there {runs}'
         return ''
+
+    def _each(self, given: str | None) -> list[str | None]:
+        """Return the file of each run; one alone is for all of them."""
+        named = (given or '').split(',')
+        return [one or None for one in (named if len(named) > 1 else named * len(self.inputs))]
 
     def sources(self) -> list[str | None]:
         """Return the parameter file of each run, None for the packaged one."""
-        named = (self.parameters or '').split(',')
-        return [one or None for one in (named if len(named) > 1 else named * len(self.inputs))]
+        return self._each(self.parameters)
+
+    def column_files(self) -> list[str | None]:
+        """Return the column file of each run; one alone is for the tables among them."""
+        from delta3_pacdrive.analysis.inputs import is_table
+
+        named = self._each(self.columns)
+        if ',' in (self.columns or '') or not any(map(is_table, self.inputs)):
+            return named
+        return [one if is_table(text) else None for one, text in zip(named, self.inputs, strict=True)]
 
     def runs(self) -> list[Any]:
         """Load the runs; raises Delta3Error."""
@@ -74,8 +101,8 @@ class RunOptions(WindowOptions):
             if not is_recording(text):
                 announce_compilation(source)
         loaded = [
-            runs.load(text, source, self.from_s, self.to_s)
-            for text, source in zip(self.inputs, sources, strict=True)
+            runs.load(text, source, self.from_s, self.to_s, columns)
+            for text, source, columns in zip(self.inputs, sources, self.column_files(), strict=True)
         ]
         # one file is for those that need one
         each = ',' in (self.parameters or '')

@@ -3,14 +3,15 @@
 import time
 from dataclasses import dataclass
 
-from delta3_pacdrive.cli.command import Command, ProgramOptions, option
+from delta3_pacdrive.cli.command import Command, ReferenceOptions, option
 from delta3_pacdrive.cli.option_types import trace_file
 from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import announce_compilation
+from delta3_pacdrive.cli.reference import program_of
 
 
 @dataclass
-class Options(ProgramOptions):
+class Options(ReferenceOptions):
     """Options of the command."""
 
     trace: str | None = option('write every signal to this .npz or .csv file', 'FILE', type=trace_file)
@@ -21,7 +22,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import derived_signals
-    from delta3_pacdrive.analysis.provenance import Provenance, digest
+    from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import arrival
     from delta3_pacdrive.motion import program_file as programs
@@ -33,12 +34,13 @@ def run(options: Options) -> int:
     robot = core.load(options.parameters)
     if options.exchange_period is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period)
-    program = programs.load(options.program, robot.motion)
+    with program_of(options) as chosen:
+        program = programs.load(chosen.program, robot.motion)
     simulation.load_kernels(robot)
     started = time.perf_counter()
     trace = simulation.run(program, robot)
     wall = time.perf_counter() - started
-    inputs = [f'{options.program} {digest(programs.find(options.program))}']
+    inputs = chosen.digests()
     if options.trace:
         from delta3_pacdrive.analysis.runs import note_limits
 
@@ -65,7 +67,7 @@ def run(options: Options) -> int:
         'end_error_m': arrival.end_error_m(*ends),
         **figures,
     }
-    return print_run(result, options, robot, inputs)
+    return print_run(result, options, robot, inputs, notes=chosen.notes)
 
 
 main = Command(

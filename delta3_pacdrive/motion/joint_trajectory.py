@@ -185,12 +185,17 @@ def plan_joints(
     where = path.where(times)
     angles = sample_path(times, path.segments)
     samples = legal_tcp(times, angles, where, parameters, returning)
+
+    def place(n: int) -> str:
+        x, y, z = samples[n, 0]
+        return f'{where(n)}, ({x:.4f}, {y:.4f}, {z:.4f}) m'
+
     payload = np.zeros(len(times), np.int64)
-    coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning, where)
+    coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning, place)
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, 1.0
     d = timed_dynamics(times, master, samples, coefficients, parameters)
-    found = excess(d, parameters, where=where)
+    found = excess(d, parameters, where=place)
     if found.worst > KEPT:
         raise ProgramError(found.text)
     jumps = _jump_dynamics(path, payload_kg, parameters)

@@ -11,7 +11,8 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.limits import Limits
 
 Point = tuple[float, float, float]
-JOINT_POINTS_MAX = 1000  # of a trajectory of arm angles
+JOINT_POINTS_MAX = 10_000  # of a trajectory of arm angles
+ASKED_POINTS_MAX = 1000  # of one that is asked for by a message, to be driven at once
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Traces by the name of a file or folder: trace files (``.npz``, ``.csv``), and bags."""
+"""Traces by the name of a file or folder: trace files (.npz), tables (.csv, .parquet, .mat), and bags."""
 
 from pathlib import Path
 
@@ -6,16 +6,28 @@ import numpy as np
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording import table_csv, table_mat, table_parquet, trace_csv
 from delta3_pacdrive.recording.bag_trace import read_bag
+from delta3_pacdrive.recording.column_file import ColumnFile
+from delta3_pacdrive.recording.table import Table, trace_of
 from delta3_pacdrive.recording.trace import Trace, told
 
-SUFFIXES = ('.npz', '.csv')  # of trace files
+SUFFIXES = ('.npz', '.csv')  # of trace files that are written
+TABLES = ('.csv', '.parquet', '.mat')
 LARGEST = 1e12  # of a signal: far beyond every robot, and its squares are still numbers
 
 
-def load(path: str | Path) -> Trace:
-    """Read a trace file (``.npz``, ``.csv``) or the folder of a bag.
+def load(path: str | Path, columns: ColumnFile | None = None, gaps: bool = False) -> Trace:
+    """Read a trace file (``.npz``), a table of measurements (``.csv``, ``.parquet``, ``.mat``) or the folder of a bag.
+
+    Parameters
+    ----------
+    path
+        Of the file or folder.
+    columns
+        What the columns of a table are; None: its headings say it.
+    gaps
+        Whether numbers of a table may be missing.
 
     Raises
     ------
@@ -23,7 +35,7 @@ def load(path: str | Path) -> Trace:
         There is no such recording, it cannot be read, or it holds numbers that nothing could be computed from.
 
     """
-    trace = _read(Path(path))
+    trace = _read(Path(path), columns, gaps)
     for name, values in {'time_s': trace.time_s, **trace.signals}.items():
         largest = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
         if largest > LARGEST:
@@ -31,18 +43,32 @@ def load(path: str | Path) -> Trace:
     return trace
 
 
-def _read(path: Path) -> Trace:
+def _read(path: Path, columns: ColumnFile | None, gaps: bool) -> Trace:
     with told(f'read recording {path}'):  # a name that is too long, a folder that may not be entered
         folder, there = path.is_dir(), path.exists()
+    if not folder and not there:
+        raise TraceError(f'there is no recording {path}')
+    if not folder and path.suffix.lower() in TABLES:
+        return trace_of(_table(path, columns), columns, gaps)
+    if columns is not None:
+        raise TraceError(f'{path} is no table, so the column file {columns.path} is not for it')
     if folder:
         return read_bag(path)
-    if not there:
-        raise TraceError(f'there is no recording {path}')
-    if path.suffix.lower() == '.csv':
-        return trace_csv.read(path)
     if path.suffix.lower() != '.npz':
-        raise TraceError(f'{path} is no recording: expected a trace file (.npz, .csv) or the folder of a bag')
+        raise TraceError(
+            f'{path} is no recording: expected a trace file (.npz), a table ({", ".join(TABLES)}) or the folder '
+            'of a bag'
+        )
     return Trace.load(path)
+
+
+def _table(path: Path, columns: ColumnFile | None) -> Table:
+    match path.suffix.lower():
+        case '.parquet':
+            return table_parquet.read(path)
+        case '.mat':
+            return table_mat.read(path)
+    return table_csv.read(path, columns.form if columns else None)
 
 
 def save(trace: Trace, path: str | Path) -> None:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.analysis.alignment import BY_CORRELATION, BY_START, CORRELATION
 from delta3_pacdrive.analysis.run_comparison import (
-    BY_CORRELATION,
-    BY_START,
     compare,
     move_figures,
     to_document,
@@ -77,7 +76,7 @@ def test_runs_that_know_their_start_are_aligned_by_motion_where_that_is_asked_fo
     moved = later(one, 40, knows_start=True)
     assert compare(one, moved).alignment.shift_s == 0.0
     assert not compare(one, moved).same
-    assert compare(one, moved, by_correlation=True).same
+    assert compare(one, moved, CORRELATION).same
 
 
 def test_the_built_robot_is_aligned_with_the_nominal_one_by_its_motion(one, built):

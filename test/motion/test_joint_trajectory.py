@@ -243,7 +243,7 @@ def test_arm_angles_take_no_cap_of_speed(robot, home):
     ('content', 'reason'),
     [
         ({'points': []}, 'moves[0].joints.points must be a list of at least one point'),
-        ({'points': [point(1.0, STILL)] * 1001}, 'has 1001 points, the limit is 1000'),
+        ({'points': [point(1.0, STILL)] * 10_001}, 'has 10001 points, the limit is 10000'),
         ({'points': [{'time_s': 1.0}]}, 'moves[0].joints.points[0]: missing key angles_rad'),
         ({'points': [{'time_s': -1.0, 'angles_rad': STILL}]}, 'points[0].time_s is -1, but must be between 0 and 3600'),
         ({'points': [{'time_s': 1.0, 'angles_rad': [0.0, 1.0]}]}, 'angles_rad must be a list of 3 numbers [rad]'),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording import quantities, trace_csv
 
 # unit in the file: (a signal of that quantity, its axis names, SI value of 1.5 of it)
 MEANING = {
@@ -16,6 +16,8 @@ MEANING = {
     'rad/s': ('motor_speed', '123', 1.5),
     'deg/s': ('motor_speed', '123', 0.026179938779914943),
     'rpm': ('motor_speed', '123', 0.15707963267948966),
+    'rad/s2': ('arm_acceleration', '123', 1.5),
+    'deg/s2': ('arm_acceleration', '123', 0.026179938779914943),
     'A': ('current', '123', 1.5),
     'mA': ('current', '123', 0.0015),
     'm': ('tcp_actual', 'xyz', 1.5),
@@ -25,6 +27,7 @@ MEANING = {
     'm/s': ('tcp_velocity', 'xyz', 1.5),
     'mm/s': ('tcp_velocity', 'xyz', 0.0015),
     'm/s2': ('tcp_acceleration', 'xyz', 1.5),
+    'mm/s2': ('tcp_acceleration', 'xyz', 0.0015),
 }
 
 
@@ -43,10 +46,10 @@ def test_one_and_a_half_of_a_unit_is_its_value_in_si(unit, tmp_path):
 
 
 def test_every_unit_that_is_read_has_its_meaning_here():
-    assert set(trace_csv.UNITS) == {*MEANING, 's', 'ms'}
+    assert set(quantities.UNITS) == {*MEANING, 's', 'ms', 'us'}
 
 
-@pytest.mark.parametrize(('unit', 'second'), [('s', 1.0), ('ms', 1000.0)])
+@pytest.mark.parametrize(('unit', 'second'), [('s', 1.0), ('ms', 1000.0), ('us', 1e6)])
 def test_times_are_seconds_or_milliseconds(unit, second, tmp_path):
     header = f'time [{unit}],current_1 [A],current_2 [A],current_3 [A]'
     trace = trace_csv.read(write(tmp_path / 'a.csv', header, '0,1,2,3', f'{0.25 * second},1,2,3'))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording import quantities, trace_csv
 
 
 def test_units_in_the_header_are_turned_into_si(tmp_path):
@@ -19,19 +19,20 @@ def test_units_in_the_header_are_turned_into_si(tmp_path):
 
 # written down from the definitions of the units, not from the reader's table
 ONE_UNIT_IN_SI = {
-    's': 1.0, 'ms': 0.001, 'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
+    's': 1.0, 'ms': 0.001, 'us': 1e-6, 'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
     'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977, 'A': 1.0, 'mA': 0.001, 'm': 1.0, 'mm': 0.001, 'V': 1.0,
-    'N m': 1.0, 'm/s': 1.0, 'mm/s': 0.001, 'm/s2': 1.0,
+    'N m': 1.0, 'm/s': 1.0, 'mm/s': 0.001, 'm/s2': 1.0, 'mm/s2': 0.001, 'rad/s2': 1.0,
+    'deg/s2': 0.017453292519943295,
 }  # fmt: skip
 IN_UNITS = {'s': 'time', 'rad': 'motor_position', 'rad/s': 'motor_speed', 'A': 'current', 'm': 'tcp_measured',
             'V': 'phase_voltage', 'N m': 'coupling_torque', 'm/s': 'tcp_velocity',
-            'm/s2': 'tcp_acceleration'}  # fmt: skip
+            'm/s2': 'tcp_acceleration', 'rad/s2': 'arm_acceleration'}  # fmt: skip
 
 
 @pytest.mark.parametrize('unit', ONE_UNIT_IN_SI)
 def test_every_unit_is_what_it_says(unit, tmp_path):
-    assert trace_csv.UNITS.keys() == ONE_UNIT_IN_SI.keys()
-    signal = IN_UNITS[trace_csv.UNITS[unit][0]]
+    assert quantities.UNITS.keys() == ONE_UNIT_IN_SI.keys()
+    signal = IN_UNITS[quantities.UNITS[unit][0]]
     suffixes = 'xyz' if signal.startswith('tcp_') else '123'
     columns = (
         [f'time [{unit}]']

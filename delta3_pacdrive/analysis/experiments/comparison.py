@@ -10,12 +10,14 @@ reference speed, so that smoothing is no difference between the two; the thesis 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.run_signals import derivatives, program_part, slope
+from delta3_pacdrive.analysis.alignment import ON_GRID, resampled
+from delta3_pacdrive.analysis.measured import delay_cycles
+from delta3_pacdrive.analysis.run_signals import delayed, derivatives, positive, program_part, slope
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -84,6 +86,10 @@ class Run:
         What the drives were told, delayed as set points reach them; of those that have one.
     missing
         Signals that the recording does not hold.
+    origin_s
+        Time of the cycle 0.
+    knows_start
+        Whether that is the start of a program.
 
     """
 
@@ -92,52 +98,104 @@ class Run:
     actual: Values
     reference: Values
     missing: tuple[str, ...]
+    origin_s: float = 0.0
+    knows_start: bool = True
 
     @staticmethod
     def of(trace: Trace, parameters: Parameters) -> 'Run':
-        """Take the signals from a trace of a robot with these parameters.
+        """Take the signals from a trace of a robot with these parameters; raises TraceError."""
+        return Run.of_part(program_part(trace), parameters)
+
+    @staticmethod
+    def of_part(part: Trace, parameters: Parameters) -> 'Run':
+        """Take the signals from the part of a trace that is shown, on an even grid without gaps.
 
         Raises
         ------
         TraceError
-            A signal that every recording holds is not there, or no cycle of the program is.
+            The trace does not tell its cycle time.
 
         """
-        part = program_part(trace)
-        period, gear_ratio = parameters.bus.cycle_time_s, parameters.dynamics.gear_ratio
-        delay = parameters.set_point_delay_cycles
-        command = part['motor_command'] / gear_ratio
-        reference_speed = derivatives(command, period)[0]
-        due = part['tcp_error'] + part['tcp_actual']
-        speed = part['motor_speed'] / gear_ratio
-        actual = {
-            'arm_angle': part['motor_position'] / gear_ratio,
-            'arm_speed': speed,
-            'arm_acceleration': slope(speed, period),
-            'current': part['current'],
-            'tcp': part['tcp_actual'],
-            'tcp_error_norm': _norm(part['tcp_error']),
-            'tcp_error_norm_raw': _norm(part['tcp_command'] - part['tcp_actual']),
-        }
-        reference = {
-            'arm_angle': delayed(command, delay),
-            'arm_speed': delayed(reference_speed, delay),
-            'arm_acceleration': delayed(slope(reference_speed, period), delay),
-            'tcp': due,
-        }
-        missing = tuple(name for name in TRUE_SIGNALS if name not in part.signals)
-        if not missing:
+        period, gear_ratio = positive(part, 'cycle_time_s'), parameters.dynamics.gear_ratio
+        delay, signals = delay_cycles(part, parameters), part.signals
+        actual, reference = dict[str, Floats](), dict[str, Floats]()
+        if 'motor_position' in signals:
+            actual['arm_angle'] = part['motor_position'] / gear_ratio
+        if 'motor_speed' in signals:
+            actual['arm_speed'] = part['motor_speed'] / gear_ratio
+            actual['arm_acceleration'] = slope(actual['arm_speed'], period)
+        elif 'arm_acceleration' in signals:
+            actual['arm_acceleration'] = part['arm_acceleration']
+        if 'current' in signals:
+            actual['current'] = part['current']
+        if 'tcp_actual' in signals:
+            actual['tcp'] = part['tcp_actual']
+        if 'tcp_error' in signals:
+            actual['tcp_error_norm'] = _norm(part['tcp_error'])
+        elif 'tcp_error_norm' in signals:
+            actual['tcp_error_norm'] = part['tcp_error_norm']
+        if {'tcp_command', 'tcp_actual'} <= signals.keys():
+            actual['tcp_error_norm_raw'] = _norm(part['tcp_command'] - part['tcp_actual'])
+        if 'motor_command' in signals:
+            command = part['motor_command'] / gear_ratio
+            reference_speed = derivatives(command, period)[0]
+            reference['arm_angle'] = delayed(command, delay)
+            reference['arm_speed'] = delayed(reference_speed, delay)
+            reference['arm_acceleration'] = delayed(slope(reference_speed, period), delay)
+        elif 'arm_acceleration_reference' in signals:
+            reference['arm_acceleration'] = delayed(part['arm_acceleration_reference'], delay)
+        if {'tcp_error', 'tcp_actual'} <= signals.keys():
+            reference['tcp'] = part['tcp_error'] + part['tcp_actual']
+        missing = tuple(name for name in TRUE_SIGNALS if name not in signals)
+        if not missing and {'arm_angle', 'tcp'} <= reference.keys():
             actual['arm_angle_true'], actual['tcp_true'] = part['arm_angle'], part['tcp_true']
-            actual['tcp_error_norm_true'] = _norm(due - part['tcp_true'])
-            reference['arm_angle_true'], reference['tcp_true'] = reference['arm_angle'], due
-        cycle = np.rint(part.time_s / period).astype(np.int64)
-        return Run(cycle, period, actual, reference, missing)
+            actual['tcp_error_norm_true'] = _norm(reference['tcp'] - part['tcp_true'])
+            reference['arm_angle_true'], reference['tcp_true'] = reference['arm_angle'], reference['tcp']
+        knows_start = part.meta.get('start_cycle') is not None
+        origin = float(part.meta.get('origin_s', 0.0))
+        cycle = np.rint((part.time_s - origin) / period).astype(np.int64)
+        return Run(cycle, period, actual, reference, missing, origin, knows_start)
+
+    @property
+    def time_s(self) -> Floats:
+        """Time of each cycle, from the start of the program if that is known, shape (cycles,)."""
+        return np.asarray(self.cycle * self.period_s + self.origin_s, dtype=np.float64)
 
     def rows(self, rows: NDArray[np.int64]) -> 'Run':
         """Return some of the cycles."""
         actual = {name: values[rows] for name, values in self.actual.items()}
         reference = {name: values[rows] for name, values in self.reference.items()}
-        return Run(self.cycle[rows], self.period_s, actual, reference, self.missing)
+        return replace(self, cycle=self.cycle[rows], actual=actual, reference=reference)
+
+    def shifted(self, shift_s: float) -> 'Run':
+        """Return the run at other times: whole cycles stay whole."""
+        cycles = round(shift_s / self.period_s)
+        if abs(shift_s - cycles * self.period_s) <= ON_GRID * self.period_s:
+            return replace(self, cycle=self.cycle + cycles)
+        return replace(self, origin_s=self.origin_s + shift_s)
+
+    def at(self, other: 'Run') -> 'Run':
+        """Return the run at the times of another, between its own cycles if need be.
+
+        Accelerations are the slope over the cycles of the other, so that they are smoothed alike.
+        """
+        within = (other.time_s >= self.time_s[0]) & (other.time_s <= self.time_s[-1])
+        time_s = other.time_s[within]
+
+        def moved(values: Values) -> Values:
+            found = {name: resampled(self.time_s, of, time_s, self.period_s) for name, of in values.items()}
+            if {'arm_speed', 'arm_acceleration'} <= found.keys() and self.period_s != other.period_s:
+                found['arm_acceleration'] = slope(found['arm_speed'], other.period_s)
+            return found
+
+        return replace(
+            self,
+            cycle=other.cycle[within],
+            period_s=other.period_s,
+            actual=moved(self.actual),
+            reference=moved(self.reference),
+            origin_s=other.origin_s,
+        )
 
 
 @dataclass(frozen=True)
@@ -169,35 +227,62 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison holds model and robot over the same bus cycles of the program."""
+    """A comparison holds model and robot over the same bus cycles of the program.
+
+    Attributes
+    ----------
+    model, robot
+        At the same times: those of the model, or of whichever has the longer cycle.
+    start_s
+        When the program starts; -inf if neither knows it.
+
+    """
 
     model: Run
     robot: Run
+    start_s: float = 0.0
 
     @staticmethod
-    def of(model: Run, robot: Run) -> 'Comparison':
-        """Match two runs by the bus cycle counted from the start of the program.
+    def of(model: Run, robot: Run, shift_s: float = 0.0) -> 'Comparison':
+        """Match two runs by their times from the start of the program.
+
+        Parameters
+        ----------
+        model, robot
+            The runs; the one with the shorter cycle is taken at the times of the other.
+        shift_s
+            What is added to the times of the robot.
 
         Raises
         ------
         TraceError
-            The runs have different cycle times, or no cycle of the program in common.
+            The runs have no signal, or no cycle of the program, in common.
 
         """
-        if model.period_s != robot.period_s:
-            raise TraceError(
-                f'model and robot cannot be compared cycle by cycle: their bus cycle times are '
-                f'{model.period_s:g} s and {robot.period_s:g} s'
-            )
-        common, of_model, of_robot = np.intersect1d(model.cycle, robot.cycle, return_indices=True)
-        if not (common >= 0).any():
+        start_s = 0.0 if model.knows_start else shift_s if robot.knows_start else -math.inf
+        robot = robot.shifted(shift_s)
+        apart = abs(model.origin_s - robot.origin_s)
+        if model.period_s > robot.period_s or (model.period_s == robot.period_s and apart):
+            robot = robot.at(model)
+        elif model.period_s < robot.period_s:
+            model = model.at(robot)
+        _, of_model, of_robot = np.intersect1d(model.cycle, robot.cycle, return_indices=True)
+        found = Comparison(model.rows(of_model), robot.rows(of_robot), start_s)
+        if not found.counted.any():
             raise TraceError('model and robot have no bus cycle of the program in common')
-        return Comparison(model.rows(of_model), robot.rows(of_robot))
+        if not found.names:
+            raise TraceError('model and robot have no signal in common')
+        return found
 
     @property
     def time_s(self) -> Floats:
         """Time of each cycle from the start of the program, shape (cycles,)."""
-        return np.asarray(self.model.cycle * self.model.period_s, dtype=np.float64)
+        return self.model.time_s
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which cycles are those of the program and behind it."""
+        return np.asarray(self.time_s >= self.start_s - ON_GRID * self.model.period_s)
 
     @property
     def names(self) -> list[str]:
@@ -211,7 +296,7 @@ class Comparison:
 
     def measured(self, values: Floats) -> Floats:
         """Rows from the start of the program on that are known."""
-        rows = values[self.model.cycle >= 0]
+        rows = values[self.counted]
         return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
     def deviation(self, name: str) -> Floats:
@@ -223,8 +308,14 @@ class Comparison:
         return _rms(self.measured(self.deviation(name)), QUANTITIES[name].columns == _XYZ) ** 2
 
     def reference_apart_m(self) -> float:
-        """Largest distance of the two reference TCPs [m]: each plan begins where its encoders say that it stands."""
-        return float(_norm(self.measured(self.robot.reference['tcp'] - self.model.reference['tcp'])).max())
+        """Largest distance of the two reference TCPs [m]: each plan begins where its encoders say that it stands.
+
+        Nan if one has no reference.
+        """
+        if not ('tcp' in self.model.reference and 'tcp' in self.robot.reference):
+            return math.nan
+        apart = self.measured(self.robot.reference['tcp'] - self.model.reference['tcp'])
+        return float(_norm(apart).max(initial=0.0))
 
     def statistics(self) -> list[Statistics]:
         """Return the numbers of each column of each signal, and of all its columns together."""
@@ -237,9 +328,10 @@ class Comparison:
             arrays[who] = run.actual[name]
             if name in run.reference:
                 arrays[f'{who}_from_reference'] = run.actual[name] - run.reference[name]
-        cycle = self.model.cycle
-        known = (cycle >= 0) & np.isfinite(np.hstack(list(arrays.values()))).all(axis=1)
-        times = cycle[known] * self.model.period_s
+        known = self.counted & np.isfinite(np.hstack(list(arrays.values()))).all(axis=1)
+        if not known.any():
+            return []
+        times = self.time_s[known]
         arrays = {key: quantity.factor * values[known] for key, values in arrays.items()}
         model = arrays['model']
         from_start = model - model[0] if quantity.position else model
@@ -264,17 +356,6 @@ class Comparison:
             numbers |= {'peak': peak, 'deviation_max_at_s': float(times[worst.argmax()])}
             rows.append(Statistics(name, label, quantity.shown_unit, **numbers))  # type: ignore[arg-type]
         return rows
-
-
-def delayed(values: Floats, cycles: float) -> Floats:
-    """Return what a command was some cycles before, on the chord between two of them; nan before there was one."""
-    whole = math.floor(cycles)
-    share = cycles - whole
-    out = np.full_like(values, np.nan)
-    if len(values) > whole + 1:
-        newer, older = values[1 : len(values) - whole], values[: len(values) - whole - 1]
-        out[whole + 1 :] = (1.0 - share) * newer + share * older
-    return out
 
 
 def _norm(values: Floats) -> Floats:

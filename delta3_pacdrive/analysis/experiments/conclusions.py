@@ -31,11 +31,14 @@ class Conclusion:
 
 
 def conclusions(rows: list[Statistics]) -> list[Conclusion]:
-    """Hold the run against what the thesis found: angles and TCP alike, error norm and current clearly not."""
+    """Hold the run against what the thesis found: angles and TCP alike, error norm and current clearly not.
+
+    What both runs do not hold is left out.
+    """
     whole = {row.signal: row for row in rows if row.column in ('', 'all')}
     return [
-        *(_small(name, whole[name]) for name in ('arm_angle', 'tcp')),
-        *(_clear(name, whole[name]) for name in ('tcp_error_norm', 'current')),
+        *(_small(name, whole[name]) for name in ('arm_angle', 'tcp') if name in whole),
+        *(_clear(name, whole[name]) for name in ('tcp_error_norm', 'current') if name in whole),
     ]
 
 
@@ -63,7 +66,8 @@ def truth(rows: list[Statistics]) -> str:
 def explanations(attribution: Attribution) -> list[str]:
     """Return one sentence for each curve, and one for each statistic: which effect explains how much."""
     outcomes = attribution.outcomes
-    sentences = [_of_curve(outcomes[name, 'deviation'], attribution) for name in OF_CURVES]
+    curves = [name for name in OF_CURVES if (name, 'deviation') in outcomes]
+    sentences = [_of_curve(outcomes[name, 'deviation'], attribution) for name in curves]
     sentences += [_of_statistic(o, attribution) for o in outcomes.values() if o.statistic != 'deviation']
     return sentences
 

@@ -53,29 +53,40 @@ def by_name(found: Results) -> Drawings:
     """Return what draws each figure of an experiment, by file name."""
     number, comparison, attribution = found.number, found.comparison, found.attribution
     zoom = _zoom(comparison)
-    drawn: dict[str, Any] = {
-        'tcp_path': tcp_path,
-        'arm_angles': partial(panels, name='arm_angle', symbol=r'$\theta_{}$'),
-        'arm_velocities': partial(panels, name='arm_speed', symbol=r'$\dot\theta_{}$', marked=zoom),
-        'arm_velocities_zoom': partial(panels, name='arm_speed', symbol=r'$\dot\theta_{}$', shown=zoom),
-        'arm_accelerations': partial(panels, name='arm_acceleration', symbol=r'$\ddot\theta_{}$'),
-        'currents': partial(panels, name='current', symbol=r'$I_{{\mathrm{{eff}},{}}}$'),
-        'tcp_components': partial(panels, name='tcp', symbol='{}'),
-        'tcp_error_norm': tcp_error_norm,
+    # name: (signal that it is about, what draws it)
+    drawn: dict[str, tuple[str, Any]] = {
+        'tcp_path': ('tcp', tcp_path),
+        'arm_angles': ('arm_angle', partial(panels, name='arm_angle', symbol=r'$\theta_{}$')),
+        'arm_velocities': (
+            'arm_speed',
+            partial(panels, name='arm_speed', symbol=r'$\dot\theta_{}$', marked=zoom),
+        ),
+        'arm_velocities_zoom': (
+            'arm_speed',
+            partial(panels, name='arm_speed', symbol=r'$\dot\theta_{}$', shown=zoom),
+        ),
+        'arm_accelerations': (
+            'arm_acceleration',
+            partial(panels, name='arm_acceleration', symbol=r'$\ddot\theta_{}$'),
+        ),
+        'currents': ('current', partial(panels, name='current', symbol=r'$I_{{\mathrm{{eff}},{}}}$')),
+        'tcp_components': ('tcp', partial(panels, name='tcp', symbol='{}')),
+        'tcp_error_norm': ('tcp_error_norm', tcp_error_norm),
     }
-    first = 1 + PER_EXPERIMENT * (number - 1)
+    first = 1 + PER_EXPERIMENT * ((number or 1) - 1)
     made = {}
-    for figure, (name, draw) in enumerate(drawn.items(), start=first):
-        heading = f'Fig. 11.{figure}, experiment {number}'
-        made[f'figure_11_{figure:02d}_{name}.png'] = partial(draw, comparison, heading)
+    for figure, (name, (signal, draw)) in enumerate(drawn.items(), start=first):
+        if signal in comparison.names:
+            heading = f'Fig. 11.{figure}, experiment {number}' if number else f'As Fig. 11.{figure}'
+            made[f'figure_11_{figure:02d}_{name}.png'] = partial(draw, comparison, heading)
     if attribution is not None:
-        made[ATTRIBUTION] = partial(effects, attribution, f'Experiment {number}')
+        made[ATTRIBUTION] = partial(effects, attribution, found.title)
     return made
 
 
-def file_names(number: int) -> list[str]:
-    """Names that figures of an experiment may have."""
-    first = 1 + PER_EXPERIMENT * (number - 1)
+def file_names(number: int | None) -> list[str]:
+    """Names that figures of an experiment, or of any two runs, may have."""
+    first = 1 + PER_EXPERIMENT * ((number or 1) - 1)
     return [
         ATTRIBUTION,
         *(f'figure_11_{figure:02d}_*.png' for figure in range(first, first + PER_EXPERIMENT)),
@@ -104,7 +115,7 @@ def panels(
     keep = (comparison.time_s >= begin) & (comparison.time_s <= end)
     time_s, runs = comparison.time_s[keep], (comparison.model, comparison.robot)
     model, robot = (quantity.factor * run.actual[name][keep] for run in runs)
-    referred = name in comparison.model.reference
+    referred = name in comparison.model.reference and name in comparison.robot.reference
     for i, (left, right) in enumerate(grid):
         left.plot(time_s, model[:, i], label='model', **MODEL)
         left.plot(time_s, robot[:, i], label='robot', **ROBOT)
@@ -135,18 +146,20 @@ def tcp_path(comparison: Comparison, title: str) -> Figure:
     figure = titled_figure(f'{title}: TCP path', 6.0)
     axes = path_axes(figure, 0.14, 0.79)
     of_model, of_robot = comparison.model, comparison.robot
-    reference = 1e3 * comparison.measured(of_model.reference['tcp'])
+    told = next((run.reference['tcp'] for run in (of_model, of_robot) if 'tcp' in run.reference), None)
+    reference = 1e3 * comparison.measured(of_model.actual['tcp'] if told is None else told)
     model, robot = (1e3 * comparison.measured(run.actual['tcp']) for run in (of_model, of_robot))
     axes.plot(*model.T, label='model', **MODEL | WHOLE | {'linewidth': 3.0})
     axes.plot(*robot.T, label='robot', **ROBOT | WHOLE | {'linewidth': 1.6, 'zorder': 3.2})
-    axes.plot(*reference.T, label='reference', **REFERENCE, **WHOLE)
+    if told is not None:
+        axes.plot(*reference.T, label='reference', **REFERENCE, **WHOLE)
     drawn = [model, robot]
     longest = max(float(np.ptp(reference, axis=0).max()), 1.0)
     for name, look, label in (
         ('tcp', ROBOT, 'robot, deviation'),
         ('tcp_true', TRUE, 'its true TCP, deviation'),
     ):
-        if name not in of_robot.actual:
+        if name not in of_robot.actual or name not in of_robot.reference:
             continue
         base, off = of_robot.reference[name], of_robot.actual[name] - of_robot.reference[name]
         both = comparison.measured(1e3 * np.hstack([base, off]))
@@ -168,7 +181,7 @@ def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
     }
     names = [name for name in texts if name in comparison.names]
     figure = titled_figure(f'{title}: norm of the TCP error', 1.8 + 1.7 * len(names))
-    column = figure.subplots(len(names), 1, sharex=True)
+    column = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
     for axes, name in zip(column, names, strict=True):
         top = 0.0
         hidden = {'linestyle': (0, (3, 3)), 'zorder': 3.5} if name == 'tcp_error_norm_raw' else {}
@@ -219,9 +232,13 @@ def effects(attribution: Attribution, title: str) -> Figure:
 
 
 def _zoom(comparison: Comparison) -> tuple[float, float]:
-    """Return the 0.15 s [s] around the fastest change of the speeds."""
-    begin = busiest(comparison.time_s, comparison.model.reference['arm_speed'])
-    return begin, begin + ZOOM_S
+    """Return the 0.15 s [s] around the fastest change of the speeds; everything if no run tells them."""
+    for run in (comparison.model, comparison.robot):
+        for values in (run.reference, run.actual):
+            if 'arm_speed' in values:
+                begin = busiest(comparison.time_s, values['arm_speed'])
+                return begin, begin + ZOOM_S
+    return float(comparison.time_s[0]), float(comparison.time_s[-1])
 
 
 def _round_factor(factor: float) -> float:

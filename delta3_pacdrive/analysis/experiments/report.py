@@ -1,5 +1,6 @@
 """An experiment in words and numbers: the summary, the text for people, the tables."""
 
+import math
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -64,20 +65,25 @@ def summary(found: Results) -> dict[str, Any]:
     comparison = found.comparison
     rows, missing = comparison.statistics(), comparison.missing
     concluded = conclusions(rows)
-    notes = list(found.notes)
-    if missing:
+    notes, apart = list(found.notes), 1e3 * comparison.reference_apart_m()
+    unseen = [name for name in missing if name.endswith('_true')]
+    if unseen:
         notes.append(
-            f'topics do not carry what is really there, so these signals are missing: {", ".join(missing)}'
+            f'topics do not carry what is really there, so these signals are missing: {", ".join(unseen)}'
         )
+    if absent := [name for name in missing if name not in unseen]:
+        notes.append(f'not both runs tell these signals: {", ".join(absent)}')
+    of_experiment = found.number is not None
     return {
         'experiment': found.number,
         'program': found.program,
-        'cycles': int((comparison.model.cycle >= 0).sum()),
+        'cycles': int(comparison.counted.sum()),
+        'period_s': comparison.model.period_s,
         'acceleration': ACCELERATION,
-        'references_apart_mm': 1e3 * comparison.reference_apart_m(),
+        'references_apart_mm': apart if math.isfinite(apart) else None,
         'missing': missing,
-        'reproduced': all(conclusion.holds for conclusion in concluded),
-        'verdict': verdict(concluded),
+        'reproduced': all(conclusion.holds for conclusion in concluded) if of_experiment else None,
+        'verdict': verdict(concluded) if of_experiment else None,
         'findings': [asdict(conclusion) for conclusion in concluded],
         'truth': truth(rows),
         'signals': [{'text': QUANTITIES[row.signal].text} | asdict(row) for row in rows],
@@ -112,11 +118,10 @@ def text(document: dict[str, Any]) -> list[str]:
         lines.append(f'{row["text"]:>42} {row["unit"]:>8}{numbers}')
     sentences = [conclusion['sentence'] for conclusion in document['findings']]
     sentences += [document['truth']] if document['truth'] else []
-    lines += [
-        '',
-        f'What the thesis found is {document["verdict"]}.',
-        *(f'- {sentence}' for sentence in sentences),
-    ]
+    lines.append('')
+    if document['verdict'] is not None:
+        lines.append(f'What the thesis found is {document["verdict"]}.')
+    lines += [f'- {sentence}' for sentence in sentences]
     if document['attribution'] is not None:
         lines += ['', 'What explains it (Shapley values; of a deviation shares of its mean square):']
         lines += [f'- {sentence}' for sentence in document['attribution']['explanations']]

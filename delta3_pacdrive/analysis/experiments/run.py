@@ -1,5 +1,9 @@
-"""An experiment from its settings to its folder: a model and a robot run one program, and are compared."""
+"""An experiment from its settings to its folder: a model and a robot run one program, and are compared.
 
+Any two runs are compared in the same way; an experiment is the case in which it makes them itself.
+"""
+
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,12 +11,15 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis import study as studies
+from delta3_pacdrive.analysis.alignment import BY_START, align
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
-from delta3_pacdrive.analysis.experiments.study import Results, Settings
+from delta3_pacdrive.analysis.experiments.study import Pair, Results, Settings
 from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
 from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.runs import named
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
@@ -44,6 +51,7 @@ class Study(studies.Study):
                 self._notes.append('the robot has no sensor noise, so --seed changes nothing')
         # a folder of that name in the working directory is not meant
         self._path = core.config_directory() / 'programs' / f'experiment{chosen.number}.yaml'
+        self._make_cycles_alike()
         self._program = programs.load(self._path, self.robots['model'].motion)
 
     def run(self) -> dict[str, Any]:
@@ -71,9 +79,23 @@ class Study(studies.Study):
         self.on_progress('tables and figures', 0, 0)
         for path in files.values():
             folder.add(path)
-        document, drawings = report.summary(found), figures.by_name(found)
-        text, tables = report.text(document), report.tables(found)
-        return folder.results(f'Experiment {number}: model and robot', document, text, tables, drawings)
+        return _leave(folder, found)
+
+    def _make_cycles_alike(self) -> None:
+        """Let the packaged model run with the robot's bus cycle; one that was asked for keeps its own."""
+        cycle_s = {who: robot.bus.cycle_time_s for who, robot in self.robots.items()}
+        if cycle_s['model'] == cycle_s['robot']:
+            return
+        if self.settings.parameters is None:
+            self.robots['model'] = self.robots['model'].replace(bus__cycle_time_s=cycle_s['robot'])
+            self._notes.append(
+                f'the model runs with the bus cycle of the robot, {1e3 * cycle_s["robot"]:g} ms'
+            )
+            return
+        self._notes.append(
+            f'the bus cycles are {1e3 * cycle_s["model"]:g} ms of the model and {1e3 * cycle_s["robot"]:g} ms of the '
+            f'robot: both are compared every {1e3 * max(cycle_s.values()):g} ms'
+        )
 
     def _provenance(self) -> Provenance:
         chosen, robot = self.settings, self.robots['robot']
@@ -87,3 +109,88 @@ class Study(studies.Study):
         with excused(f'cannot write to {self.folder}'):
             self.folder.mkdir(parents=True, exist_ok=True)
             return {who: core.write(robot, self.folder / FILES[who]) for who, robot in self.robots.items()}
+
+
+@dataclass
+class PairStudy(studies.Study):
+    """The study compares any two runs as an experiment compares its two."""
+
+    settings: Pair
+
+    def run(self) -> dict[str, Any]:
+        """Compare, write everything into the folder and return the report; raises Delta3Error."""
+        pair = self.settings
+        folder = ReportFolder(self.folder, self._provenance())
+        folder.clear([*report.TABLES, *figures.file_names(None)])
+        self.on_progress('comparison', 0, 0)
+        found = compared(pair, self.on_progress)
+        self.on_progress('tables and figures', 0, 0)
+        return _leave(folder, found)
+
+    def _provenance(self) -> Provenance:
+        model, robot = self.settings.model, self.settings.robot
+        origin = Provenance.of(self.command, model.robot, model.told_source, [model.origin, robot.origin])
+        of_robot = f'{robot.robot.checksum} ({robot.told_source or core.DEFAULT_FILE})'
+        return replace(origin, parameters=f'model {origin.parameters}, robot {of_robot}')
+
+
+def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
+    """Compare any two runs, and look for what explains the difference where both are simulated.
+
+    Raises
+    ------
+    TraceError
+        They cannot be aligned, or have no signal or no time in common.
+
+    """
+    model, robot = pair.model, pair.robot
+    aligned = align(model, robot, pair.how)
+    comparison = Comparison.of(
+        Run.of_part(model.part, model.robot), Run.of_part(robot.part, robot.robot), aligned.shift_s
+    )
+    names = named([model, robot])
+    notes = [
+        f'{name}: {text}' for name, run in zip(names, (model, robot), strict=True) for text in _told(run)
+    ]
+    notes += aligned.doubts
+    if not math.isclose(model.period_s, robot.period_s):
+        notes.append(
+            f'{names[0]} has a value every {1e3 * model.period_s:.6g} ms, {names[1]} every '
+            f'{1e3 * robot.period_s:.6g} ms: both are compared every {1e3 * comparison.model.period_s:.6g} ms'
+        )
+    explained = None
+    if pair.attributed:
+        why_not = _unexplained(pair, aligned.by)
+        if why_not is None and model.program is not None:
+            own = Run.of_part(model.part, model.robot)
+            explained = attribution.attribute(model.program, own, model.robot, robot.robot, on_progress)
+        else:
+            notes.append(f'what explains the difference is not looked for: {why_not}')
+    return Results(
+        None, f'{names[0]} as the model, {names[1]} as the robot', comparison, explained, notes, aligned
+    )
+
+
+def _told(run: runs.Run) -> list[str]:
+    return [*run.notes, run.robot_note] if run.robot_note else list(run.notes)
+
+
+def _unexplained(pair: Pair, by: str) -> str | None:
+    """Return why nobody can say what explains the difference; None if that can be found out."""
+    model, robot = pair.model, pair.robot
+    if model.program is None or robot.program is None:
+        return 'for that both must be programs, which can be simulated with each effect alone'
+    if model.program != robot.program:
+        return 'the programs are not the same'
+    if by != BY_START:
+        return 'the runs are not aligned by the start of their programs'
+    return (
+        None if attribution.effects_of(robot.robot) else 'the robot has no effect that the thesis leaves out'
+    )
+
+
+def _leave(folder: ReportFolder, found: Results) -> dict[str, Any]:
+    """Write the results of a comparison into a folder; return the report; raises Delta3Error."""
+    document, drawings = report.summary(found), figures.by_name(found)
+    text, tables = report.text(document), report.tables(found)
+    return folder.results(f'{found.title}: model and robot', document, text, tables, drawings)

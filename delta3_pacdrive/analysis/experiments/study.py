@@ -1,7 +1,9 @@
-"""What an experiment depends on, and what it finds."""
+"""What an experiment, or the comparison of any two runs, depends on, and what it finds."""
 
 from dataclasses import dataclass
 
+from delta3_pacdrive.analysis import alignment, runs
+from delta3_pacdrive.analysis.alignment import Alignment
 from delta3_pacdrive.analysis.experiments.attribution import Attribution
 from delta3_pacdrive.analysis.experiments.comparison import Comparison
 
@@ -33,11 +35,55 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Results:
-    """The results are the comparison, what explains it (None: not looked for), and notes in sentences."""
+class Pair:
+    """Two runs that are compared.
 
-    number: int
+    Attributes
+    ----------
+    model, robot
+        The runs.
+    how
+        They are aligned, as ``alignment.align`` takes it.
+    attributed
+        Whether to look for what explains the difference, where both are simulated.
+
+    """
+
+    model: runs.Run
+    robot: runs.Run
+    how: str = alignment.START
+    attributed: bool = True
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results are the comparison, and what is known of it.
+
+    Attributes
+    ----------
+    number
+        Of the experiment; None: of any two runs.
+    program
+        Its name, or those of the runs.
+    comparison
+        Of model and robot.
+    attribution
+        What explains it; None: not looked for.
+    notes
+        In sentences.
+    alignment
+        How any two runs were brought to one time.
+
+    """
+
+    number: int | None
     program: str
     comparison: Comparison
     attribution: Attribution | None
     notes: list[str]
+    alignment: Alignment | None = None
+
+    @property
+    def title(self) -> str:
+        """Return what stands above figures."""
+        return self.program if self.number is None else f'Experiment {self.number}'

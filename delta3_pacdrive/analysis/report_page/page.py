@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 
 from delta3_pacdrive import whole_file
+from delta3_pacdrive.analysis.alignment import START
 from delta3_pacdrive.analysis.provenance import Provenance, write_text
 from delta3_pacdrive.analysis.report_page.document import report_document
 from delta3_pacdrive.analysis.report_page.tables import sections
@@ -35,7 +36,7 @@ def require_writable(path: Path) -> None:
         raise ReportError(f'cannot write {path}: {why}')
 
 
-def write(path: Path, runs: Sequence[Run], origin: Provenance, by_correlation: bool = False) -> None:
+def write(path: Path, runs: Sequence[Run], origin: Provenance, how: str = START) -> None:
     """Write the page of one or more runs; a file that is there is replaced, or stays as it was.
 
     Raises
@@ -46,10 +47,10 @@ def write(path: Path, runs: Sequence[Run], origin: Provenance, by_correlation: b
         The runs cannot be compared.
 
     """
-    write_text(page(runs, origin, by_correlation), path)
+    write_text(page(runs, origin, how), path)
 
 
-def page(runs: Sequence[Run], origin: Provenance, by_correlation: bool = False) -> str:
+def page(runs: Sequence[Run], origin: Provenance, how: str = START) -> str:
     """Return the page as text; raises as ``write`` does."""
     length_s = sum(float(run.part.time_s[-1] - run.part.time_s[0]) for run in runs)
     if len(runs) > RUNS_MAX:
@@ -58,7 +59,7 @@ def page(runs: Sequence[Run], origin: Provenance, by_correlation: bool = False) 
         raise ReportError(
             f'the runs last {length_s:.0f} s, a page takes at most {LONGEST_S:g} s: choose a part with --from and --to'
         )
-    comparisons = [compare(runs[0], other, by_correlation) for other in runs[1:]]
+    comparisons = [compare(runs[0], other, how) for other in runs[1:]]
     title = ' and '.join(dict.fromkeys(run.title for run in runs))
     tables = sections(runs, comparisons, origin)
     coarser = 1.0

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.analysis.alignment import BY_START
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page.document import signals_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES
-from delta3_pacdrive.analysis.run_comparison import BY_START, Comparison, move_figures
+from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 

@@ -151,7 +151,7 @@ def test_a_run_that_is_aligned_by_its_motion_stands_at_the_time_of_the_first(one
     from dataclasses import replace
 
     later = replace(one, part=replace(one.part, time_s=one.part.time_s + 0.25))
-    first, second = document_of(page.page([one, later], ORIGIN, by_correlation=True))['runs']
+    first, second = document_of(page.page([one, later], ORIGIN, 'correlation'))['runs']
     assert second['first_s'] == pytest.approx(first['first_s'])
     assert second['moves'][1][2] == pytest.approx(first['moves'][1][2] - 0.25)  # its own moves are not later
 

@@ -1,0 +1,127 @@
+"""Measurements that know no bus cycle: brought onto an even grid of time, and completed by what can be computed.
+
+The period is found in the times. Where samples are missing there is a gap; where they are not evenly spaced, there are
+straight lines between them. On the side of the arms and of the motors, and of the TCP, one is computed from the other
+with the parameters of the robot.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.analysis.run_signals import LACKING_MAX, delayed, positive
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording.trace import Trace
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.parameters import Parameters
+
+EVEN = 0.01  # of a period: how far a sample may be from its place
+GAP = 1.5  # periods between two samples: from there on one is missing
+LONG = 3.0  # periods between two samples that are not evenly spaced: no straight line is drawn any more
+INSTANTS_MIN = 3
+
+
+def on_grid(trace: Trace, name: str) -> Trace:
+    """Return a trace on an even grid whose first instant is 0, with its period and its origin in ``meta``.
+
+    Parameters
+    ----------
+    trace
+        Without a cycle time.
+    name
+        Of the recording, for refusals.
+
+    Raises
+    ------
+    TraceError
+        It holds too few instants, or lacks too many.
+
+    """
+    time_s = trace.time_s
+    if len(time_s) < INSTANTS_MIN:
+        raise TraceError(
+            f'{name} holds {len(time_s)} instants, at least {INSTANTS_MIN} tell how far they are apart'
+        )
+    steps = np.diff(time_s)
+    usual = float(np.median(steps))
+    rows = np.concatenate([[0], np.cumsum(np.rint(steps / usual).clip(1).astype(np.int64))])
+    if rows[-1] + 1 - len(rows) > LACKING_MAX:
+        raise TraceError(
+            f'{name} lacks {rows[-1] + 1 - len(rows)} of {rows[-1] + 1} instants, the limit is {LACKING_MAX}'
+        )
+    period, first = (float(value) for value in np.polyfit(rows, time_s, 1))
+    period = _round_period(period, int(rows[-1]))
+    first += float(np.mean(time_s - first - rows * period))
+    meta, notices = dict(trace.meta), list(trace.meta.get('notices', ()))
+    if np.abs(time_s - first - rows * period).max() <= EVEN * period:
+        signals = trace.signals
+        if lacking := int(rows[-1]) + 1 - len(rows):
+            notices.append(f'It lacks {lacking} of {rows[-1] + 1} instants, {period:.6g} s apart.')
+    else:
+        period, first = usual, float(time_s[0])
+        rows = np.arange(int((time_s[-1] - first) / period + EVEN) + 1)
+        signals = {
+            key: _between(time_s, values, np.asarray(first + rows * period), LONG * period)
+            for key, values in trace.signals.items()
+        }
+        notices.append(
+            f'Its samples are not evenly spaced ({steps.min():.4g} to {steps.max():.4g} s): straight lines between '
+            f'them are taken every {period:.6g} s.'
+        )
+    meta |= {'cycle_time_s': period, 'origin_s': first, 'notices': notices}
+    return Trace(rows * period, signals, meta)
+
+
+def _round_period(period: float, count: int) -> float:
+    """Return the round number that a period is: whole microseconds, or a whole number per second."""
+    for rounded in (round(period, 6), 1.0 / max(round(1.0 / period), 1)):
+        if abs(rounded - period) * count <= EVEN * period:
+            return rounded
+    return period
+
+
+def _between(time_s: Floats, values: Floats, at_s: Floats, longest_s: float) -> Floats:
+    """Return values on the straight lines between samples, nan where those are too far apart."""
+    found = np.column_stack([np.interp(at_s, time_s, column) for column in values.T])
+    before = np.searchsorted(time_s, at_s, side='right').clip(1, len(time_s) - 1)
+    found[time_s[before] - time_s[before - 1] > longest_s] = np.nan
+    return found
+
+
+def completed(trace: Trace, robot: Parameters) -> Trace:
+    """Return a trace with the signals of the motors and of the TCP that its own can tell.
+
+    A reference is taken for the command of that instant: until the arms are where it says the set-point delay of the
+    robot goes by, which is removed from the TCP error as in a run.
+    """
+    found, gear = dict(trace.signals), robot.dynamics.gear_ratio
+    pairs = (
+        ('arm_position', 'motor_position'),
+        ('arm_speed', 'motor_speed'),
+        ('arm_position_reference', 'motor_command'),
+    )
+    for of_arms, of_motors in pairs:
+        if of_arms in found and of_motors not in found:
+            found[of_motors] = found[of_arms] * gear
+    for of_motors, of_tcp in (('motor_position', 'tcp_actual'), ('motor_command', 'tcp_command')):
+        if of_motors in found and of_tcp not in found:
+            angles = found[of_motors] / gear
+            known = np.isfinite(angles).all(axis=1)
+            tcp = np.full_like(angles, np.nan)
+            if known.any():
+                tcp[known] = kinematics.forward(angles[known], robot.kinematics, unreachable='nan')
+            found[of_tcp] = tcp
+    if {'tcp_actual', 'tcp_command'} <= found.keys() and 'tcp_error' not in found:
+        found['tcp_error'] = delayed(found['tcp_command'], delay_cycles(trace, robot)) - found['tcp_actual']
+    return Trace(trace.time_s, found, trace.meta)
+
+
+def delay_cycles(trace: Trace, robot: Parameters) -> float:
+    """Return the set-point delay of a robot in periods of a trace."""
+    period, cycle = positive(trace, 'cycle_time_s'), robot.bus.cycle_time_s
+    return robot.set_point_delay_cycles if period == cycle else robot.set_point_delay_cycles * cycle / period

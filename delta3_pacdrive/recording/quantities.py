@@ -1,0 +1,135 @@
+"""Quantities that recordings and tables of measurements may hold, the units that they are told in, and their names.
+
+A column is called as its signal, with ``_1 _2 _3`` for the axes or ``_x _y _z`` for the TCP, and its unit in brackets
+behind it. The names of Table 10-1 of the thesis are read as well: ``Actual Arm Angle position 1 [deg]``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple
+
+from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS, columns_of
+
+# what a drive's oscilloscope and an external measurement add to the signals of a run
+MEASURED = {
+    'phase_voltage': ('V', 'voltage of a phase [rms], applied from this instant to the next'),
+    'position_reference': ('rad', 'interpolated set point of the position loop'),
+    'speed_reference': ('rad/s', 'set point of the velocity loop'),
+    'current_reference': ('A', 'set point of the current loop, before its filter'),
+    'position_added': ('rad', 'excitation in the position set point'),
+    'current_added': ('A', 'excitation in the current set point'),
+    'tcp_measured': ('m', 'TCP by an external measurement, for example a laser tracker, in the frame base'),
+}
+# what the trace function of a controller tells on the side of the arms (Table 10-1)
+OF_ARMS = {
+    'arm_position': ('rad', 'arm angle by the encoder'),
+    'arm_speed': ('rad/s', 'arm speed by the encoder'),
+    'arm_acceleration': ('rad/s2', 'actual arm acceleration'),
+    'arm_position_reference': ('rad', 'arm angle that was commanded'),
+    'arm_speed_reference': ('rad/s', 'arm speed that was commanded'),
+    'arm_acceleration_reference': ('rad/s2', 'arm acceleration that was commanded'),
+    'tcp_error_norm': ('m', 'norm of the TCP error'),
+}
+NORMS = ('tcp_error_norm',)  # signals of one column
+QUANTITIES = SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED | OF_ARMS
+
+# unit in a file: (SI unit, factor)
+UNITS = {
+    's': ('s', 1.0),
+    'ms': ('s', 1e-3),
+    'us': ('s', 1e-6),
+    'rad': ('rad', 1.0),
+    'deg': ('rad', math.pi / 180.0),
+    'rev': ('rad', math.tau),
+    'rad/s': ('rad/s', 1.0),
+    'deg/s': ('rad/s', math.pi / 180.0),
+    'rpm': ('rad/s', math.tau / 60.0),
+    'rad/s2': ('rad/s2', 1.0),
+    'deg/s2': ('rad/s2', math.pi / 180.0),
+    'A': ('A', 1.0),
+    'mA': ('A', 1e-3),
+    'm': ('m', 1.0),
+    'mm': ('m', 1e-3),
+    'V': ('V', 1.0),
+    'N m': ('N m', 1.0),
+    'm/s': ('m/s', 1.0),
+    'mm/s': ('m/s', 1e-3),
+    'm/s2': ('m/s2', 1.0),
+    'mm/s2': ('m/s2', 1e-3),
+}
+# the same units in other spellings
+SPELLINGS = {
+    'sec': 's', 'µs': 'us', 'μs': 'us', '°': 'deg', '°/s': 'deg/s', 'U/min': 'rpm', '1/min': 'rpm', 'Nm': 'N m',
+    **{f'{unit}/s{square}': f'{own}/s2'
+       for unit, own in (('rad', 'rad'), ('deg', 'deg'), ('°', 'deg'), ('m', 'm'), ('mm', 'mm'))
+       for square in ('^2', '²', '2')},
+}  # fmt: skip
+# names of Table 10-1, and of the references of chapter 10, as ``plain`` makes them
+NAMES_OF_THE_THESIS = {
+    'actual_arm_angle_position': 'arm_position',
+    'actual_arm_angle_velocity': 'arm_speed',
+    'actual_arm_angle_acceleration': 'arm_acceleration',
+    'reference_arm_angle_position': 'arm_position_reference',
+    'reference_arm_angle_velocity': 'arm_speed_reference',
+    'reference_arm_angle_acceleration': 'arm_acceleration_reference',
+    'current_i_eff_into_the_motors': 'current',
+    'current_i_eff': 'current',
+    'i_eff': 'current',
+    'actual_tcp_position': 'tcp_actual',
+    'reference_tcp_position': 'tcp_command',
+    'norm_of_tcp_error': 'tcp_error_norm',
+    'norm_of_the_tcp_error': 'tcp_error_norm',
+}
+TIME = 'time'
+
+
+class Column(NamedTuple):
+    """A column is one axis of a signal, in an SI unit; of the time the number is 0."""
+
+    signal: str
+    number: int
+    unit: str
+
+
+def columns() -> dict[str, Column]:
+    """Return every column that there can be, by its plain name."""
+    found = {TIME: Column(TIME, 0, 's')}
+    for name, (units, _) in QUANTITIES.items():
+        if name in NORMS:
+            found[name] = Column(name, 0, units)
+            continue
+        for number, (suffix, unit) in enumerate(columns_of(name, units)):
+            found[f'{name}_{suffix}'] = Column(name, number, unit)
+    for told, name in NAMES_OF_THE_THESIS.items():
+        for own in [key for key, column in found.items() if column.signal == name]:
+            found[told + own.removeprefix(name)] = found[own]
+    return found
+
+
+def width(signal: str) -> int:
+    """Return how many columns a signal has."""
+    return 1 if signal in (TIME, *NORMS) else 3
+
+
+def plain(label: str) -> str:
+    """Return a name as the table of columns has it: small letters, words parted by underscores."""
+    return re.sub(r'[^0-9a-z]+', '_', label.strip().lower()).strip('_')
+
+
+def unit_named(text: str) -> str:
+    """Return a unit as ``UNITS`` has it, whatever its spelling; what is none of them is returned as it is."""
+    text = ' '.join(text.split())
+    return SPELLINGS.get(text, text)
+
+
+def parted(heading: str) -> tuple[str, str | None]:
+    """Return name and unit of a heading, ``name [unit]``; the unit is None if it tells none."""
+    label, bracket, rest = heading.partition('[')
+    return label.strip(), unit_named(rest.strip().removesuffix(']')) if bracket else None
+
+
+def possible_units(unit: str) -> str:
+    """Name the units in which a quantity can be told."""
+    return ', '.join(f'[{text}]' for text, (si, _) in UNITS.items() if si == unit)

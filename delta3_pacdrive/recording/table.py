@@ -1,0 +1,183 @@
+"""Tables of measurements: named columns of numbers from a file, and the signals that they are.
+
+Which column is which signal is told by the headings, or by a column file (``column_file``), for somebody else's
+tables. A cell without a number is a gap, which is nan.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.errors import TraceError, shown
+from delta3_pacdrive.recording import quantities
+from delta3_pacdrive.recording.quantities import TIME, UNITS
+from delta3_pacdrive.recording.trace import Trace
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.recording.column_file import ColumnFile
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table holds columns of numbers.
+
+    Attributes
+    ----------
+    path
+        Of the file.
+    headings
+        Of the columns, each with its unit in brackets if it tells one.
+    values
+        Shape (rows, columns), nan where there is no number.
+    meta
+        What the file tells of the run.
+
+    """
+
+    path: Path
+    headings: Sequence[str]
+    values: Floats
+    meta: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Source:
+    """The source of a column of a signal: which column of the table, and what its numbers become SI by."""
+
+    place: int
+    factor: float
+    offset: float = 0.0
+
+
+def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False) -> Trace:
+    """Return the signals that a table holds.
+
+    Parameters
+    ----------
+    table
+        As it was read.
+    chosen
+        Which column is what; None: the headings say it.
+    gaps
+        Whether numbers of signals may be missing.
+
+    Raises
+    ------
+    TraceError
+        A column or unit is unknown, stands twice or is missing, a number is missing that must not be, or the times do
+        not increase; names the column or the row.
+
+    """
+    sources = _by_headings(table) if chosen is None else _by_choice(table, chosen)
+    if not len(table.values):
+        raise TraceError(f'{table.path} has no row of numbers')
+    values = {
+        name: np.column_stack([table.values[:, one.place] * one.factor + one.offset for one in own])
+        for name, own in sources.items()
+    }
+    time_s = values.pop(TIME)[:, 0]
+    _require_increasing(table.path, time_s)
+    meta, empty = dict(table.meta), []
+    for name, columns in values.items():
+        if np.isinf(columns).any() or (not gaps and np.isnan(columns).any()):
+            row = int(np.argmax(~np.isfinite(columns).all(axis=1)))
+            raise TraceError(f'{table.path} holds a number that is not finite: {name}, row {row + 1}')
+        if np.isnan(columns).all(axis=0).any():
+            empty.append(name)
+    if empty:
+        meta['notices'] = [
+            *meta.get('notices', ()),
+            f'Columns without any number are left out: {", ".join(empty)}',
+        ]
+    return Trace(time_s, {name: rows for name, rows in values.items() if name not in empty}, meta)
+
+
+def _require_increasing(path: Path, time_s: Floats) -> None:
+    known = np.isfinite(time_s)
+    if not known.all():
+        raise TraceError(
+            f'{path} holds a number that is not finite: the time, row {int(np.argmin(known)) + 1}'
+        )
+    wrong = np.diff(time_s) <= 0.0
+    if wrong.any():
+        n = int(np.argmax(wrong))
+        raise TraceError(
+            f'the times in {path} do not increase: row {n + 1} is at {time_s[n]:.9g} s, row {n + 2} at '
+            f'{time_s[n + 1]:.9g} s, and {int(wrong.sum())} of {len(time_s)} rows are not behind the one before'
+        )
+
+
+def _by_headings(table: Table) -> dict[str, list[Source]]:
+    known = quantities.columns()
+    found: dict[str, list[Source | None]] = {}
+    for place, heading in enumerate(table.headings):
+        label, unit = quantities.parted(heading)
+        column = known.get(quantities.plain(label))
+        if column is None:
+            raise TraceError(
+                f'{table.path} has an unknown column {shown(heading)}, expected names like time [s]'
+                f'{nearest_of(quantities.plain(label), known)}; a column file (--columns) says what others are'
+            )
+        if unit is None or UNITS.get(unit, ('', 0.0))[0] != column.unit:
+            raise TraceError(
+                f'{table.path}: column {shown(heading)} must tell its unit, one of '
+                f'{quantities.possible_units(column.unit)}'
+            )
+        own = found.setdefault(column.signal, [None] * quantities.width(column.signal))
+        if own[column.number] is not None:
+            raise TraceError(f'{table.path} has the column {shown(heading)} twice')
+        own[column.number] = Source(place, UNITS[unit][1])
+    return _complete(table.path, found)
+
+
+def _by_choice(table: Table, chosen: ColumnFile) -> dict[str, list[Source]]:
+    labels = [heading.strip() for heading in table.headings]
+    bare = [quantities.parted(heading)[0] for heading in labels]
+    found: dict[str, list[Source | None]] = {}
+    for one in chosen.columns:
+        place = _place(table.path, one.column, labels, bare)
+        own = found.setdefault(one.signal, [None] * quantities.width(one.signal))
+        told = quantities.parted(labels[place])[1]
+        if told is not None and told in UNITS and told != one.unit:
+            raise TraceError(
+                f'{chosen.path} says that the unit of column {shown(one.column)} is {one.unit}, {table.path} itself '
+                f'says {told}'
+            )
+        own[one.number] = Source(place, one.factor * UNITS[one.unit][1], one.offset * UNITS[one.unit][1])
+    return _complete(table.path, found)
+
+
+def _place(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[str]) -> int:
+    """Return the place of a column by its heading, with or without its unit, or by its number."""
+    if isinstance(column, int):
+        if not 1 <= column <= len(labels):
+            raise TraceError(f'{path} has no column {column}, it has {len(labels)} columns')
+        return column - 1
+    for names in (labels, bare):
+        places = [n for n, label in enumerate(names) if label == column]
+        if len(places) > 1:
+            raise TraceError(f'{path} has the column {shown(column)} twice')
+        if places:
+            return places[0]
+    raise TraceError(
+        f'{path} has no column {shown(column)}, its columns are {", ".join(map(shown, labels[:10]))}'
+        f'{", ..." if len(labels) > 10 else ""}{nearest_of(column, labels)}'
+    )
+
+
+def _complete(path: Path, found: Mapping[str, Sequence[Source | None]]) -> dict[str, list[Source]]:
+    whole: dict[str, list[Source]] = {}
+    for name in (TIME, *found):
+        own = [one for one in found.get(name, ()) if one is not None]
+        if len(own) != quantities.width(name):
+            raise TraceError(f'{path} has no column time, or not all three of a signal ({name})')
+        whole[name] = own
+    return whole

@@ -1,0 +1,93 @@
+"""Tables as MATLAB files up to version 7: variables whose names end in their unit, ``time_s``, ``tcp_command_mm``.
+
+A variable of three columns, or of three rows, is a whole signal; one with ``_1 _2 _3`` or ``_x _y _z`` before the unit
+is a column of it. Version 7.3 is HDF5, which MATLAB itself writes only if it is asked to: it is refused.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import TraceError, shown
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.quantities import UNITS
+from delta3_pacdrive.recording.signals import columns_of
+from delta3_pacdrive.recording.table import Table
+from delta3_pacdrive.recording.trace import reason
+
+HDF5 = b'\x89HDF'
+OF_MATLAB_73 = b'MATLAB 7.3 MAT-file'
+# at the end of a name: its unit
+ENDS = {unit.replace(' ', '_').replace('/', '_').lower(): unit for unit in UNITS}
+
+
+def read(path: Path) -> Table:
+    """Read a table; variables that are no real numbers are left out.
+
+    Raises
+    ------
+    TraceError
+        The file is of version 7.3, cannot be read, or its variables are of different lengths.
+
+    """
+    from scipy.io import loadmat, matlab
+
+    try:
+        with path.open('rb') as stream:
+            begin = stream.read(512)
+            if begin.startswith((HDF5, OF_MATLAB_73)):
+                raise TraceError(
+                    f"{path} is a MATLAB file of version 7.3 (HDF5), which is not read: save it with '-v7', or as CSV"
+                )
+            stream.seek(0)
+            variables: dict[str, Any] = loadmat(stream)
+    except NotImplementedError as error:
+        raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
+    except (OSError, ValueError, TypeError, IndexError, KeyError, matlab.MatReadError) as error:
+        raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
+    headings: list[str] = []
+    columns: list[Floats] = []
+    for name, values in variables.items():
+        if name.startswith('__') or not isinstance(values, np.ndarray) or values.dtype.kind not in 'iuf':
+            continue
+        for heading, column in _columns(name, np.asarray(values, dtype=np.float64)):
+            headings.append(heading)
+            columns.append(column)
+    lengths = {len(column) for column in columns}
+    if len(lengths) > 1:
+        longest = max(lengths)
+        other = next(h for h, column in zip(headings, columns, strict=True) if len(column) != longest)
+        raise TraceError(
+            f'the variables in {path} are of different lengths: {shown(other)} has not {longest} values'
+        )
+    if not columns:
+        raise TraceError(f'{path} has no variable of numbers')
+    return Table(path, headings, np.column_stack(columns))
+
+
+def _columns(name: str, values: Floats) -> list[tuple[str, Floats]]:
+    """Return headings and columns of a variable; a single number is none."""
+    if values.ndim != 2 or values.size < 2:
+        return []
+    signal, unit = _parted(name)
+    told = f' [{unit}]' if unit else ''
+    if 1 in values.shape:
+        return [(signal + told, values.ravel())]
+    if values.shape[1] != 3 and values.shape[0] == 3:
+        values = values.T
+    if values.shape[1] != 3:
+        return [(f'{signal}_{n}{told}', column) for n, column in enumerate(values.T, start=1)]
+    names = [suffix for suffix, _ in columns_of(signal, '')]
+    return [(f'{signal}_{suffix}{told}', column) for suffix, column in zip(names, values.T, strict=True)]
+
+
+def _parted(name: str) -> tuple[str, str]:
+    """Return name and unit of a variable; the unit is empty if the name does not end in one."""
+    lower = name.lower()
+    for end in sorted(ENDS, key=len, reverse=True):
+        if lower.endswith(f'_{end}'):
+            return name[: -len(end) - 1], ENDS[end]
+    return name, ''

@@ -1,0 +1,76 @@
+"""Tables as Parquet: units in the names of the columns, ``name [unit]``, or in the metadata of their fields (``unit``).
+
+The metadata of the file may hold what a trace tells of its run, a JSON object, under ``delta3_pacdrive``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import TraceError, shown
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.table import Table
+from delta3_pacdrive.recording.trace import reason
+
+META, UNIT = b'delta3_pacdrive', b'unit'
+NEEDED = "Parquet needs pyarrow: pip install 'delta3_pacdrive[parquet]'"
+
+
+def read(path: Path) -> Table:
+    """Read a table; columns that are neither numbers nor times are left out.
+
+    Raises
+    ------
+    TraceError
+        pyarrow is not installed, or the file cannot be read.
+
+    """
+    try:
+        import pyarrow.parquet as parquet
+    except ModuleNotFoundError:
+        raise TraceError(f'cannot read {path}: {NEEDED}') from None
+    try:
+        with path.open('rb') as stream:
+            table = parquet.read_table(stream)
+    except Exception as error:  # what pyarrow trips over in a damaged file is not bounded
+        raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
+    headings, columns = [], []
+    for own, column in zip(table.schema, table.columns, strict=True):
+        numbers = _numbers(path, own.name, column)
+        if numbers is not None:
+            unit = (own.metadata or {}).get(UNIT)
+            headings.append(own.name if unit is None or '[' in own.name else f'{own.name} [{unit.decode()}]')
+            columns.append(numbers)
+    if not columns:
+        raise TraceError(f'{path} has no column of numbers')
+    return Table(path, headings, np.column_stack(columns), _meta(path, table.schema.metadata or {}))
+
+
+def _numbers(path: Path, name: str, column: Any) -> Floats | None:
+    """Return a column as numbers, nan where there is none; None for texts and lists."""
+    import pyarrow.types as types
+
+    kind = column.type
+    if types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind):
+        raise TraceError(
+            f'{path}: column {shown(name)} holds {kind}, expected numbers with a unit like time [s]'
+        )
+    if not (types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)):
+        return None
+    return np.asarray(column.cast('double').to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _meta(path: Path, metadata: dict[bytes, bytes]) -> dict[str, Any]:
+    if META not in metadata:
+        return {}
+    try:
+        meta = json.loads(metadata[META])
+    except (ValueError, RecursionError):
+        meta = None
+    if not isinstance(meta, dict):
+        raise TraceError(f'the meta data in {path} is no JSON object')
+    return meta
