@@ -35,6 +35,7 @@ TEST = [
     'mypy>=2.4',
     'pillow>=10.2',
     'playwright>=1.65',
+    'pyarrow>=15.0',
     'pytest>=7.4.4',
     'pytest-timeout>=2.2',
     'pytest-xdist>=3.8',
@@ -43,6 +44,7 @@ TEST = [
     'yourdfpy>=0.0.60',
 ]
 VIEW = ['viser>=1.1', 'trimesh>=4.0', 'msgspec>=0.18', 'websockets>=13.1']
+PARQUET = ['pyarrow>=15.0']
 DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
 # (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.
@@ -126,9 +128,10 @@ setup(
     extras_require={
         'ros': ROS,
         'view': VIEW,
+        'parquet': PARQUET,
         'test': TEST,
         'docs': DOCS,
-        'all': ROS + VIEW + TEST + DOCS,
+        'all': ROS + VIEW + PARQUET + TEST + DOCS,
     },
     entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
     options=options,
