@@ -166,7 +166,7 @@ def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over
 def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
     robot: subprocess.Popen, delta3: Runner
 ) -> None:
-    assert delta3('move', 'l', '0.1', '0', '-0.75', '--speed', '0.02', '--detach').returncode == 0
+    assert delta3('move', 'l', '0.1', '0', '-0.75', '--speed', '0.01', '--detach').returncode == 0
     appended = delta3('move', 'l', '0.1', '0.01', '-0.75', '--queue')
     assert (appended.returncode, appended.stdout[:19]) == (0, '1 statements follow'), appended.stderr
     assert delta3('move', 'hold').returncode == 0
