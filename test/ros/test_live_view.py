@@ -14,6 +14,7 @@ from delta3_pacdrive.ros import live_view, page_wishes
 from delta3_pacdrive.ros.live_view import LiveView
 from delta3_pacdrive.view.values import Facts, Wish
 
+OVER_S = 600.0  # long after every fact here
 STEP_S = 0.01  # of the clock
 PATIENCE_S = 10.0  # of an operator who waits for an answer
 RELEASED_S = 0.4  # after which a button that was let go has stopped the robot, answers in time
@@ -38,6 +39,7 @@ class Cell:
         self.asked: list[tuple[str, float]] = []
         self.takes_s: dict[str, list[float]] = {}
         self.refuses: set[str] = set()
+        self.late: set[str] = set()  # what happens only when it is about to be answered
         self.told: list[tuple[str, bool]] = []
         self.slider = 0  # how often it was put back
         # the page
@@ -75,6 +77,7 @@ class Cell:
     def spin_for(self, seconds: float) -> None:
         for _ in range(max(1, round(seconds / STEP_S))):
             self.now += STEP_S
+            assert self.now < OVER_S, 'the view does not end'
             for planned in [item for item in self.due if item[0] <= self.now]:
                 self.due.remove(planned)
                 planned[1]()
@@ -139,7 +142,8 @@ class Cell:
         takes_s = queue.pop(0) if queue else 2 * STEP_S
         given_up = self.now + PATIENCE_S
         answer: list[str] = []
-        self.at(self.now + min(takes_s, STEP_S), lambda: answer.append(self._do(action)))
+        done_s = takes_s - STEP_S if action in self.late else min(takes_s, STEP_S)
+        self.at(self.now + done_s, lambda: answer.append(self._do(action)))
         answered = self.now + takes_s
         while self.now < min(answered, given_up) or not answer:
             self.view.spin_for(2 * STEP_S)
@@ -255,6 +259,7 @@ def test_a_lost_abort_of_somebody_else_does_not_let_a_jog_run_on(cell: Cell) -> 
 
 def test_a_robot_that_cannot_be_reached_is_not_asked_for_ever(cell: Cell) -> None:
     cell.takes_s['abort'] = [float('inf')] * 100
+    cell.takes_s['deaf'] = [1.0]
     cell.hold(0.5, 2.0)
     cell.at(2.1, lambda: setattr(cell, 'here', False))
     cell.run(60.0)
@@ -284,12 +289,14 @@ def test_a_line_that_could_not_be_started_is_not_left_for_whoever_starts_next(ce
 def test_the_end_of_the_page_stops_what_was_about_to_start(cell: Cell, action: str) -> None:
     cell.queue.moves = 0 if action == 'jog' else 1
     cell.takes_s['start'] = [1.0]
+    cell.late.add('start')
     if action == 'jog':
         cell.hold(0.5, 9.0)
     else:
         cell.click(0.5, 'start')
     cell.run(0.8)
     assert cell.times('start')
+    cell.spin_for(3.0)
     assert cell.state in ('idle', 'stopped')
     assert not cell.in_control
 

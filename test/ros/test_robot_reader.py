@@ -134,6 +134,8 @@ def test_numbers_that_no_robot_has_end_no_page(graph: Any, reader: RobotReader) 
     for value in (float('inf'), float('nan'), 10**400, -1e300):
         told.publish(progress(cycles=value))
         told.publish(progress(tcp_m=[10**400, 0.0, 0.0]))
+        graph.spin_for(0.05)
+    assert not reader.here
     told.publish(progress(cycles=17, payload_kg=1e9, outputs=-1))
     graph.spin_until(lambda: reader.here, 'a report')
     facts = reader.facts()
