@@ -42,11 +42,12 @@ def on_grid(trace: Trace, name: str) -> Trace:
         It holds too few instants, or lacks too many.
 
     """
-    time_s = trace.time_s
+    origin, time_s = float(trace.time_s[0]) if len(trace.time_s) else 0.0, trace.time_s
     if len(time_s) < INSTANTS_MIN:
         raise TraceError(
             f'{name} holds {len(time_s)} instants, at least {INSTANTS_MIN} tell how far they are apart'
         )
+    time_s = time_s - origin  # seconds of an epoch leave few digits
     steps = np.diff(time_s)
     usual = float(np.median(steps))
     rows = np.concatenate([[0], np.cumsum(np.rint(steps / usual).clip(1).astype(np.int64))])
@@ -73,7 +74,7 @@ def on_grid(trace: Trace, name: str) -> Trace:
             f'Its samples are not evenly spaced ({steps.min():.4g} to {steps.max():.4g} s): straight lines between '
             f'them are taken every {period:.6g} s.'
         )
-    meta |= {'cycle_time_s': period, 'origin_s': first, 'notices': notices}
+    meta |= {'cycle_time_s': period, 'origin_s': origin + first, 'notices': notices}
     return Trace(rows * period, signals, meta)
 
 

@@ -9,7 +9,7 @@ where the robot stands for a while, it dwells. It is planned and checked as ever
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,8 @@ class Reference:
 
     Attributes
     ----------
+    name
+        Of the file.
     document
         Of the program file.
     text
@@ -61,6 +63,7 @@ class Reference:
 
     """
 
+    name: str
     document: dict[str, Any]
     text: str
     origin_s: float
@@ -74,15 +77,22 @@ class Reference:
     def require_drivable(self, program: Program, robot: Parameters) -> None:
         """Refuse a trajectory that breaks a limit, with the time in its file; raises ProgramError."""
         try:
-            program_planner.plan(program, robot.motion.home_m, robot)
+            program_planner.plan(replace(program, source='', places=()), robot.motion.home_m, robot)
         except ProgramError as error:
-            named = re.search(r'moves\[(\d+)\]', str(error))
-            begin = self.starts_s[int(named[1])] if named else 0.0
-            if begin + self.origin_s == 0.0:
-                raise
-            raise ProgramError(
-                f'{error}; moves[{named[1] if named else 0}] begins at {begin + self.origin_s:.6g} s of the file'
-            ) from None
+            raise ProgramError(f'{self.name}: {self._in_file_time(str(error))}') from None
+
+    def _in_file_time(self, text: str) -> str:
+        """Return what is told of moves, and of times in them, with times of the file."""
+        begin_s = 0.0
+
+        def told(found: re.Match[str]) -> str:
+            nonlocal begin_s
+            if found[1] is not None:
+                begin_s = self.starts_s[int(found[1])]
+                return ''
+            return f'at {self.origin_s + begin_s + float(found[2]):.4f} s'
+
+        return re.sub(r'moves\[(\d+)\]\.\w+: |at (\d+\.\d{4}) s, on the way to point \d+', told, text)
 
 
 def load(path: str | Path, robot: Parameters, columns: str | None = None) -> Reference:
@@ -145,7 +155,7 @@ def of(trace: Trace, name: str, robot: Parameters) -> Reference:
         f'{signal} of {name}: {len(time_s)} instants in {time_s[-1]:.6g} s{smooth}, played by {count} points'
     )
     document = {'name': _title(name), 'start_m': [float(x) for x in start], 'moves': moves}
-    return Reference(document, text, origin, tuple(starts))
+    return Reference(name, document, text, origin, tuple(starts))
 
 
 def _title(name: str) -> str:

@@ -119,7 +119,7 @@ class _Reader:
                     self._comment(line)
                 elif line.strip():
                     self.line += n + self.form.headings
-                    behind = lines[n + self.form.headings :]
+                    behind = lines[n + self.form.headings :] or next(pieces, '').splitlines(keepends=True)
                     self._head(line, behind[0] if behind else '')
                     if self._units(behind):
                         self.line += 1
@@ -160,7 +160,9 @@ class _Reader:
             unit in UNITS or not heading for unit, heading in zip(units, self.headings, strict=True)
         ):
             return False
-        self.headings = [f'{name} [{unit}]' for name, unit in zip(self.headings, units, strict=True)]
+        self.headings = [
+            f'{name} [{unit}]' if name else '' for name, unit in zip(self.headings, units, strict=True)
+        ]
         return True
 
     def _numbers(self, text: str) -> Floats:

@@ -163,6 +163,22 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     _assert_same_story(runs.load(str(program)), runs.load(str(bag)))
 
 
+def test_a_sampled_trajectory_gives_the_bits_of_its_simulation(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    robot = parameters.load()
+    command = simulation.run(programs.load('experiment2', robot.motion), robot)
+    trace_file.save(Trace(command.time_s + 7.0, {'tcp_command': command['tcp_command']}), tmp_path / 'a.csv')
+    reference = ['--reference', tmp_path / 'a.csv', '--json']
+    done = delta3('simulate', '--trace', tmp_path / 'a.npz', *reference)
+    assert done.returncode == 0, done.stderr
+    done = delta3('run', '--real-time-factor', '0', '--bag', tmp_path / 'bag', *reference)
+    assert done.returncode == 0, done.stderr
+    _assert_same(
+        trace_file.load(tmp_path / 'a.npz'), trace_file.load(tmp_path / 'bag'), json.loads(done.stdout)
+    )
+
+
 def _assert_same_story(simulated: runs.Run, recorded: runs.Run) -> None:
     """Moves and outputs of a recording are those of the simulation, in the first bus cycle from their time on."""
 

@@ -20,6 +20,7 @@ from delta3_pacdrive.analysis.experiments.attribution import (
 )
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run, delayed
 from delta3_pacdrive.analysis.experiments.conclusions import conclusions, truth, verdict
+from delta3_pacdrive.analysis.run_signals import slope
 from delta3_pacdrive.cli import experiment, experiment_graph
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.parameters import flatten
@@ -120,6 +121,8 @@ def test_runs_of_different_cycle_times_are_compared_at_those_of_the_longer_one(r
     rows = np.searchsorted(fast.cycle, 2 * of_fast.cycle)
     for name in ('arm_angle', 'current', 'tcp_error_norm'):
         np.testing.assert_array_equal(of_fast.actual[name], fast.actual[name][rows], err_msg=name)
+    alike = slope(fast.actual['arm_speed'][rows], 2e-3)
+    np.testing.assert_array_equal(of_fast.actual['arm_acceleration'], alike)
 
 
 def test_a_gap_in_a_recording_costs_only_its_cycles(robot, short_program, compared):

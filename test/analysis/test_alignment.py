@@ -1,0 +1,102 @@
+"""Facts about runs that are brought to one time: the shift that is found, how sure it is, and when it may be wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.analysis.alignment import BY_CORRELATION, BY_NOTHING, CORRELATION, NONE, align
+from delta3_pacdrive.analysis.run_comparison import compare
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.trace import Trace
+
+# what linear interpolation of a run of 1 ms leaves, in parts of a millisecond
+FOUND_WITHIN_S = 2e-6
+
+
+@pytest.fixture(scope='module')
+def one():
+    return runs.load('experiment1')
+
+
+def sampled(run, path, rate_hz, origin_s, names=('motor_speed', 'current', 'tcp_actual'), noise=0.0):
+    """Write a run as somebody else's table, whose time 0 of the program is ``origin_s``; return it read back."""
+    part = run.part
+    time_s = np.arange(int((part.time_s[-1] - part.time_s[0]) * rate_hz)) / rate_hz + part.time_s[0]
+    rng = np.random.default_rng(3)
+    signals = {}
+    for name in names:
+        values = np.column_stack([np.interp(time_s, part.time_s, column) for column in part[name].T])
+        signals[name] = values + noise * np.ptp(values) * rng.standard_normal(values.shape)
+    trace_file.save(Trace(time_s + origin_s, signals), path)
+    return runs.load(str(path))
+
+
+@pytest.mark.parametrize('rate', [137.0, 700.0, 1000.0, 16_000.0])
+@pytest.mark.parametrize('origin', [-12.34567, 0.0, 98765.4321])
+def test_a_table_of_any_rate_and_origin_is_brought_to_the_time_of_the_run(rate, origin, one, tmp_path):
+    other = sampled(one, tmp_path / 'a.csv', rate, origin)
+    found = align(one, other)
+    assert found.by == BY_CORRELATION
+    # straight lines between samples 7 ms apart are another motion
+    within = FOUND_WITHIN_S if rate > 500.0 else 2e-4
+    assert found.shift_s == pytest.approx(-origin, abs=within)
+    assert found.correlation > 0.999
+    assert found.doubts == ()
+
+
+def test_the_interval_of_the_shift_holds_it_where_there_is_noise(one, tmp_path):
+    other = sampled(one, tmp_path / 'a.csv', 700.0, 3.3, noise=0.02)
+    found = align(one, other)
+    assert 1e-6 < found.uncertainty_s < 1e-3
+    assert abs(found.shift_s + 3.3) < 2.0 * found.uncertainty_s
+
+
+def test_a_table_without_motor_speeds_is_aligned_by_its_tcp(one, tmp_path):
+    found = align(one, sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=('tcp_actual', 'current')))
+    assert found.of == 'TCP velocities'
+    assert found.shift_s == pytest.approx(-3.3, abs=1e-5)
+
+
+def test_what_shows_no_motion_cannot_be_aligned(one, tmp_path):
+    with pytest.raises(TraceError, match='cannot be aligned: one does not tell the start of its program'):
+        align(one, sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=('current',)))
+
+
+def test_times_are_left_alone_where_that_is_asked_for(one, tmp_path):
+    other = sampled(one, tmp_path / 'a.csv', 1000.0, 0.0)
+    found = align(one, other, NONE)
+    assert (found.by, found.shift_s) == (BY_NOTHING, 0.0)
+    assert compare(one, other, NONE).figures['current'].largest < 1e-12
+    late = sampled(one, tmp_path / 'b.csv', 1000.0, 0.3)
+    assert compare(one, late, NONE).figures['current'].largest > 0.1
+
+
+def test_another_sign_is_doubted(one, tmp_path):
+    turned = replace(
+        one, part=replace(one.part, signals=one.part.signals | {'motor_speed': -one.part['motor_speed']})
+    )
+    found = align(one, turned)
+    assert any('axes, signs or units' in text for text in found.doubts)
+    assert align(one, one, CORRELATION).doubts == ()
+
+
+def test_a_motion_that_repeats_itself_is_doubted(one):
+    part = one.part
+    twice = {name: np.concatenate([values, values]) for name, values in part.signals.items()}
+    time_s = part.time_s[0] + np.arange(2 * len(part.time_s)) * one.period_s
+    meta = part.meta | {'start_cycle': None}
+    found = align(one, replace(one, part=Trace(time_s, twice, meta)))
+    assert found.rival_correlation > 0.999
+    assert abs(found.rival_shift_s - found.shift_s) == pytest.approx(len(part.time_s) * one.period_s)
+    assert any('repeats itself' in text for text in found.doubts)
+
+
+def test_the_options_of_the_command_are_those_of_the_alignment():
+    from delta3_pacdrive.analysis import alignment
+    from delta3_pacdrive.cli import run_options
+
+    for name in ('START', 'CORRELATION', 'NONE'):
+        assert getattr(run_options, name) == getattr(alignment, name)

@@ -1,0 +1,197 @@
+"""Facts about tables that others write as text: right numbers or one clear sentence, never a silent wrong number."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import column_file, table_csv, trace_file
+
+NAMES = ['time', 'current_1', 'current_2', 'current_3']
+ROWS = [[0.0, 1.5, -2.25, 3.0], [0.25, 1e-3, 4.0, -1234.5], [0.5, 0.0, 7.125, 8.0]]
+COLUMNS = """
+columns:
+- {column: Zeit, signal: time, unit: ms}
+- {column: Größe 1, signal: current, axis: 1, unit: mA, factor: -2.0}
+- {column: Größe 2, signal: current, axis: 2, unit: A, offset: 0.5}
+- {column: 4, signal: current, axis: 3, unit: A}
+"""
+
+
+def lines(separator=',', decimal='.', units='header', end='\n', quoted=False, trailing=False):
+    """Return the table of ``ROWS`` as text."""
+    quote = '"' if quoted else ''
+    headings = (
+        [f'{name} [{"s" if name == "time" else "A"}]' for name in NAMES] if units == 'header' else NAMES
+    )
+    rows = [headings]
+    if units == 'row':
+        rows.append(['s', 'A', 'A', 'A'])
+    rows += [[repr(value).replace('.', decimal) for value in row] for row in ROWS]
+    tail = separator if trailing else ''
+    return ''.join(separator.join(f'{quote}{cell}{quote}' for cell in row) + tail + end for row in rows)
+
+
+def load(path, content, columns=None, gaps=True):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return trace_file.load(path, columns, gaps)
+
+
+def chosen(tmp_path, text=COLUMNS):
+    (tmp_path / 'columns.yaml').write_text(text, encoding='utf-8')
+    return column_file.read(tmp_path / 'columns.yaml')
+
+
+@pytest.mark.parametrize(
+    ('separator', 'decimal', 'units', 'end'),
+    [
+        form
+        for form in itertools.product(',;\t|', '.,', ('header', 'row'), ('\n', '\r\n', '\r'))
+        if form[0] != form[1]
+    ],
+)
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'cp1252'])
+def test_the_same_numbers_come_out_of_every_form(separator, decimal, units, end, encoding, tmp_path):
+    for quoted, trailing in itertools.product((False, True), repeat=2):
+        text = lines(separator, decimal, units, end, quoted, trailing)
+        trace = load(tmp_path / 'a.csv', text.encode(encoding))
+        assert np.column_stack([trace.time_s, trace['current']]).tolist() == ROWS
+
+
+@pytest.mark.parametrize('cell', ['', ' ', 'nan', 'NaN', 'NULL', 'n/a', '-', '#N/A'])
+@pytest.mark.parametrize('place', [1, 2, 3])
+def test_a_cell_without_a_number_is_a_gap(cell, place, tmp_path):
+    row = ['0.25', '1', '2', '3']
+    row[place] = cell
+    text = lines().replace('0.25,0.001,4.0,-1234.5', ','.join(row))
+    trace = load(tmp_path / 'a.csv', text)
+    assert np.flatnonzero(np.isnan(trace['current']).any(axis=0)).tolist() == [place - 1]
+    assert np.flatnonzero(np.isnan(trace['current']).any(axis=1)).tolist() == [1]
+    with pytest.raises(TraceError, match=r'not finite: current, row 2$'):
+        load(tmp_path / 'a.csv', text, gaps=False)
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (lines(';') + '0,75;1;2;3\n', 'commas and points in its numbers'),
+        (lines(';').replace('-1234.5', '-1.234,5'), 'commas and points in its numbers'),
+        (lines().replace('7.125', '7,125'), r'line 4 of .* has 5 values, the header 4 columns$'),
+        (lines().replace('7.125', 'abc'), r"line 4 of .* holds 'abc', not only numbers$"),
+        (lines().replace('7.125', '7_125'), r"line 4 of .* holds '7_125', not only numbers$"),
+        (lines().replace('7.125', 'inf'), r'not finite: current, row 3$'),
+        (lines().replace('0.5,', '0.25,'), r'do not increase: row 2 is at 0.25 s, row 3 at 0.25 s, and 1 of 3 rows'),
+        (lines().replace('0.5,', '-1,'), r'do not increase: row 2 is at 0.25 s, row 3 at -1 s'),
+        (lines().replace('0.25,', ','), r'not finite: the time, row 2$'),
+        (lines().partition('\n')[2], 'begins with numbers, expected headings'),
+        (lines().replace(' [A]', ''), r"column 'current_1' must tell its unit, one of \[A\], \[mA\]$"),
+        (lines().replace('current_2', 'curent_2'), 'did you mean current_2'),
+        (lines().replace('current_2', 'current_1'), 'twice'),
+        (b'\x00\x01\x02\x03', 'is no text'),
+        (b'PK\x03\x04' + bytes(range(256)), 'is no text'),
+        ('x' * (2 << 20), 'a line has more than'),
+        (lines().encode('utf-16')[:-1], 'cannot read trace'),
+        ('', 'no column time'),
+    ],
+)  # fmt: skip
+def test_what_is_no_such_table_gets_one_sentence(content, sentence, tmp_path):
+    with pytest.raises(TraceError, match=sentence) as caught:
+        load(tmp_path / 'a.csv', content)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('piece', [1, 7, 64, 1000])
+def test_pieces_of_any_size_make_the_same_table(piece, tmp_path, monkeypatch):
+    monkeypatch.setattr(table_csv, 'PIECE', piece)
+    trace = load(tmp_path / 'a.csv', '# a comment\n\n' + lines(';', ',', 'row', '\r\n'))
+    assert np.column_stack([trace.time_s, trace['current']]).tolist() == ROWS
+    with pytest.raises(TraceError, match=r"line 8 of .* holds 'x', not only numbers$"):
+        load(tmp_path / 'a.csv', '# a comment\n\n' + lines(';', ',', 'row') + 'x;1;2;3\n')
+
+
+def test_a_million_rows_are_read_in_pieces_and_are_right(tmp_path):
+    count = 1_000_000
+    with (tmp_path / 'a.csv').open('w') as file:
+        file.write('time [ms];tcp_error_norm [mm]\n')
+        file.writelines(f'{n};{n % 1000},5\n' for n in range(count))
+    trace = trace_file.load(tmp_path / 'a.csv')
+    assert len(trace.time_s) == count
+    np.testing.assert_allclose(
+        trace['tcp_error_norm'][:, 0], 1e-3 * (np.arange(count) % 1000 + 0.5), rtol=1e-15
+    )
+
+
+def test_names_of_the_thesis_are_read(tmp_path):
+    headings = ['time [s]', 'Norm of TCP error [mm]']
+    headings += [f'Actual Arm Angle position {n} [°]' for n in (1, 2, 3)]
+    headings += [f'Reference Arm Angle acceleration {n} [deg/s²]' for n in (1, 2, 3)]
+    headings += [f'Current I_eff into the motors {n} [A]' for n in (1, 2, 3)]
+    headings += [f'Actual TCP position {n} [mm]' for n in 'xyz']
+    row = ';'.join(str(n) for n in range(len(headings)))
+    trace = load(tmp_path / 'a.csv', f'{";".join(headings)}\n{row}\n')
+    assert trace['tcp_error_norm'].tolist() == [[1e-3]]
+    assert trace['arm_position'][0] == pytest.approx(np.radians([2, 3, 4]))
+    assert trace['arm_acceleration_reference'][0] == pytest.approx(np.radians([5, 6, 7]))
+    assert trace['current'].tolist() == [[8.0, 9.0, 10.0]]
+    assert trace['tcp_actual'][0] == pytest.approx([0.011, 0.012, 0.013])
+
+
+# column files ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_column_file_says_what_columns_are_and_what_their_numbers_become(tmp_path):
+    text = 'Zeit;Größe 1;Größe 2;x;Bemerkung\n0;10;1;3;\n5;20;2;4;\n'
+    trace = load(tmp_path / 'a.csv', text.encode('cp1252'), chosen(tmp_path))
+    assert trace.time_s.tolist() == [0.0, 0.005]
+    assert trace['current'].tolist() == [[-0.02, 1.5, 3.0], [-0.04, 2.5, 4.0]]
+
+
+def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path):
+    text = 'headings: false\nskip_lines: 2\nseparator: "|"\ndecimal: ","\ncolumns:\n'
+    text += '- {column: 2, signal: time, unit: s}\n- {column: 1, signal: tcp_error_norm, unit: mm}\n'
+    trace = load(tmp_path / 'a.csv', 'logger 7\nsome text; more\n1,5|0\n2,5|0,5\n', chosen(tmp_path, text))
+    assert trace.time_s.tolist() == [0.0, 0.5]
+    assert trace['tcp_error_norm'].tolist() == [[1.5e-3], [2.5e-3]]
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        (
+            ('column: Zeit', 'column: Zeet'),
+            r"no column 'Zeet', its columns are 'Zeit', .*: did you mean Zeit",
+        ),
+        (('column: 4', 'column: 9'), 'no column 9, it has 4 columns'),
+        (('unit: ms', 'unit: mm'), r"columns\[0\].unit is 'mm', but must be one of \[s\], \[ms\], \[us\]"),
+        (('axis: 3', 'axis: 2'), 'two columns are current, axis 2'),
+        (('axis: 3, ', ''), r'columns\[3\]: missing key axis, one of 1, 2, 3'),
+        (('factor: -2.0', 'factor: 0'), 'factor is 0'),
+        (('factor: -2.0', 'factor: .inf'), 'must be finite'),
+        (('signal: time', 'signal: tme'), 'did you mean time'),
+        (('signal: time, ', 'signal: time, axis: 1, '), 'time has no axes'),
+        (('columns:', 'encoding: klingon\ncolumns:'), 'is no encoding'),
+        (('columns:', 'headings: false\ncolumns:'), 'without headings columns are told by their numbers'),
+        (
+            ('- {column: 4, signal: current, axis: 3, unit: A}\n', ''),
+            r'not all three of a signal \(current\)',
+        ),
+        (('columns:', 'decimal: ","\ncolumns:'), r'holds numbers with .*, its column file says'),
+    ],
+)
+def test_a_column_file_that_is_wrong_gets_one_sentence(change, sentence, tmp_path):
+    table = 'Zeit;Größe 1;Größe 2;x\n0;1.5;1;3\n5;20;2;4\n'.encode()
+    with pytest.raises(TraceError, match=sentence) as caught:
+        load(tmp_path / 'a.csv', table, chosen(tmp_path, COLUMNS.replace(*change)))
+    assert '\n' not in str(caught.value)
+
+
+def test_a_column_file_does_not_contradict_the_headings(tmp_path):
+    with pytest.raises(TraceError, match=r'says that the unit of column .* is ms, .* itself says s$'):
+        load(tmp_path / 'a.csv', 'Zeit [s];Größe 1;Größe 2;x\n0;1;1;3\n'.encode(), chosen(tmp_path))
+
+
+def test_a_column_file_is_for_tables_only(tmp_path):
+    (tmp_path / 'a.npz').write_bytes(b'')
+    with pytest.raises(TraceError, match='is no table, so the column file'):
+        trace_file.load(tmp_path / 'a.npz', chosen(tmp_path))

@@ -1,0 +1,134 @@
+"""Facts about tables in Parquet and in MATLAB's format."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import trace_file
+
+TIME = np.array([0.0, 1.0, 2.0])
+TCP = np.array([[1.0, 2.0, -800.0], [1.5, 2.5, -801.0], [2.0, 3.0, -802.0]])
+
+
+@pytest.fixture
+def pyarrow():
+    return pytest.importorskip('pyarrow', reason='Parquet needs the extra "parquet"')
+
+
+def write_parquet(pyarrow, path, columns, units=(), meta=None):
+    from pyarrow import parquet
+
+    table = pyarrow.table(columns)
+    fields = [
+        own.with_metadata({'unit': unit}) for own, unit in zip(table.schema, units or (), strict=False)
+    ] or list(table.schema)
+    parquet.write_table(table.cast(pyarrow.schema(fields, metadata=meta)), path)
+    return path
+
+
+def columns(names=('time [ms]', 'tcp_command_x [mm]', 'tcp_command_y [mm]', 'tcp_command_z [mm]')):
+    return dict(zip(names, [TIME, *TCP.T], strict=True))
+
+
+def test_parquet_tells_units_in_the_names_of_its_columns(pyarrow, tmp_path):
+    trace = trace_file.load(write_parquet(pyarrow, tmp_path / 'a.parquet', columns()))
+    np.testing.assert_allclose(trace.time_s, 1e-3 * TIME)
+    np.testing.assert_allclose(trace['tcp_command'], 1e-3 * TCP)
+
+
+def test_parquet_tells_units_in_the_metadata_of_its_fields(pyarrow, tmp_path):
+    names = ('time', 'tcp_command_x', 'tcp_command_y', 'tcp_command_z')
+    path = write_parquet(
+        pyarrow,
+        tmp_path / 'a.parquet',
+        columns(names),
+        ('ms', 'mm', 'mm', 'm'),
+        {'delta3_pacdrive': '{"a": 1}'},
+    )
+    trace = trace_file.load(path)
+    np.testing.assert_allclose(trace['tcp_command'], TCP * [1e-3, 1e-3, 1.0])
+    assert trace.meta == {'a': 1}
+
+
+def test_whole_numbers_and_missing_ones_are_read_from_parquet_and_texts_left_out(pyarrow, tmp_path):
+    held = columns() | {'tcp_command_x [mm]': pyarrow.array([1, None, 3]), 'remark': ['a', 'b', 'c']}
+    trace = trace_file.load(write_parquet(pyarrow, tmp_path / 'a.parquet', held), gaps=True)
+    np.testing.assert_array_equal(trace['tcp_command'][:, 0], [1e-3, np.nan, 3e-3])
+
+
+@pytest.mark.parametrize('content', [b'', b'PAR1' + bytes(100), bytes(range(256)) * 10])
+def test_what_is_no_parquet_gets_one_sentence(pyarrow, content, tmp_path):
+    (tmp_path / 'a.parquet').write_bytes(content)
+    with pytest.raises(TraceError, match=r'^cannot read trace .*a\.parquet: ') as caught:
+        trace_file.load(tmp_path / 'a.parquet')
+    assert '\n' not in str(caught.value)
+
+
+def test_a_date_is_no_time_of_a_run(pyarrow, tmp_path):
+    held = columns() | {
+        'time [ms]': np.array(['2026-01-01', '2026-01-02', '2026-01-03'], dtype='datetime64[ms]')
+    }
+    with pytest.raises(
+        TraceError, match=r"column 'time \[ms\]' holds timestamp\[ms\], expected numbers with a unit"
+    ):
+        trace_file.load(write_parquet(pyarrow, tmp_path / 'a.parquet', held))
+
+
+def test_where_pyarrow_is_missing_the_line_that_installs_it_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
+    (tmp_path / 'a.parquet').write_bytes(b'PAR1')
+    with pytest.raises(TraceError, match=r"pyarrow: pip install 'delta3_pacdrive\[parquet\]'$"):
+        trace_file.load(tmp_path / 'a.parquet')
+
+
+def mat(path, variables, **options):
+    from scipy.io import savemat
+
+    savemat(path, variables, **options)
+    return path
+
+
+@pytest.mark.parametrize('form', ['4', '5'])
+@pytest.mark.parametrize('tcp', [TCP, TCP.T], ids=['columns', 'rows'])
+def test_a_matlab_file_tells_units_at_the_ends_of_its_names(form, tcp, tmp_path):
+    tcp = np.vstack([TCP, TCP[-1:] + 1.0]) if tcp is TCP else np.hstack([TCP.T, TCP.T[:, -1:] + 1.0])
+    path = mat(tmp_path / 'a.mat', {'time_ms': np.arange(4.0), 'tcp_command_mm': tcp}, format=form)
+    trace = trace_file.load(path)
+    np.testing.assert_allclose(trace.time_s, 1e-3 * np.arange(4))
+    np.testing.assert_allclose(trace['tcp_command'][:3], 1e-3 * TCP)
+
+
+def test_columns_of_a_matlab_file_may_stand_alone(tmp_path):
+    variables = {'time_s': TIME, 'remark': 'three', 'mass_kg': 1.0}
+    variables |= {f'arm_position_{n + 1}_deg': column for n, column in enumerate(TCP.T)}
+    trace = trace_file.load(mat(tmp_path / 'a.mat', variables))
+    np.testing.assert_allclose(trace['arm_position'], np.radians(TCP))
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (b'MATLAB 7.3 MAT-file, Platform: GLNXA64' + bytes(600), r"version 7.3 .HDF5., which is not .* '-v7'"),
+        (b'\x89HDF\r\n\x1a\n' + bytes(600), 'version 7.3'),
+        (b'', 'cannot read trace'),
+        (bytes(range(256)) * 4, 'cannot read trace'),
+    ],
+)  # fmt: skip
+def test_other_files_of_that_name_get_one_sentence(content, sentence, tmp_path):
+    (tmp_path / 'a.mat').write_bytes(content)
+    with pytest.raises(TraceError, match=sentence) as caught:
+        trace_file.load(tmp_path / 'a.mat')
+    assert '\n' not in str(caught.value)
+
+
+def test_variables_of_different_lengths_are_refused(tmp_path):
+    path = mat(tmp_path / 'a.mat', {'time_s': np.arange(5.0), 'tcp_command_m': TCP})
+    with pytest.raises(TraceError, match='of different lengths'):
+        trace_file.load(path)
+
+
+def test_a_variable_without_a_unit_is_refused(tmp_path):
+    with pytest.raises(TraceError, match="column 'time' must tell its unit"):
+        trace_file.load(mat(tmp_path / 'a.mat', {'time': TIME, 'tcp_command_m': TCP}))
