@@ -7,7 +7,7 @@ import numpy as np
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.view.page import Page
-from delta3_pacdrive.view.serving import HOST, choose
+from delta3_pacdrive.view.serving import HOST, port_for
 from delta3_pacdrive.view.values import Facts, Instant
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
@@ -18,7 +18,8 @@ flower = (0.3 + 0.1 * np.cos(6.0 * angle))[:, None] * np.stack([np.cos(angle), n
 path = np.column_stack([flower, -0.8 + 0.05 * np.sin(3.0 * angle)])
 arms = d3.kinematics.inverse(path, robot)
 
-page = Page(robot, HOST, choose(HOST, None), 'a flower')
+with port_for(HOST, None) as port:
+    page = Page(robot, HOST, port, 'a flower')
 page.plan(path)
 print(f'look at {page.url}')
 begin = time.monotonic()

@@ -55,6 +55,18 @@ def test_parts_in_motion(run):
     assert 0.0 < np.sin(np.radians(swing)) <= (radius + 1e-3) / robot.kinematics.forearm_length_m
 
 
+def test_log_against_model(run, tmp_path):
+    text, numbers = run('log_against_model', str(tmp_path))
+    (shift, correlation), apart = numbers[0], numbers[1:4]
+    # the log begins 5 s after the bus, the program 0.12 s later
+    assert shift == pytest.approx(-5.12, abs=2e-4)
+    assert correlation > 0.999
+    assert [line.partition(':')[0] for line in text.splitlines()[1:4]] == ['arm_angle', 'current', 'tcp']
+    assert all(0.0 < rms < most for rms, most in apart)
+    assert apart[0][1] < 0.02
+    assert 'both are compared every 1.42857 ms' in text
+
+
 def test_kinematics_of_a_grid(run):
     _, ((points, _, reached), (error,), (low, high), (best, worst)) = run('kinematics_of_a_grid')
     assert 0.5 * points < reached < points

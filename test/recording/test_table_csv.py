@@ -13,7 +13,7 @@ ROWS = [[0.0, 1.5, -2.25, 3.0], [0.25, 1e-3, 4.0, -1234.5], [0.5, 0.0, 7.125, 8.
 COLUMNS = """
 columns:
 - {column: Zeit, signal: time, unit: ms}
-- {column: Größe 1, signal: current, axis: 1, unit: mA, factor: -2.0}
+- {column: Größe 1, signal: current, axis: 1, unit: mA, factor: -2.0, offset: 5.0}
 - {column: Größe 2, signal: current, axis: 2, unit: A, offset: 0.5}
 - {column: 4, signal: current, axis: 3, unit: A}
 """
@@ -144,7 +144,7 @@ def test_a_column_file_says_what_columns_are_and_what_their_numbers_become(tmp_p
     text = 'Zeit;Größe 1;Größe 2;x;Bemerkung\n0;10;1;3;\n5;20;2;4;\n'
     trace = load(tmp_path / 'a.csv', text.encode('cp1252'), chosen(tmp_path))
     assert trace.time_s.tolist() == [0.0, 0.005]
-    assert trace['current'].tolist() == [[-0.02, 1.5, 3.0], [-0.04, 2.5, 4.0]]
+    assert trace['current'].tolist() == [[-0.015, 1.5, 3.0], [-0.035, 2.5, 4.0]]
 
 
 def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path):
