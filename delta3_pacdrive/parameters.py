@@ -16,6 +16,7 @@ from delta3_pacdrive.errors import ParameterError, shown
 
 DEFAULT_FILE = 'delta3.yaml'
 PLANTS = ('plain', 'rich')
+LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
 # Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
 PAYLOAD_MAX_KG = 10.0
@@ -45,6 +46,11 @@ def _positive(description: str, high: float = math.inf) -> Any:
 
 def _switch(description: str) -> Any:
     return _quantity(description, False, True)
+
+
+def _choice(description: str, choices: tuple[str, ...]) -> Any:
+    metadata = {'description': f'{description}: {" or ".join(choices)}', 'choices': choices}
+    return field(default=choices[0], metadata=metadata)
 
 
 PerArm = tuple[float, float, float]
@@ -204,6 +210,7 @@ class Drive:
     enable_settle_s: float = _quantity('time the current loop holds before the brake is released', 0.0, 1.0)
     stop_deceleration_rad_s2: float = _positive('ramp of reaction BD2, motor side', 1e6)
     stop_time_max_s: float = _positive('longest controlled stop before the brake is applied', 10.0)
+    interpolation: str = _choice('fine interpolation of set points within a bus cycle', INTERPOLATIONS)
 
 
 @dataclass(frozen=True)
@@ -380,7 +387,11 @@ class Parameters:
 
     @property
     def set_point_delay_cycles(self) -> float:
-        """Latency of a set point [cycles]: one of the bus, and the fine interpolation up to its last step."""
+        """Latency of a set point [cycles]: one of the bus, and the fine interpolation up to its last step.
+
+        The cubic interpolation goes through the same points at the same times. Beside them it takes the set point that
+        is due in the next cycle, which the drive has got when it begins this one, and so no time.
+        """
         return 2.0 - self.drive.position_period_s / self.bus.cycle_time_s
 
     @property

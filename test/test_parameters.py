@@ -17,27 +17,32 @@ FIELDS = {
 }
 UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm)')
 SWITCHES = {name for name, field in FIELDS.items() if field.type is bool}
-DIMENSIONLESS = SWITCHES | {
-    'kinematics.serial_singularity_min',
-    'kinematics.parallel_singularity_min',
-    'drive.velocity_feedforward',
-    'drive.current_feedforward',
-    'drive.overspeed_factor',
-    'dynamics.forearm_share_at_elbow',
-    'dynamics.gear_in',
-    'dynamics.gear_out',
-    'motor.pole_pairs',
-    'rich.cogging_periods',
-    'rich.torque_ripple',
-    'rich.sensor_seed',
-    'rich.current_gain_error',
-    'rich.encoder_periods',
-    'bus.increments_per_rev',
-    'bus.outstanding_cycles_max',
-    'motion.following_error_delay_cycles',
-    'motion.enable_cycle',
-    'motion.start_cycle',
-}
+WORDS = {name for name, field in FIELDS.items() if field.type is str}
+DIMENSIONLESS = (
+    SWITCHES
+    | WORDS
+    | {
+        'kinematics.serial_singularity_min',
+        'kinematics.parallel_singularity_min',
+        'drive.velocity_feedforward',
+        'drive.current_feedforward',
+        'drive.overspeed_factor',
+        'dynamics.forearm_share_at_elbow',
+        'dynamics.gear_in',
+        'dynamics.gear_out',
+        'motor.pole_pairs',
+        'rich.cogging_periods',
+        'rich.torque_ripple',
+        'rich.sensor_seed',
+        'rich.current_gain_error',
+        'rich.encoder_periods',
+        'bus.increments_per_rev',
+        'bus.outstanding_cycles_max',
+        'motion.following_error_delay_cycles',
+        'motion.enable_cycle',
+        'motion.start_cycle',
+    }
+)
 CORRECTIONS = {name for name in FIELDS if '_correction_' in name}
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
@@ -136,12 +141,26 @@ def replace(robot, name, value):
 def test_every_parameter_has_a_description_a_range_and_a_unit(name):
     metadata = FIELDS[name].metadata
     assert metadata['description']
-    assert math.isfinite(metadata['low'])
-    assert metadata['low'] < metadata['high']
+    if name in WORDS:
+        assert all(choice in metadata['description'] for choice in metadata['choices'])
+    else:
+        assert math.isfinite(metadata['low'])
+        assert metadata['low'] < metadata['high']
     assert (name in DIMENSIONLESS) != bool(UNITS.fullmatch(name))
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@pytest.mark.parametrize('name', sorted(WORDS))
+def test_a_word_is_one_of_those_that_are_known(name, robot):
+    choices = FIELDS[name].metadata['choices']
+    for choice in choices:
+        assert parameters.flatten(replace(robot, name, choice))[name] == choice
+    told = refusal(replace, robot, name, choices[0][:-1])
+    assert told.endswith(
+        f"{name} is '{choices[0][:-1]}', but must be {' or '.join(choices)}: did you mean {choices[0]}?"
+    )
+
+
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - WORDS))
 def test_every_default_lies_in_its_range(name, robot):
     value = parameters.flatten(robot)[name]
     low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
@@ -159,10 +178,16 @@ def test_the_file_holds_every_parameter_and_no_other(tree):
     assert {f'{group}.{key}' for group, values in tree.items() for key in values} == set(FIELDS)
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - CORRECTIONS))
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - CORRECTIONS - WORDS))
 def test_a_missing_parameter_is_named(name, values):
     del values[name]
     assert f'missing parameter {name}' in refusal(parameters.from_flat, values)
+
+
+def test_a_file_without_an_interpolation_has_that_of_the_thesis(values, robot):
+    del values['drive.interpolation']
+    assert parameters.from_flat(values) == robot
+    assert robot.drive.interpolation == 'linear'
 
 
 def test_a_file_without_a_calibration_has_equal_arms(values, robot):
@@ -182,7 +207,7 @@ def test_a_misspelt_parameter_is_named(name, values):
     assert f'unknown parameter {name}x' in refusal(parameters.from_flat, values)
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - WORDS))
 @pytest.mark.parametrize('wrong', ['fast', '1.0', bool, None, {'a': 1}, [1.0, 2.0]], ids=repr)
 def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
     if wrong is bool:  # a switch is no number, and a number no switch
@@ -191,7 +216,7 @@ def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
     assert f'{name} must be a' in refusal(replace, robot, name, with_item(values[name], wrong))
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - SWITCHES))
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - SWITCHES - WORDS))
 def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
     low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
     if FIELDS[name].type is int:
@@ -209,6 +234,12 @@ def test_the_same_words_come_from_a_file(tree, load_tree):
     assert told.endswith(': motor.peak_current_a is -17.0, but must be positive and at most 1000')
     del tree['motor']['peak_current_a']
     assert refusal(load_tree, tree).endswith('robot.yaml: missing parameter motor.peak_current_a')
+
+
+@pytest.mark.parametrize('name', sorted(WORDS))
+@pytest.mark.parametrize('wrong', [1.0, True, None, {'a': 1}, [1.0, 2.0]], ids=repr)
+def test_what_is_no_word_is_named(name, wrong, robot):
+    assert f'{name} must be a word, ' in refusal(replace, robot, name, wrong)
 
 
 @pytest.mark.parametrize('name', [name for name, field in FIELDS.items() if field.type is int])
@@ -425,6 +456,8 @@ def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
     elif name in SWITCHES:
         changed = not values[name]
         robot = robot.replace(bus__exchange_period_s=125e-6)
+    elif name in WORDS:
+        changed = next(word for word in FIELDS[name].metadata['choices'] if word != values[name])
     elif isinstance(values[name], int):
         changed = values[name] + 1
     else:

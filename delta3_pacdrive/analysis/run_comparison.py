@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.analysis.alignment import ON_GRID, START, Alignment, align, resampled
-from delta3_pacdrive.analysis.run_signals import derivatives
+from delta3_pacdrive.analysis.run_signals import currents_of, derivatives
 from delta3_pacdrive.analysis.runs import DrivenMove, Run, differing
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
 
-QUANTITIES = SIGNALS | TRUE_SIGNALS
+QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,10 @@ class Difference:
 
 @dataclass(frozen=True)
 class MoveFigures:
-    """Figures of a move as it was driven; nan where a signal is not recorded."""
+    """Figures of a move as it was driven; nan where a signal is not recorded.
+
+    Currents are those of all samples of the current loops; of the AT where a recording has no others.
+    """
 
     duration_s: float
     speed_max_m_s: float
@@ -189,13 +192,13 @@ def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
         values = derivatives(part[name], run.period_s)[0] if difference else part[name]
         return _finite_max(np.linalg.norm(values[within], axis=1))
 
-    current = part.signals.get('current', np.full((len(part.time_s), 3), np.nan))[within]
+    peak, rms = (values[within] for values in currents_of(part))
     error = part.signals.get('following_error', np.full((len(part.time_s), 3), np.nan))[within]
-    square = current[np.isfinite(current).all(axis=1)] ** 2
+    square = rms[np.isfinite(rms).all(axis=1)] ** 2
     return MoveFigures(
         move.end_s - move.start_s,
         largest('tcp_velocity'),
-        _finite_max(np.abs(current)),
+        _finite_max(peak),
         float(np.sqrt(square.mean(axis=0)).max()) if len(square) else math.nan,
         largest('tcp_error'),
         _finite_max(np.abs(error)),

@@ -28,7 +28,13 @@ from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.run_signals import ZOOM_S, busiest, derivatives, positive, program_part, slope
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS, columns_of
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    DERIVED_SIGNALS,
+    SIGNALS,
+    TRUE_SIGNALS,
+    columns_of,
+)
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -36,6 +42,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
+TOLD: dict[str, Any] = {
+    'linestyle': 'none',
+    'marker': '.',
+    'markersize': 1.5,
+    'color': '#111111',
+}  # samples of AT
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': DASHED, 'color': '#111111'}
 
 
@@ -137,10 +149,24 @@ def arm_accelerations(trace: Trace) -> Figure:
 
 
 def currents(trace: Trace) -> Figure:
-    """Motor currents I_eff [A rms] (Fig. 11.6)."""
+    """Motor currents I_eff [A rms]: all samples of the current loops, and those that the AT tell (Fig. 11.6)."""
     run = program_part(trace)
     labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ (A)')
-    return _three_panels(run, 'Motor currents', labels, run['current'], least=0.1, same_scale=True)
+    if not set(CURRENT_SIGNALS) <= set(run.signals):
+        return _three_panels(run, 'Motor currents', labels, run['current'], least=0.1, same_scale=True)
+    figure = figure_of_program('Motor currents', run.meta.get('program'), 6.0)
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    _dress(run, panels, labels)
+    middle = run.time_s + 0.5 * positive(run, 'cycle_time_s')
+    for i, (axes, colour) in enumerate(zip(panels, AXIS_COLOURS, strict=True)):
+        low, high = run['current_min'][:, i], run['current_max'][:, i]
+        axes.fill_between(middle, low, high, color=colour, alpha=0.35, linewidth=0.0, label='all samples')
+        axes.plot(middle, run['current_mean'][:, i], label='their mean', color=colour, linewidth=1.0)
+        if 'current' in run.signals:
+            axes.plot(run.time_s, run['current'][:, i], label='told by the AT', **TOLD)
+    keep_span(panels, 0.1)
+    legend_above(panels[0])
+    return figure
 
 
 def tcp_components(trace: Trace) -> Figure:
@@ -205,7 +231,7 @@ def tcp_speed(trace: Trace) -> Figure:
 
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
-    unit, meaning = (SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS)[signal]
+    unit, meaning = (SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS)[signal]
     labels = [f'{name} ({of_column})' for name, of_column in columns_of(signal, unit)]
     run = program_part(trace)
     return _three_panels(run, meaning, labels, run[signal])

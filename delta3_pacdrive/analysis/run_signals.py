@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
 BEFORE_S = 0.05  # shown of the idle cycles before the program
@@ -126,6 +127,18 @@ def noted_cycle(trace: Trace, key: str) -> int | None:
     if not isinstance(value, int | float) or not math.isfinite(value) or not float(value).is_integer():
         raise TraceError(f'the recording tells {shown(value)} as its {key}, expected a whole number')
     return int(value)
+
+
+def currents_of(trace: Trace) -> tuple[Floats, Floats]:
+    """Return largest amount and rms [A] of each axis in each bus cycle, shapes (cycles, 3); nan where nothing is known.
+
+    They are those of all samples of the current loops. A recording without these has one sample in a cycle, that of the
+    AT, which is both.
+    """
+    if all(name in trace.signals for name in CURRENT_SIGNALS):
+        return np.maximum(trace['current_max'], -trace['current_min']), trace['current_rms']
+    told = np.abs(trace.signals.get('current', np.full((len(trace.time_s), 3), np.nan)))
+    return told, told
 
 
 def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats, Floats]:

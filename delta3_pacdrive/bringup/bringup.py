@@ -146,7 +146,17 @@ class Bringup:
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
                 raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
-        show(progress)
+        self._await_currents()
+        show(self._monitor.progress)
+
+    def _await_currents(self) -> None:
+        """Let the drives tell the currents of the program, which takes some cycles of the service channel."""
+        deadline = time.monotonic() + BOUND_S
+        while time.monotonic() < deadline and not self.interrupted:
+            figures = self._monitor.progress.get('figures', {})
+            if not any(None in figures.get(name, ()) for name in ('current_peak_a', 'current_rms_a')):
+                return
+            self._process.spin_for(LOOK_S)
 
     def look(self, seconds: float = LOOK_S) -> dict[str, Any]:
         """Spin a little, then raise if something went wrong; return the newest progress."""

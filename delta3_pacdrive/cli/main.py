@@ -34,6 +34,7 @@ COMMANDS = {
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
+    'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'completion': 'print what a shell needs to complete all of this',
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }

@@ -135,9 +135,12 @@ def print_answer(sentence: str, options: Any) -> int:
     return 0
 
 
+def _amperes(of_axes: Sequence[float | None]) -> str:
+    return ' / '.join('-' if value is None else f'{value:.2f}' for value in of_axes) + ' A'
+
+
 def print_figures(result: dict[str, Any]) -> None:
     """Print the figures of a run for people."""
-    axes = ' / '.join(['{:.2f}'] * 3)
     factor = result['bus_time_s'] / result['wall_time_s']
     rows = [
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
@@ -147,8 +150,10 @@ def print_figures(result: dict[str, Any]) -> None:
             f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms',
         ),
         ('final TCP', millimetres(result['final_tcp_m'])),
-        ('current peak', f'{axes.format(*result["current_peak_a"])} A'),
-        ('current rms', f'{axes.format(*result["current_rms_a"])} A'),
+        ('current peak', _amperes(result['current_peak_a'])),
+        ('current rms', _amperes(result['current_rms_a'])),
+        ('peak in the AT', _amperes(result['at_current_peak_a'])),
+        ('rms in the AT', _amperes(result['at_current_rms_a'])),
     ]
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']

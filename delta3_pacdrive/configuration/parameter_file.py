@@ -1,12 +1,12 @@
 """ROS parameter files, read strictly: every value of every group, and no other, each of its type and within its range.
 
-A group is a dataclass whose fields carry ``low`` and ``high`` in their metadata. Values with a default, those of a
-calibration, may be missing: there are robots without any.
+A group is a dataclass whose fields carry ``low`` and ``high`` in their metadata, or ``choices`` if they are words.
+Values with a default may be missing: files of robots without a calibration have none.
 """
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,11 +83,21 @@ def _checked(f: Any, value: Any, name: str) -> Any:
         if not isinstance(value, bool):
             refuse(f'{name} must be a switch, true or false, not {shown(value)}')
         return value
+    if f.type is str:
+        return _checked_word(f.metadata['choices'], value, name)
     if f.type in (int, float):
         return _checked_number(f, value, name)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
         refuse(f'{name} must be a list of 3 numbers, not {shown(value)}')
     return tuple(float(_checked_number(f, item, name)) for item in value)
+
+
+def _checked_word(choices: Sequence[str], value: Any, name: str) -> str:
+    if not isinstance(value, str):
+        refuse(f'{name} must be a word, {" or ".join(choices)}, not {shown(value)}')
+    if value not in choices:
+        refuse(f'{name} is {shown(value)}, but must be {" or ".join(choices)}{nearest_of(value, choices)}')
+    return str(value)
 
 
 def _checked_number(f: Any, value: Any, name: str) -> float | int:

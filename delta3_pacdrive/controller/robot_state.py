@@ -7,6 +7,7 @@ of a fault, and who may be enabled, stands in ``enabling``.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 from delta3_pacdrive.controller import robot_actions
@@ -21,10 +22,13 @@ from delta3_pacdrive.motion.plan import STANDING_M
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
 from delta3_pacdrive.sercos.words import in_torque
 
 DIAGNOSTIC_NUMBER = Access(parse_idn('S-0-0390'), Operation.READ)
+# of the motor current in the program that has ended, of all samples of the current loop
+PEAK_CURRENT, RMS_CURRENT = (Access(parse_idn(idn), Operation.READ) for idn in ('P-0-0073', 'P-0-0074'))
 START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
 FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node knows of it by then
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
@@ -317,9 +321,19 @@ class RobotState:
                 self._enter(Event.STAND)
 
     def answered(self, cycle: int) -> None:
-        """Note that the last answer of a program is there."""
+        """Note that the last answer of a program is there, and ask the drives for its currents."""
         self.finished = True
         self._end(Event.END, cycle)
+        asked = (PEAK_CURRENT, self._task.current_peak), (RMS_CURRENT, self._task.current_rms)
+        for access, told in asked:
+            take = partial(self._take_current, told)
+            self.actions.extend(robot_actions.Asked(index, access, take) for index in range(len(DRIVES)))
+
+    @staticmethod
+    def _take_current(told: list[float | None], index: int, answer: Answer) -> None:
+        """Take a current that a drive has answered; the next program has lists of its own."""
+        if not answer.error:
+            told[index] = answer.value
 
     def _forget_program(self) -> None:
         self._aborting = False

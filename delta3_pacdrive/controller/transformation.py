@@ -29,7 +29,13 @@ from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, payload_on_grid
+from delta3_pacdrive.sercos.words import (
+    CONTROL_ENABLE,
+    CONTROL_MEASURE,
+    CONTROL_ON,
+    CONTROL_PROGRAM,
+    payload_on_grid,
+)
 
 # figures of a program, which begin with it
 MEASURED = (
@@ -40,15 +46,21 @@ DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to se
 
 @dataclass(frozen=True)
 class Figures:
-    """A program has these results: TCP errors without the set-point delay, currents as the drives answered."""
+    """A program has these results: TCP errors without the set-point delay, and currents of each axis.
+
+    ``current_peak_a`` and ``current_rms_a`` are of all samples of the current loops, None until the drives have told
+    them; ``at_current_peak_a`` and ``at_current_rms_a`` of the one sample in a bus cycle that an AT tells.
+    """
 
     measured_cycles: int
     tcp_error_max_m: float
     tcp_error_rms_m: float
     following_error_max_rad: float
     final_tcp_m: list[float]
-    current_peak_a: list[float]
-    current_rms_a: list[float]
+    current_peak_a: list[float | None]
+    current_rms_a: list[float | None]
+    at_current_peak_a: list[float]
+    at_current_rms_a: list[float]
 
 
 class Transformation:
@@ -67,6 +79,8 @@ class Transformation:
         How often a plan has become longer while it was driven.
     enable_cycle, disable_cycle
         From which cycle on the drives are enabled, and no longer; ``NEVER`` for none.
+    current_peak, current_rms
+        Of the motors in the program [A], by axis, as the drives have formed them of all samples; None: not known yet.
 
     """
 
@@ -89,6 +103,12 @@ class Transformation:
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
         self._stop_hard = False
+        self._measured = (
+            NEVER,
+            NEVER,
+        )  # first cycle whose currents are figures of the program, and the one after them
+        self.current_peak: list[float | None] = [None] * 3
+        self.current_rms: list[float | None] = [None] * 3
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
@@ -114,6 +134,7 @@ class Transformation:
         state = self.state[0]
         state['start_cycle'] = NEVER
         state['move'] = state['event'] = 0
+        self._mark_measured()
 
     def start(self, cycle: int, override: float = 1.0) -> int:
         """Start the loaded program at a cycle to come; return the first one in which the TCP has arrived."""
@@ -128,6 +149,8 @@ class Transformation:
         state['payload'] = payload_on_grid(self.timeline.plan.move(0).payload_kg)
         for name in MEASURED:
             state[name] = 0
+        self.current_peak, self.current_rms = [None] * 3, [None] * 3
+        self._mark_measured()
         return self.end_cycle
 
     def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
@@ -208,6 +231,7 @@ class Transformation:
         self._longer = None
         self.state['move'] -= left_out
         self.state['end_cycle'] = self.timeline.end_cycle
+        self._mark_measured()
         self.extensions += 1
 
     def _drop_coming(self) -> None:
@@ -225,12 +249,18 @@ class Transformation:
     def _follow(self, profile: MotionProfile) -> None:
         self.timeline.change(profile)
         self.state['end_cycle'] = self.timeline.end_cycle
+        self._mark_measured()
+
+    def _mark_measured(self) -> None:
+        """Note which cycles count for the figures of the program, now that it begins or ends in other ones."""
+        self._measured = int(self.state['start_cycle'][0]), self.last_cycle + 1
 
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
         self._drop_coming()
         self.loaded = False
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
+        self._mark_measured()
 
     @property
     def profile(self) -> MotionProfile | None:
@@ -273,7 +303,11 @@ class Transformation:
 
     def control(self, cycle: int) -> int:
         """Control word S-0-0134 of a cycle, the same for all drives."""
-        return CONTROL_ENABLE if self.enable_cycle <= cycle < self.disable_cycle else CONTROL_ON
+        word = CONTROL_ENABLE if self.enable_cycle <= cycle < self.disable_cycle else CONTROL_ON
+        first, end = self._measured
+        if cycle < first:
+            return word
+        return word | (CONTROL_MEASURE if cycle < end else CONTROL_PROGRAM)
 
     def command(self, cycle: int) -> Floats:
         """Motor shaft commands [rad] of a cycle, on the increment grid; cycles are asked for in order."""
@@ -294,7 +328,9 @@ class Transformation:
         """Return the first cycle from a cycle on whose command does more than follow the present motion profile."""
         coming = NEVER if self._coming is None else self._coming.cycle
         longer = NEVER if self._longer is None else self._longer[0].start_cycle
-        due = min(coming, longer, self._stop_cycle, self.disable_cycle)
+        # at either end of the measured cycles the control word changes
+        edge = next((edge for edge in self._measured if edge > cycle), NEVER)
+        due = min(coming, longer, edge, self._stop_cycle, self.disable_cycle)
         return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))
 
     def commanded_to(self, cycle: int) -> None:
@@ -321,6 +357,8 @@ class Transformation:
             math.sqrt(float(s['error_square_sum']) / cycles),
             float(s['following_error_max']),
             s['final_tcp'].tolist(),
+            list(self.current_peak),
+            list(self.current_rms),
             s['current_peak'].tolist(),
             np.sqrt(s['current_square_sum'] / cycles).tolist(),
         )

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.motor import MOTOR
 from delta3_pacdrive.motor import motor as motor_constants
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import CUBIC, Parameters
 
 
 class DriveState(IntEnum):
@@ -110,6 +110,20 @@ STATE = np.dtype(
         ('current_offset', 'f8'),  # [A], of a phase
         ('current_seed', 'u8'),  # of their noise
         ('overload', 'f8'),  # [s]
+        # of the motor's current in all periods of the bus cycle so far [A]
+        ('cycle_sum', 'f8'),
+        ('cycle_square', 'f8'),  # sum of squares
+        ('cycle_min', 'f8'),
+        ('cycle_max', 'f8'),
+        ('measured_square', 'f8'),  # sum of squares of what the sensors measure
+        # of the cycles of a program that the master marks
+        ('program', 'i8'),  # real-time control bits
+        ('measuring', 'i8'),
+        ('window_cycles', 'i8'),
+        ('window_square', 'f8'),  # sum of the mean squares of the cycles [A^2]
+        ('window_peak', 'f8'),  # [A], largest amount
+        ('told_peak', 'f8'),  # of the last program whose window has ended
+        ('told_rms', 'f8'),
         # end stage and motor
         ('dc_link', 'f8'),  # [V], actual value
         ('blocked', 'i8'),  # the end stage has switched itself off, over-current
@@ -160,6 +174,7 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('steps_per_position', 'i8', lambda p: round(p.drive.position_period_s / p.drive.current_period_s)),
     ('steps_per_velocity', 'i8', lambda p: round(p.drive.velocity_period_s / p.drive.current_period_s)),
     ('positions_per_cycle', 'f8', lambda p: round(p.bus.cycle_time_s / p.drive.position_period_s)),
+    ('cubic', 'i8', lambda p: p.drive.interpolation == CUBIC),  # fine interpolation
     ('position_gain', 'f8', lambda p: p.drive.position_gain_rad_s_rad),
     ('velocity_gain', 'f8', lambda p: p.drive.velocity_gain_a_s_rad),
     # K_Ivel T_vel

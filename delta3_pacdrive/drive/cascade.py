@@ -1,4 +1,12 @@
-"""The cascade: position P, velocity PI, current PI with feed-forwards, filters, limits and anti-windup (8.1)."""
+"""The cascade: position P, velocity PI, current PI with feed-forwards, filters, limits and anti-windup (8.1).
+
+Fine interpolation is linear, as in the thesis, or cubic. Linear, the speed feed-forward is a stair that steps at each
+bus cycle, and the current follows with a pulse. Cubic, the set points are joined by Hermite polynomials whose slopes
+are those of the chords over two cycles (Catmull and Rom): the speed is continuous, its feed-forward that of the curve,
+and the acceleration feed-forward goes straight from one second difference to the next.
+"""
+
+import math
 
 from delta3_pacdrive.numerics.kernel import kernel
 
@@ -10,16 +18,52 @@ def clamp(value, limit):
 
 
 @kernel
+def set_point_steps(s):
+    """Steps [rad] of the set point: to the last one, from there to the present one, from there to the next one.
+
+    The next one is that of the MDT of this cycle. Where it is no number, which is a fault, the speed goes on.
+    """
+    now = s.command - s.command_before
+    after = s.next_command - s.command if math.isfinite(s.next_command) else now
+    return s.command_before - s.command_before_that, now, after
+
+
+@kernel
+def cubic_way(before, now, after, passed):
+    """Way [rad] from the last set point on, after a share of the bus cycle; ``now`` at its end."""
+    start, end = 0.5 * (before + now), 0.5 * (now + after)
+    return passed * (start + passed * (3.0 * now - 2.0 * start - end + passed * (start + end - 2.0 * now)))
+
+
+@kernel
+def cubic_slope(before, now, after, passed):
+    """Slope [rad/cycle] of ``cubic_way``."""
+    start, end = 0.5 * (before + now), 0.5 * (now + after)
+    return start + passed * (2.0 * (3.0 * now - 2.0 * start - end) + 3.0 * passed * (start + end - 2.0 * now))
+
+
+@kernel
+def cubic_bend(before, now, after, passed):
+    """Second difference [rad/cycle^2], straight from that of the last set point to that of the present one."""
+    return (1.0 - passed) * (now - before) + passed * (after - now)
+
+
+@kernel
 def position_loop(s, c):
     """Interpolate the set point to this instant and form the speed reference.
 
-    The bus set point is approached linearly in steps of T_pos and reached at the last of them: together with the
-    cycle on the bus, CT + (CT - T_pos) after it was commanded.
+    The bus set point is approached in steps of T_pos and reached at the last of them: together with the cycle on the
+    bus, CT + (CT - T_pos) after it was commanded.
     """
     passed = (s.step // c.steps_per_position + 1) / c.positions_per_cycle
-    s.reference = s.command_before + passed * (s.command - s.command_before)
     actual = s.increments / c.increments_per_rad
-    speed = c.velocity_feedforward * (s.command - s.command_before) / c.cycle_time
+    if c.cubic != 0:
+        before, now, after = set_point_steps(s)
+        s.reference = s.command_before + cubic_way(before, now, after, passed)
+        speed = c.velocity_feedforward * cubic_slope(before, now, after, passed) / c.cycle_time
+    else:
+        s.reference = s.command_before + passed * (s.command - s.command_before)
+        speed = c.velocity_feedforward * (s.command - s.command_before) / c.cycle_time
     s.speed_reference = clamp(speed + c.position_gain * (s.reference - actual), c.speed_max)
 
 
@@ -45,7 +89,11 @@ def velocity_loop(speed, feedforward, s, c):
 @kernel
 def current_feedforward(s, c):
     """Current for the acceleration in the second difference of the set points."""
-    second = s.command - 2.0 * s.command_before + s.command_before_that
+    if c.cubic != 0:
+        before, now, after = set_point_steps(s)
+        second = cubic_bend(before, now, after, (s.step + c.steps_per_velocity) / c.steps_per_cycle)
+    else:
+        second = s.command - 2.0 * s.command_before + s.command_before_that
     return c.current_feedforward * second / (c.cycle_time * c.cycle_time)
 
 

@@ -7,6 +7,12 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.drive import cascade, sensors, state_machine
 from delta3_pacdrive.drive.arrays import DRIVE, DriveState, drive_constants
+from delta3_pacdrive.drive.current_figures import (
+    add_current,
+    begin_current_figures,
+    end_current_figures,
+    window_rms,
+)
 from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
 from delta3_pacdrive.drive.shaft_observer import advance_observer, reset_observer
 from delta3_pacdrive.motor import (
@@ -75,6 +81,7 @@ def mc4_begin_cycle(received, command, control, shaft, drives, i):
     else:
         state_machine.extrapolate_telegram(s)
     state_machine.advance_state(s, c)
+    begin_current_figures(s)
     return s.status
 
 
@@ -145,7 +152,10 @@ def mc4_run_period(shaft, drives, i, currents):
             s.motor_current = s.stage_current
         advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
         currents[n, i] = s.motor_current
+        add_current(s)
         s.step += 1
+    if s.step == c.steps_per_cycle:
+        end_current_figures(s, c)
     return s.brake_release
 
 
@@ -272,6 +282,11 @@ class MC4:
     def warning(self) -> DriveWarning:
         """What the drive warns of now."""
         return DriveWarning(int(self.state['warning'][0]))
+
+    def program_current(self) -> tuple[float, float]:
+        """Peak and rms [A] of the motor's current in the cycles of the program that the master has marked so far."""
+        state = self.state[0]
+        return float(state['window_peak']), float(window_rms(state))
 
     def encoder_position(self, position: float) -> float:
         """Position [rad] from the machine's zero point that the encoder tells for a shaft position."""

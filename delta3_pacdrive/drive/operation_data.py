@@ -27,7 +27,7 @@ from delta3_pacdrive.drive.diagnostics import (
     class_2_diagnostic,
 )
 from delta3_pacdrive.errors import shown
-from delta3_pacdrive.parameters import groups
+from delta3_pacdrive.parameters import INTERPOLATIONS, groups
 from delta3_pacdrive.sercos.service_channel import (
     ERROR_TEXTS,
     Access,
@@ -220,6 +220,8 @@ _GROUPS = {
         _row('P-0-0002', 'Velocity loop period', 's', 'drive.velocity_period_s'),
         _row('P-0-0003', 'Current loop period', 's', 'drive.current_period_s'),
         _row('P-0-0004', 'Exchange period with the plant', 's', 'bus.exchange_period_s'),
+        _row('P-0-0005', 'Fine interpolation (0 linear, 1 cubic)', ONE, 'drive.interpolation',
+             formula=INTERPOLATIONS.index),
     ),
     Group.ENCODER: (
         _row('S-0-0079', 'Rotational position resolution', 'increments', 'bus.increments_per_rev'),
@@ -246,7 +248,8 @@ _GROUPS = {
         _row('P-0-0069', 'Torque of the holding brake', 'N m', 'motor.brake_torque_n_m'),
         _row('P-0-0070', 'Nominal DC bus voltage', 'V', 'drive.dc_link_voltage_v'),
     ),
-    # actual values, of the bus cycle in which the drive answers
+    # actual values, of the bus cycle in which the drive answers: those of loops are as their last period before it left
+    # them, at the end of the bus cycle before, which is the instant of an AT
     Group.ACTUAL_VALUES: (
         _row('S-0-0036', 'Velocity command value', 'rad/s', 'speed_reference'),
         _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', 'speed'),
@@ -261,6 +264,9 @@ _GROUPS = {
         _row('S-0-0389', 'Effective current', 'A', 'current'),
         _row('P-0-0071', 'Voltage command value of a phase', 'V', 'voltage'),
         _row('P-0-0072', 'Integral of the I2t monitoring', 's', 'overload'),
+        # of all samples of the current loop in the bus cycles that real-time control bit 1 marked, last program
+        _row('P-0-0073', 'Peak of the effective current in a program', 'A', 'told_peak'),
+        _row('P-0-0074', 'Root mean square of the effective current in a program', 'A', 'told_rms'),
     ),
     Group.DIAGNOSTICS: (
         _row('S-0-0011', 'Class 1 diagnostic', BITS, 'fault', formula=_class_1),
@@ -276,6 +282,8 @@ _GROUPS = {
         _row('S-0-0029', 'MDT error counter', ONE, 'mdt_losses'),
         _row('S-0-0134', 'Drive control', BITS, 'control'),
         _row('S-0-0135', 'Drive status', BITS, 'status'),
+        _row('S-0-0300', 'Real-time control bit 1 (measure the current)', ONE, 'measuring'),
+        _row('S-0-0302', 'Real-time control bit 2 (a program is driven)', ONE, 'program'),
         _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
         _row('P-0-0081', 'State of the drive', ONE, 'state'),
         _row('P-0-0082', 'Reaction under way', ONE, 'reaction'),

@@ -106,11 +106,14 @@ class Register:
             return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE)
         return Answer(idn, value=0.0)
 
-    def _source(self, source: str) -> float:
+    def _source(self, source: str) -> float | str:
         if source == PHASE:
             return float(self._phase)
         group, dot, name = source.partition('.')
-        return float(getattr(getattr(self.parameters, group), name) if dot else self._actual(source))
+        if not dot:
+            return self._actual(source)
+        value = getattr(getattr(self.parameters, group), name)
+        return value if isinstance(value, str) else float(value)
 
     def _refuse(self, access: Access, error: ServiceError, why: str = '') -> Answer:
         answer = Answer(access.idn, error)

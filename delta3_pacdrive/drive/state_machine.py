@@ -175,7 +175,7 @@ def overload_after(overload, ratio, period):
 @kernel
 def _measure(s, c):
     """Follow the load of the motor and the following error, and warn."""
-    ratio = s.current / c.current_nominal
+    ratio = math.sqrt(s.measured_square / c.steps_per_cycle) / c.current_nominal
     s.overload = overload_after(s.overload, ratio, c.cycle_time)
     s.following_error = 0.0
     if s.state == ENABLED or (s.state == HALTED and s.halt_done != 0):
@@ -317,7 +317,7 @@ def leave_bus(s):
     s.control = s.next_control = 0
     s.losses_in_a_row = s.losses_in_window = 0
     s.warning = 0
-    s.stage_current = s.current = 0.0
+    s.stage_current = s.current = s.measured_square = 0.0
     if s.fault == NO_FAULT:
         s.reaction = NO_REACTION
         change_state(NOT_READY, s)

@@ -19,6 +19,8 @@ from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import reason
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegrams import JOINT_STATE, motor_current
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -45,8 +47,10 @@ class Bag:
     ----------
     names
         Relative names of its cyclic topics, by topic.
+    currents
+        Topics that hold the samples of the current loops of the drives, in their order; empty if one of them has none.
     robot
-        What stands before them.
+        What stands before the names.
     meta
         Checked metadata of the recorder.
     read
@@ -55,6 +59,7 @@ class Bag:
     """
 
     names: dict[str, str]
+    currents: tuple[str, ...]
     robot: str
     meta: dict[str, Any]
     read: Callable[[Mapping[str, Take]], None]
@@ -62,9 +67,13 @@ class Bag:
     @staticmethod
     def of(channels: Iterable[Connection | Channel], meta: dict[str, Any], read: Any) -> Bag:
         """Return the bag with these topics; raises TraceError."""
+        channels = list(channels)
         names = _cyclic_topics(channels)
         topic, name = next(iter(names.items()))
-        return Bag(names, topic.removesuffix(name), meta, read)
+        robot = topic.removesuffix(name)
+        held = {channel.topic for channel in channels if channel.msgcount and channel.msgtype == JOINT_STATE}
+        currents = tuple(robot + motor_current(axis, 0).topic for axis in DRIVES)
+        return Bag(names, currents if held.issuperset(currents) else (), robot, meta, read)
 
 
 def open_bag(path: Path) -> Bag:

@@ -13,10 +13,11 @@ import numpy as np
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording.carried import CARRIED
-from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegram_codec import Message, TelegramCodec
 
 if TYPE_CHECKING:
@@ -84,8 +85,9 @@ def read_bag(path: str | Path) -> Trace:
     Returns
     -------
     Trace
-        All bus cycles that every recorded cyclic topic has, with the signals whose topics are recorded; ``meta``
-        is what the recorder wrote, without a ``start_cycle`` or ``end_cycle`` that it did not know.
+        All bus cycles that every recorded cyclic topic has, with the signals whose topics are recorded, and those of
+        ``CURRENT_SIGNALS`` if the currents of all drives are; ``meta`` is what the recorder wrote, without a
+        ``start_cycle`` or ``end_cycle`` that it did not know.
 
     A bag that was cut off is read up to the cut; ``meta['cut']`` says then how much is missing, and so does the log.
 
@@ -110,6 +112,7 @@ def _read_bag(path: Path) -> Trace:
     from rosbags.typesys import Stores, get_typestore
 
     from delta3_pacdrive.recording.bag_reader import COURSE, PHASE, Profiles, open_bag
+    from delta3_pacdrive.recording.current_samples import SampleColumn, of_cycles
 
     bag = open_bag(path)
     typestore = get_typestore(Stores.ROS2_JAZZY)
@@ -118,8 +121,17 @@ def _read_bag(path: Path) -> Trace:
         for name, telegram in TELEGRAMS.items()
         if name in bag.names.values()
     }
+    samples = {
+        topic: SampleColumn(
+            axis,
+            lambda telegram: _Column(telegram, typestore),
+            partial(_parse, typestore, telegrams.JOINT_STATE),
+        )
+        for topic, axis in zip(bag.currents, DRIVES, strict=False)
+    }
     profiles = Profiles(typestore)
     add = {topic: columns[name].add for topic, name in bag.names.items()}
+    add |= {topic: column.add for topic, column in samples.items()}
     bag.read(add | {bag.robot + COURSE: profiles.add, bag.robot + PHASE: profiles.sessions.add})
     meta = bag.meta
     if 'cycle_time_s' not in meta:
@@ -136,12 +148,19 @@ def _read_bag(path: Path) -> Trace:
     cycles = reduce(np.intersect1d, (table[0] for table in tables.values()))
     if not len(cycles):
         raise TraceError(f'no bus cycle is in all of its topics {", ".join(tables)}')
+    sampled, currents = np.empty(0, np.int64), dict[str, 'Floats']()
+    if samples:
+        sampled, currents = of_cycles([column.table() for column in samples.values()], clock.period_ns)
+    if len(common := np.intersect1d(cycles, sampled)):
+        cycles = common
     if len(cycles) > 1 and (step := int(np.diff(cycles).min())) > 1:
         raise TraceError(
             f'its messages are {step * meta["cycle_time_s"]:g} s apart, '
             f'but its metadata says cycle_time_s is {meta["cycle_time_s"]:g}'
         )
-    if refused := {name: column.refused for name, column in columns.items() if column.refused}:
+    counted = {name: column.refused for name, column in columns.items()}
+    counted |= {topic.removeprefix(bag.robot): column.refused for topic, column in samples.items()}
+    if refused := {name: count for name, count in counted.items() if count}:
         meta['refused'] = refused
     status = [columns[t.topic].status_changes(clock) for t in telegrams.AT if t.topic in columns]
     if len(status) == len(telegrams.AT):
@@ -157,6 +176,9 @@ def _read_bag(path: Path) -> Trace:
     signals = _signals(tables, cycles)
     if 'current' in signals:
         signals['current'] /= meta['torque_constant_n_m_a']
+    if len(common):
+        rows = np.searchsorted(sampled, cycles)
+        signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
     return Trace(cycles * meta['cycle_time_s'], signals, meta)
 
 

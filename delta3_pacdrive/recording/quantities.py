@@ -10,7 +10,13 @@ import math
 import re
 from typing import NamedTuple
 
-from delta3_pacdrive.recording.signals import DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS, columns_of
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    DERIVED_SIGNALS,
+    SIGNALS,
+    TRUE_SIGNALS,
+    columns_of,
+)
 
 # what a drive's oscilloscope and an external measurement add to the signals of a run
 MEASURED = {
@@ -33,7 +39,7 @@ OF_ARMS = {
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
 NORMS = ('tcp_error_norm',)  # signals of one column
-QUANTITIES = SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED | OF_ARMS
+QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED | OF_ARMS
 
 # unit in a file: (SI unit, factor)
 UNITS = {

@@ -5,7 +5,7 @@ SIGNALS = {
     'motor_command': ('rad', 'motor shaft command of the MDT'),
     'motor_position': ('rad', 'motor shaft position of the AT'),
     'motor_speed': ('rad/s', 'motor shaft speed of the AT'),
-    'current': ('A', 'I_eff of the AT'),
+    'current': ('A', 'I_eff of the AT: one sample, the last of the current loop before it'),
     'following_error': ('rad', 'arm following error, dead time removed (7.3)'),
     'tcp_command': ('m', 'TCP of the command'),
     'tcp_actual': ('m', 'TCP by forward kinematics of the actual angles'),
@@ -13,6 +13,14 @@ SIGNALS = {
     'shaft_position': ('rad', 'true motor shaft position'),
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
+}
+# of all samples that the current loops of a bus cycle leave, 16 in a millisecond: the first one of cycle k at its start
+# and one period, the last one at the start of cycle k + 1, which is the one of AT(k + 1)
+CURRENT_SIGNALS = {
+    'current_mean': ('A', 'I_eff, mean of all samples of the bus cycle'),
+    'current_rms': ('A', 'I_eff, root of the mean square of all samples of the bus cycle'),
+    'current_min': ('A', 'I_eff, least sample of the bus cycle'),
+    'current_max': ('A', 'I_eff, greatest sample of the bus cycle'),
 }
 # what no topic tells: only simulations hold it
 TRUE_SIGNALS = {

@@ -283,8 +283,9 @@ MDT = Topic(
 )
 AT = Topic(
     'sercos/at/axisN', JointState, CYCLIC, (DRIVE,), (TASK,),
-    'encoder position [rad], on the increment grid, speed [rad/s], torque K_m I_eff [N m] as effort; in the frame the '
-    'status word S-0-0135, the word of the service channel, the session',
+    'encoder position [rad], on the increment grid, and speed [rad/s] at the start of the cycle; as effort the torque '
+    'K_m I_eff [N m] of one sample, the last of the current loop before it; in the frame the status word S-0-0135, the '
+    'word of the service channel, the session',
     CYCLE, AT_FRAME, telegrams.AT, one_writer=True, recorded=True,
 )
 MOTOR_CURRENT = Topic(

@@ -87,8 +87,8 @@ def declare_robot(node: Node, kind: str, writable: frozenset[str] = frozenset())
         for f in dataclasses.fields(cls):
             key = f'{group}.{f.name}'
             default = defaults[key]
-            of_type = f.type if f.type in (int, float, bool) else list
-            low, high = f.metadata['low'], f.metadata['high']
+            of_type = f.type if f.type in (int, float, bool, str) else list
+            low, high = f.metadata.get('low', 0.0), f.metadata.get('high', 0.0)
             # what is read only cannot be hidden again
             changeable = key in writable or not shows(kind, key)
             info = descriptor(f.metadata['description'], low, high, of_type, changeable)

@@ -25,11 +25,18 @@ class Control(IntFlag):
     Bits 8, 9 and 11 choose the operation mode. They stay 0, the primary one (S-0-0032): the drive has no other and
     looks at none of them. Bit 10 (IPOSYNC) toggles with each new command where the control unit's cycle spans several
     of the bus; here both are one (S-0-0001, S-0-0002), each MDT brings a command, and the bit stays 0.
+
+    Bits 7 and 6 are the real-time control bits 2 and 1. Like IPOSYNC they belong to the bus cycle of their MDT, not to
+    the next one: what they mark has begun when a drive has them.
     """
 
     DRIVE_ON = 1 << 15
     ENABLE = 1 << 14
     RUN = 1 << 13  # 0 = halt
+    PROGRAM = (
+        1 << 7
+    )  # real-time control bit 2: a program is driven; its rise begins new figures of the current
+    MEASURE = 1 << 6  # real-time control bit 1: the currents of this bus cycle belong to these figures
 
 
 class Status(IntFlag):
@@ -92,6 +99,8 @@ class OperationMode(IntFlag):
 CONTROL_OFF = 0
 CONTROL_ON = int(Control.DRIVE_ON)
 CONTROL_ENABLE = int(Control.DRIVE_ON | Control.ENABLE | Control.RUN)
+CONTROL_PROGRAM = int(Control.PROGRAM)
+CONTROL_MEASURE = int(Control.PROGRAM | Control.MEASURE)
 
 
 # plain integers: operations on flags are 20 times slower

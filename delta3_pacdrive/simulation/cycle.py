@@ -13,12 +13,13 @@ Arguments of the kernels here:
     Array of one record ``PLANT``.
 ``answers``
     What the AT say: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
-``task``
-    Array of one record ``TASK``, shape (1,).
+``task``, ``robot``
+    Arrays of one record ``TASK`` and ``ROBOT``, shape (1,).
 ``signals``
-    Takes the signals in the order of ``NAMES``, shape (13, cycles, 3).
+    Takes the signals in the order of ``NAMES``, shape (17, cycles, 3).
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,7 +37,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import true_tcp
-from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -45,10 +46,11 @@ from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
 
-NAMES = (*SIGNALS, *TRUE_SIGNALS)
+NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS)
 (
     MOTOR_COMMAND, MOTOR_POSITION, MOTOR_SPEED, CURRENT, FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR,
-    SHAFT_POSITION, SHAFT_SPEED, COUPLING_TORQUE, ARM_ANGLE, TCP_TRUE,
+    SHAFT_POSITION, SHAFT_SPEED, COUPLING_TORQUE,
+    CURRENT_MEAN, CURRENT_RMS, CURRENT_MIN, CURRENT_MAX, ARM_ANGLE, TCP_TRUE,
 ) = range(len(NAMES))  # fmt: skip
 
 
@@ -63,6 +65,17 @@ def note_command(cycle, motors, plant, signals):
         signals[COUPLING_TORQUE, cycle, i] = shafts[6 + i]
         signals[ARM_ANGLE, cycle, i] = plant[0].state.theta[i]
         signals[TCP_TRUE, cycle, i] = tcp[i]
+
+
+@kernel
+def note_currents(cycle, robot, signals):
+    """Note what the current loops have left in a bus cycle."""
+    for i in range(3):
+        s, c = robot[0].drives[i].state, robot[0].drives[i].constants
+        signals[CURRENT_MEAN, cycle, i] = s.cycle_sum / c.steps_per_cycle
+        signals[CURRENT_RMS, cycle, i] = math.sqrt(s.cycle_square / c.steps_per_cycle)
+        signals[CURRENT_MIN, cycle, i] = s.cycle_min
+        signals[CURRENT_MAX, cycle, i] = s.cycle_max
 
 
 @kernel
@@ -110,6 +123,7 @@ def run_stretch(cycles, control, task, timeline, robot, built, currents, signals
         command_cycle(k, task, timeline)
         note_command(k, c.motors, r.plant, signals)
         robot_cycle(c.motors, control, c.state.payload, robot, built, currents)
+        note_currents(k, robot, signals)
         if before != triple(r.status):
             return k
         answer_cycle(k, r.answers[0], r.answers[2], task)
@@ -229,6 +243,7 @@ class SimulatedOperation:
         note_command(cycle, motors, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
         robot.cycle(motors, control, payload, received)
+        note_currents(cycle, robot.record, self._signals)
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""

@@ -67,6 +67,8 @@ def run(program: Program, parameters: Parameters) -> Trace:
     operation = SimulatedOperation(robot, task, program.faults, parameters)
     signals = operation.run()
     signals['current'] /= parameters.motor.torque_constant_n_m_a
+    for axis, drive in enumerate(robot.drives):
+        task.current_peak[axis], task.current_rms[axis] = drive.program_current()
     meta = _meta(planned, parameters, task) | {
         'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
         'stopped': operation.stopped,

@@ -93,7 +93,9 @@ class Film:
         if len(self.time_s) > 1:
             self._speed = np.linalg.norm(np.gradient(self._tcp, self.time_s, axis=0), axis=1)
         nominal, limit = robot.motor.nominal_current_a, robot.drive.overload_time_s
-        self._overload = overload_of(self._current / nominal, run.period_s) / limit
+        # the drives' monitoring takes all samples of a cycle
+        load = trace.signals.get('current_rms', self._current)
+        self._overload = overload_of(load / nominal, run.period_s) / limit
         torque = robot.motor.torque_constant_n_m_a * self._current
         self._rows = rows_of(self.time_s, self._theta, self._lag, torque, self._current, self._speed, robot)
         self._rows = self._rows[np.isfinite(self._rows).all(axis=1)]

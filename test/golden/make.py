@@ -5,8 +5,9 @@
 
 The simulator gives the same bits wherever the same machine code runs. ``maker`` is a digest of what that depends on:
 versions of the interpreter, of numba and its compiler, numpy, scipy, ruckig and the C library, and the kind of
-processor. Figures have nine digits; a digest of each run holds every bit of every signal. They may change only with the
-equations, the parameters or the programs; a commit that changes them says why.
+processor. Figures have nine digits; two digests of each run hold every bit of every signal, one of them
+the signals that all samples of the current loops make. They may change only with the equations, the parameters or the
+programs; a commit that changes them says why.
 """
 
 import hashlib
@@ -19,6 +20,7 @@ import numpy as np
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 
 FILE = Path(__file__).parent / 'figures.json'
 COMMAND = 'python test/golden/make.py'
@@ -130,10 +132,10 @@ def _rounded(values):
     return [float(f'{value:.{DIGITS}g}') for value in np.ravel(values).tolist()]
 
 
-def digest(trace):
-    """Return the SHA-256 of all signals of a run with their names."""
+def digest(trace, names):
+    """Return the SHA-256 of signals of a run with their names."""
     found = hashlib.sha256(trace.time_s.tobytes())
-    for key in sorted(trace.signals):
+    for key in sorted(names):
         found.update(f'{key} {trace[key].shape}'.encode() + np.ascontiguousarray(trace[key]).tobytes())
     return found.hexdigest()
 
@@ -153,7 +155,8 @@ def figures(name):
         'end_cycle': trace.meta['end_cycle'],
         'stopped': trace.meta['stopped'],
         'lost_telegrams': trace.meta['lost_telegrams'],
-        'sha256': digest(trace),
+        'sha256': digest(trace, trace.signals.keys() - CURRENT_SIGNALS.keys()),
+        'sha256_of_samples': digest(trace, CURRENT_SIGNALS),
         'figures': {key: _rounded(value) for key, value in trace.meta['figures'].items()},
     }
     signals = {key: np.sqrt((values**2).mean(axis=0)) for key, values in trace.signals.items()}

@@ -37,6 +37,7 @@ def test_a_run_has_its_golden_figures(name):
         assert found[key] == wanted[key], key
     if here:
         assert found['sha256'] == wanted['sha256']
+        assert found['sha256_of_samples'] == wanted['sha256_of_samples']
     for group in ('figures', 'rms', 'last'):
         assert found[group].keys() == wanted[group].keys()
         for key, values in wanted[group].items():

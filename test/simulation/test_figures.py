@@ -49,12 +49,23 @@ def test_maximum_and_rms_of_the_tcp_error_are_those_of_its_length(trace):
     assert figures['tcp_error_rms_m'] < 0.8 * figures['tcp_error_max_m']
 
 
-def test_peak_and_rms_of_the_currents_are_those_of_each_axis(trace):
+def test_peak_and_rms_of_the_currents_in_the_at_are_those_of_each_axis(trace):
     current = trace['current'][measured(trace)]
     figures = trace.meta['figures']
-    assert figures['current_peak_a'] == pytest.approx(np.abs(current).max(axis=0).tolist(), rel=EXACT)
-    assert figures['current_rms_a'] == pytest.approx(np.sqrt((current**2).mean(axis=0)).tolist(), rel=EXACT)
+    peak, rms = np.abs(current).max(axis=0), np.sqrt((current**2).mean(axis=0))
+    assert figures['at_current_peak_a'] == pytest.approx(peak.tolist(), rel=EXACT)
+    assert figures['at_current_rms_a'] == pytest.approx(rms.tolist(), rel=EXACT)
     assert (current.min(axis=0) < -1.5 * current.max(axis=0)).all()  # the peaks are negative
+
+
+def test_peak_and_rms_of_the_currents_are_those_of_all_samples_of_each_axis(trace):
+    low, high, rms = (trace[name][measured(trace)] for name in ('current_min', 'current_max', 'current_rms'))
+    peak = np.maximum(-low, high).max(axis=0)
+    figures = trace.meta['figures']
+    assert figures['current_peak_a'] == peak.tolist()
+    assert figures['current_rms_a'] == pytest.approx(np.sqrt((rms**2).mean(axis=0)).tolist(), rel=EXACT)
+    # the AT tell one sample of sixteen, after the pulse with which each cycle begins
+    assert (peak > 1.05 * np.array(figures['at_current_peak_a'])).all()
 
 
 def test_the_largest_following_error_may_be_of_either_sign(trace, robot):

@@ -5,15 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
-from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
+from delta3_pacdrive.analysis import oscilloscope_run
 from delta3_pacdrive.analysis.study import OnProgress, silent
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.errors import EstimationError, RunError
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion.program import Output, Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.simulation.robot import Robot
 
 MOVING_RAD_S = 1.0  # a shaft that turns faster moves
 MARGIN_S = 0.02  # kept before and after the motion
@@ -124,42 +121,14 @@ def simulate(
 
 def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress: OnProgress) -> Trace:
     """Run drives and plant period by period: the same bits as the simulation with two periods per exchange."""
-    period = parameters.drive.current_period_s
-    finest = parameters.replace(bus__exchange_period_s=max(125e-6, parameters.drive.velocity_period_s))
-    placed = simulation.placed(finest, program)
-    robot, task = Robot(placed), Transformation(placed)
-    planned = program_planner.plan(program, task.locate(robot.encoder_positions()), placed)
-    task.load(planned.plan)
-    task.enable(placed.motion.enable_cycle)
-    task.start(placed.motion.start_cycle)
-    cycles, steps = task.last_cycle + 1, round(placed.bus.cycle_time_s / period)
-    scope = Oscilloscope(robot, cycles * steps)
-    answers = np.empty((3, 3))
-    for cycle in range(cycles):
-        status = scope.begin_cycle(task.command(cycle), task.control(cycle))
-        for i, drive in enumerate(robot.drives):
-            answers[:, i] = drive.answer
-        for _ in range(steps // scope.per_exchange):
-            scope.exchange(robot.payload)
-        if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
-            raise RunError(f'a drive is without torque in bus cycle {cycle}, status {status}')
-        task.receive(cycle, answers[0], answers[2])
-        if cycle % 50 == 0:
-            on_progress('measurement', cycle, cycles)
+    recorded = oscilloscope_run.run(program, parameters, on_progress, 'measurement')
+    scope = recorded.scope
     signals = scope.signals() | {
         'shaft_position': scope.found['position'],
         'shaft_speed': scope.found['speed'],
     }
-    meta = {
-        'program': planned.name,
-        'checksum': parameters.checksum,
-        'gear_ratio': parameters.dynamics.gear_ratio,
-        'cycle_time_s': placed.bus.cycle_time_s,
-        'sample_time_s': period,
-        'start_cycle': placed.motion.start_cycle,
-        'end_cycle': task.end_cycle,
-    }
-    return Trace(np.arange(cycles * steps, dtype=np.float64) * period, signals, meta)
+    times = np.arange(len(signals['current']), dtype=np.float64) * parameters.drive.current_period_s
+    return Trace(times, signals, recorded.meta)
 
 
 def with_noise(trace: Trace, parameters: Parameters, scale: float, seed: int) -> Trace:

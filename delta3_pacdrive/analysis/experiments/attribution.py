@@ -225,8 +225,8 @@ def _numbers(comparison: Comparison) -> dict[tuple[str, str], float]:
     """Return what is explained, of one run."""
     numbers = {(name, 'deviation'): comparison.mean_square_deviation(name) for name in comparison.names}
     for name, statistic in EXPLAINED:
-        values = comparison.measured(comparison.robot.actual[name])
-        found = np.abs(values).max() if statistic == 'max' else math.sqrt((values**2).mean())
+        largest, square = map(comparison.measured, comparison.extent(comparison.robot, name))
+        found = np.abs(largest).max() if statistic == 'max' else math.sqrt((square**2).mean())
         numbers[name, statistic] = float(found)
     return numbers
 

@@ -7,6 +7,9 @@ behind the gear and the TCP of the arms as they are built, only simulations tell
 The actual acceleration is not measured: it is the slope of the straight line through the actual speed of the five
 cycles (at 1 ms) within ``run_signals.SLOPE_S`` on either side. The reference acceleration is the same slope of the
 reference speed, so that smoothing is no difference between the two; the thesis could compare only with the reference.
+
+The current is the mean of all samples that the current loop leaves in a bus cycle, which is what moves the arm; its
+maxima and rms are those of the samples.
 """
 
 import math
@@ -21,7 +24,7 @@ from delta3_pacdrive.analysis.run_signals import delayed, derivatives, positive,
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.recording.signals import TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
 Values = dict[str, Floats]  # (cycles, columns) by the names of ``QUANTITIES``
@@ -54,6 +57,7 @@ class Quantity:
     position: bool = False
 
 
+OF_SAMPLES = ('current_min', 'current_max', 'current_rms')  # beside the mean
 _AXES, _XYZ, _NORM = ('1', '2', '3'), ('x', 'y', 'z'), ('',)
 _DEG = math.degrees(1.0)
 QUANTITIES = {
@@ -61,6 +65,7 @@ QUANTITIES = {
     'arm_speed': Quantity('arm velocity', 'rad/s', 'deg/s', _DEG, _AXES),
     'arm_acceleration': Quantity('arm acceleration', 'rad/s^2', 'deg/s^2', _DEG, _AXES),
     'current': Quantity('current I_eff', 'A', 'A', 1.0, _AXES),
+    'current_at': Quantity('current I_eff in the AT', 'A', 'A', 1.0, _AXES),
     'tcp': Quantity('TCP position', 'm', 'mm', 1e3, _XYZ, True),
     'tcp_error_norm': Quantity('norm of the TCP error', 'm', 'mm', 1e3, _NORM),
     'tcp_error_norm_raw': Quantity('norm of the TCP error with set-point delay', 'm', 'mm', 1e3, _NORM),
@@ -81,7 +86,8 @@ class Run:
     period_s
         Of the bus.
     actual
-        Signals by the names of ``QUANTITIES``, each (cycles, columns), nan where a recording has a gap.
+        Signals by the names of ``QUANTITIES``, each (cycles, columns), nan where a recording has a gap; beside them
+        ``OF_SAMPLES``, where they are known.
     reference
         What the drives were told, delayed as set points reach them; of those that have one.
     missing
@@ -127,7 +133,9 @@ class Run:
         elif 'arm_acceleration' in signals:
             actual['arm_acceleration'] = part['arm_acceleration']
         if 'current' in signals:
-            actual['current'] = part['current']
+            actual['current'] = actual['current_at'] = part['current']
+            if set(CURRENT_SIGNALS) <= signals.keys():
+                actual |= {'current': part['current_mean']} | {name: part[name] for name in OF_SAMPLES}
         if 'tcp_actual' in signals:
             actual['tcp'] = part['tcp_actual']
         if 'tcp_error' in signals:
@@ -184,6 +192,8 @@ class Run:
 
         def moved(values: Values) -> Values:
             found = {name: resampled(self.time_s, of, time_s, self.period_s) for name, of in values.items()}
+            if set(OF_SAMPLES) <= found.keys():
+                found |= self._currents_within(time_s, other.period_s)
             if {'arm_speed', 'arm_acceleration'} <= found.keys() and self.period_s != other.period_s:
                 found['arm_acceleration'] = slope(found['arm_speed'], other.period_s)
             return found
@@ -196,6 +206,26 @@ class Run:
             reference=moved(self.reference),
             origin_s=other.origin_s,
         )
+
+    def _currents_within(self, time_s: Floats, period_s: float) -> Values:
+        """Return the currents of all samples of longer cycles; without any where they are no whole number of its own."""
+        count = round(period_s / self.period_s)
+        rows = np.rint((time_s - self.time_s[0]) / self.period_s).astype(np.int64)
+        rows = np.minimum(rows[:, None] + np.arange(count), len(self.cycle) - 1)
+        of = {name: self.actual[name][rows] for name in ('current', *OF_SAMPLES)}
+        return {
+            'current': of['current'].mean(axis=1),
+            'current_min': of['current_min'].min(axis=1),
+            'current_max': of['current_max'].max(axis=1),
+            'current_rms': np.sqrt((of['current_rms'] ** 2).mean(axis=1)),
+        }
+
+    def of_the_at(self) -> 'Run':
+        """Return the run with the current as an AT tells it, for a comparison with one that has no other."""
+        actual = {name: values for name, values in self.actual.items() if name not in OF_SAMPLES}
+        if 'current_at' in actual:
+            actual['current'] = actual['current_at']
+        return replace(self, actual=actual)
 
 
 @dataclass(frozen=True)
@@ -266,6 +296,8 @@ class Comparison:
             robot = robot.at(model)
         elif model.period_s < robot.period_s:
             model = model.at(robot)
+        if not set(OF_SAMPLES) <= model.actual.keys() & robot.actual.keys():
+            model, robot = model.of_the_at(), robot.of_the_at()
         _, of_model, of_robot = np.intersect1d(model.cycle, robot.cycle, return_indices=True)
         found = Comparison(model.rows(of_model), robot.rows(of_robot), start_s)
         if not found.counted.any():
@@ -299,6 +331,14 @@ class Comparison:
         rows = values[self.counted]
         return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
+    def extent(self, run: Run, name: str) -> tuple[Floats, Floats]:
+        """Return a signal as it counts for its maximum, and as it counts for its rms: of a current all samples."""
+        values = run.actual[name]
+        if name != 'current' or not all(own in run.actual for own in OF_SAMPLES):
+            return values, values
+        low, high, rms = (run.actual[own] for own in OF_SAMPLES)
+        return np.maximum(high, -low), rms
+
     def deviation(self, name: str) -> Floats:
         """Robot - model, shape (cycles, columns)."""
         return self.robot.actual[name] - self.model.actual[name]
@@ -326,6 +366,7 @@ class Comparison:
         arrays = {'deviation': self.deviation(name)}
         for who, run in (('model', self.model), ('robot', self.robot)):
             arrays[who] = run.actual[name]
+            arrays[f'{who}_max'], arrays[f'{who}_rms'] = self.extent(run, name)
             if name in run.reference:
                 arrays[f'{who}_from_reference'] = run.actual[name] - run.reference[name]
         known = self.counted & np.isfinite(np.hstack(list(arrays.values()))).all(axis=1)
@@ -333,7 +374,7 @@ class Comparison:
             return []
         times = self.time_s[known]
         arrays = {key: quantity.factor * values[known] for key, values in arrays.items()}
-        model = arrays['model']
+        model = arrays['model_max']
         from_start = model - model[0] if quantity.position else model
         columns = {label: slice(i, i + 1) for i, label in enumerate(quantity.columns)}
         if len(columns) > 1:
@@ -346,9 +387,12 @@ class Comparison:
         for label, column in columns.items():
             numbers: dict[str, float | None] = {}
             for key in ('model', 'robot', 'deviation', 'model_from_reference', 'robot_from_reference'):
-                values = arrays[key][:, column] if key in arrays else None
-                numbers[f'{key}_max'] = None if values is None else float(size(values).max())
-                numbers[f'{key}_rms'] = None if values is None else _rms(values, in_space)
+                if key not in arrays:
+                    numbers[f'{key}_max'] = numbers[f'{key}_rms'] = None
+                    continue
+                largest, square = (arrays.get(f'{key}_{of}', arrays[key])[:, column] for of in ('max', 'rms'))
+                numbers[f'{key}_max'] = float(size(largest).max())
+                numbers[f'{key}_rms'] = _rms(square, in_space)
             worst = size(arrays['deviation'][:, column])
             for key in ('max', 'rms'):
                 value = numbers[f'deviation_{key}'] or 0.0

@@ -35,6 +35,7 @@ from delta3_pacdrive.analysis.run_signals import SLOPE_S, ZOOM_S, busiest
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 PER_EXPERIMENT = 8
 ATTRIBUTION = 'attribution.png'
@@ -107,6 +108,8 @@ def panels(
     """
     quantity = QUANTITIES[name]
     heading = f'{title}: {_typeset(quantity.text)}' + (' (zoom)' if shown else '')
+    if name == 'current':
+        heading += ' (mean, band of all samples, dots of the AT)'
     if name == 'arm_acceleration':
         heading += f' (slope of the velocity within ±{1e3 * SLOPE_S:g} ms)'
     figure = titled_figure(heading, 6.6)
@@ -116,6 +119,8 @@ def panels(
     time_s, runs = comparison.time_s[keep], (comparison.model, comparison.robot)
     model, robot = (quantity.factor * run.actual[name][keep] for run in runs)
     referred = name in comparison.model.reference and name in comparison.robot.reference
+    if name == 'current':
+        _draw_samples(comparison, keep, grid[:, 0])
     for i, (left, right) in enumerate(grid):
         left.plot(time_s, model[:, i], label='model', **MODEL)
         left.plot(time_s, robot[:, i], label='robot', **ROBOT)
@@ -139,6 +144,20 @@ def panels(
     panel_title(grid[0, 1], f'{text} ({unit})')
     legend_above(grid[0, 0])
     return figure
+
+
+def _draw_samples(comparison: Comparison, keep: NDArray[np.bool_], panels: Sequence[Axes]) -> None:
+    """Draw all samples of the currents as bands behind their means, and those that the AT tell as dots."""
+    time_s = comparison.time_s[keep]
+    for run, look in ((comparison.robot, ROBOT), (comparison.model, MODEL)):
+        told = {'color': look['color'], 'linestyle': 'none', 'marker': '.', 'markersize': 1.2, 'zorder': 4.0}
+        for i, axes in enumerate(panels):
+            if {'current_min', 'current_max'} <= run.actual.keys():
+                low, high = run.actual['current_min'][keep, i], run.actual['current_max'][keep, i]
+                axes.fill_between(
+                    time_s, low, high, color=look['color'], alpha=0.3, linewidth=0.0, zorder=2.0
+                )
+            axes.plot(time_s, run.actual['current_at'][keep, i], **told)
 
 
 def tcp_path(comparison: Comparison, title: str) -> Figure:

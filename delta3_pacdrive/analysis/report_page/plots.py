@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
 
 AXES, XYZ = ('axis 1', 'axis 2', 'axis 3'), ('x', 'y', 'z')
 ACTUAL, COMMAND, TRUE = 'actual', 'command', 'true'
@@ -19,7 +19,7 @@ DERIVED = {
     'master_acceleration': ('m/s2', 'acceleration of the virtual master'),
     'tcp_acceleration_norm': ('m/s2', 'acceleration of the actual TCP, norm'),
 }
-QUANTITIES = SIGNALS | TRUE_SIGNALS | DERIVED
+QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ PLOTS = (
     ),
     Plot('TCP error', 'mm', 1e3, (('tcp_error', ACTUAL),), XYZ),
     Plot('TCP error, norm', 'mm', 1e3, (('tcp_error_norm', ACTUAL),), ('norm',), shown=False),
-    Plot('Current', 'A', 1.0, (('current', ACTUAL),), AXES),
+    Plot('Current', 'A', 1.0, (('current_mean', ACTUAL), ('current', COMMAND)), AXES),
     Plot('Following error of the arms', 'deg', DEG, (('following_error', ACTUAL),), AXES),
     Plot('Arm speed', 'deg/s', DEG, (('motor_speed', ACTUAL),), AXES, of_arm=True),
     Plot(

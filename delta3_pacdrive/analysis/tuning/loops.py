@@ -18,8 +18,14 @@ from enum import StrEnum
 import numpy as np
 
 from delta3_pacdrive.analysis.tuning.periodic import Periodic
+from delta3_pacdrive.drive import cascade
+from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import CUBIC, Parameters
+
+cubic_way, cubic_slope, cubic_bend = (
+    interpreted(kernel) for kernel in (cascade.cubic_way, cascade.cubic_slope, cascade.cubic_bend)
+)
 
 
 class Entry(StrEnum):
@@ -136,17 +142,26 @@ class _Period:
         if shaft.believed_kg_m2 is not None:
             x['coupling'] = (shaft.inertia_kg_m2 - shaft.believed_kg_m2) * x['acceleration']
 
+    def _set_point_steps(self) -> tuple[Floats, Floats, Floats]:
+        x = self.signals
+        now, after = x['command'] - x['command_before'], x['next_command'] - x['command']
+        return x['command_before'] - x['command_before_that'], now, after
+
     def _position_loop(self) -> None:
         x, drive, bus = self.signals, self._parameters.drive, self._parameters.bus
         per_cycle = round(bus.cycle_time_s / drive.position_period_s)
         passed = (self._n // round(drive.position_period_s / drive.current_period_s) + 1) / per_cycle
-        change = x['command'] - x['command_before']
-        reference = x['command_before'] + passed * change + self._given(Entry.POSITION)
+        steps = self._set_point_steps()
+        if drive.interpolation == CUBIC:
+            way, slope = cubic_way(*steps, passed), cubic_slope(*steps, passed)
+        else:
+            way, slope = passed * steps[1], steps[1]
+        reference = x['command_before'] + way + self._given(Entry.POSITION)
         error = reference - x['read']
         if self._entry == Entry.POSITION_ERROR:
             error = self._input
         self.outputs['position_error'] = error
-        feedforward = drive.velocity_feedforward / bus.cycle_time_s * change
+        feedforward = drive.velocity_feedforward / bus.cycle_time_s * slope
         x['speed_reference'] = feedforward + drive.position_gain_rad_s_rad * error
 
     def _velocity_loop(self, exchange: bool) -> Floats:
@@ -169,7 +184,12 @@ class _Period:
         self.outputs['speed_error'] = error
         step = drive.velocity_integral_gain_a_rad * drive.velocity_period_s
         x['velocity_integral'] = x['velocity_integral'] + step * error
-        second = x['command'] - 2.0 * x['command_before'] + x['command_before_that']
+        before, now, after = self._set_point_steps()
+        second = now - before
+        if drive.interpolation == CUBIC:
+            cycle_s = self._parameters.bus.cycle_time_s
+            passed = (self._n * drive.current_period_s + drive.velocity_period_s) / cycle_s
+            second = cubic_bend(before, now, after, passed)
         torque = drive.current_feedforward * drive.feedforward_inertia_kg_m2
         acceleration = second / self._parameters.bus.cycle_time_s**2
         feedforward = torque / self._parameters.motor.torque_constant_n_m_a * acceleration

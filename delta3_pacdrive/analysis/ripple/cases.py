@@ -1,0 +1,86 @@
+"""One run with oscilloscopes, and the figures of its currents."""
+
+import numpy as np
+
+from delta3_pacdrive.analysis import oscilloscope_run
+from delta3_pacdrive.analysis.oscilloscope_run import Recorded
+from delta3_pacdrive.analysis.ripple.study import Case, Samples
+from delta3_pacdrive.analysis.run_signals import AFTER_S
+from delta3_pacdrive.analysis.study import OnProgress
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+# a plan of moves asks for jerk of some tens of Hz; what lies above is heard, and excites frame and gears
+JERK_FROM_HZ = 100.0
+LEFT = ('reference', 'speed_reference', 'current_reference', 'motor_current')
+
+
+def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgress) -> Case:
+    """Run a program, and form the figures from its start until shortly after its end.
+
+    Raises
+    ------
+    ProgramError
+        The program is refused.
+    RunError
+        A drive has no torque, or loses it.
+
+    """
+    bus, drive = robot.bus, robot.drive
+    stage = f'{1e3 * bus.cycle_time_s:g} ms, {drive.interpolation}'
+    run = oscilloscope_run.run(program, robot, on_progress, stage, LEFT)
+    start, end = run.meta['start_cycle'], run.meta['end_cycle'] + round(AFTER_S / bus.cycle_time_s)
+    cycles = slice(start, min(end, len(run.answers)))
+    rows = slice(cycles.start * run.steps, cycles.stop * run.steps)
+    told = run.answers[cycles, 2] / robot.motor.torque_constant_n_m_a
+    current = run.scope.left['motor_current'][rows]
+    error = np.linalg.norm(run.tcp_error[cycles], axis=1)
+    return Case(
+        bus.cycle_time_s,
+        drive.interpolation,
+        robot.set_point_delay_cycles * bus.cycle_time_s,
+        *_peak_and_rms(told),
+        *_peak_and_rms(current),
+        _rms(_jerk(current, robot)).tolist(),
+        float(error.max()),
+        float(_rms(error)),
+        _samples(run, rows, cycles, told, axis, robot),
+    )
+
+
+def _peak_and_rms(values: Floats) -> tuple[list[float], list[float]]:
+    return np.abs(values).max(axis=0).tolist(), _rms(values).tolist()
+
+
+def _rms(values: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def _jerk(current: Floats, robot: Parameters) -> Floats:
+    """Jerk [rad/s^3] of an arm with the mean inertia under the torque of its motor, without its slow part."""
+    period_s = robot.drive.current_period_s
+    per_ampere = robot.motor.torque_constant_n_m_a * robot.dynamics.gear_ratio
+    jerk = np.diff(current, axis=0) / period_s * per_ampere / robot.drive.observer_arm_inertia_kg_m2
+    spectrum = np.fft.rfft(jerk, axis=0)
+    spectrum[np.fft.rfftfreq(len(jerk), period_s) < JERK_FROM_HZ] = 0.0
+    return np.fft.irfft(spectrum, len(jerk), axis=0)
+
+
+def _samples(
+    run: Recorded, rows: slice, cycles: slice, told: Floats, axis: int, robot: Parameters
+) -> Samples:
+    period_s, cycle_s, i = robot.drive.current_period_s, robot.bus.cycle_time_s, axis - 1
+    left, found = run.scope.left, run.scope.found
+    count = rows.stop - rows.start
+    return Samples(
+        np.arange(count) * period_s,
+        left['reference'][rows, i],
+        left['speed_reference'][rows, i],
+        found['speed'][rows, i],
+        left['current_reference'][rows, i],
+        found['voltage'][rows, i],
+        left['motor_current'][rows, i],
+        np.arange(cycles.stop - cycles.start) * cycle_s,
+        told[:, i],
+    )

@@ -1,0 +1,74 @@
+"""The ripple from its settings to its folder: every cycle time with every interpolation, table and figures."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import study as studies
+from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.ripple import figures, report
+from delta3_pacdrive.analysis.ripple.cases import measure
+from delta3_pacdrive.analysis.ripple.study import Case, Results, Settings
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.program import Program
+
+
+@dataclass
+class Study(studies.Study):
+    """The study is the ripple of a program in a folder."""
+
+    settings: Settings
+    robot: core.Parameters = field(init=False)
+    program: Program = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Read the parameters and the program; raises Delta3Error."""
+        self.robot = core.load(self.settings.parameters)
+        self.program = programs.load(self.settings.program, self.robot.motion)
+        if self.program.faults:
+            raise ProgramError(f'{self.settings.program} injects faults: currents would show these')
+
+    def run(self) -> dict[str, Any]:
+        """Run every case, write everything into the folder and return the report; raises Delta3Error."""
+        chosen = self.settings
+        cases = tuple(
+            measure(
+                self.program,
+                self.robot.replace(bus__cycle_time_s=cycle_time_s, drive__interpolation=interpolation),
+                chosen.axis,
+                self.on_progress,
+            )
+            for cycle_time_s in chosen.cycle_times_s
+            for interpolation in chosen.interpolations
+        )
+        found = Results(self.program.name, chosen.axis, cases, self._shown_s(cases))
+        origin = Provenance.of(self.command, self.robot, chosen.parameters, noted([chosen.program]))
+        folder = ReportFolder(self.folder, origin)
+        folder.clear([report.TABLE, 'inside_a_cycle_*.png', figures.CURRENTS])
+        document = report.summary(found, chosen)
+        self.on_progress('table and figures', 0, 0)
+        return folder.results(
+            'Ripple of the motor currents',
+            document,
+            report.text(document),
+            report.tables(found),
+            figures.by_name(found),
+        )
+
+    def _shown_s(self, cases: tuple[Case, ...]) -> float:
+        """Return where the bus cycle begins that is shown: what was asked for, or that of the largest current."""
+        longest = max(case.cycle_time_s for case in cases)
+        samples = cases[0].samples
+        last_s = float(samples.time_s[-1])
+        at_s = self.settings.at_s
+        if at_s is None:
+            at_s = float(samples.time_s[np.abs(samples.current).argmax()])
+        elif not 0.0 <= at_s <= last_s:
+            raise ProgramError(f'--at is {at_s:g} s, but the program goes from 0 to {last_s:.3f} s')
+        # a start of the slowest bus is one of the faster ones as well
+        return float(np.clip(np.floor(at_s / longest + 1e-6), 1, np.floor(last_s / longest) - 2)) * longest

@@ -1,0 +1,130 @@
+"""The samples of the current loops in a recording: figures of each bus cycle, with the bits of the drives'.
+
+A message of ``axisN/motor_current`` has the samples of one exchange period; a bus cycle has one or more of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
+from delta3_pacdrive.sercos.telegrams import Telegram, motor_current
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.sercos.telegram_codec import Message
+
+    Table = tuple[NDArray[np.int64], Floats]
+
+
+class Column(Protocol):
+    """A column takes messages of one layout."""
+
+    refused: int
+
+    def add(self, data: bytes) -> None:
+        """Take a message."""
+
+    def table(self) -> Any:
+        """Stamps [ns] and numbers of the messages of cyclic operation."""
+
+
+class SampleColumn:
+    """A column of samples finds their number in its first message, as the exchange period of the robot has it.
+
+    Parameters
+    ----------
+    axis
+        Whose they are.
+    column
+        Makes the column of a telegram.
+    parse
+        Reads a message of any layout; raises TelegramError.
+
+    """
+
+    def __init__(
+        self, axis: str, column: Callable[[Telegram], Column], parse: Callable[[bytes], Message]
+    ) -> None:
+        self._axis, self._make, self._parse = axis, column, parse
+        self._column: Column | None = None
+        self._refused = 0
+
+    def add(self, data: bytes) -> None:
+        """Take a message."""
+        if self._column is None:
+            try:
+                samples = len(self._parse(data).arrays[2])
+            except (TelegramError, IndexError):
+                samples = 0
+            if not samples:
+                self._refused += 1
+                return
+            self._column = self._make(motor_current(self._axis, samples))
+        self._column.add(data)
+
+    @property
+    def refused(self) -> int:
+        """How many messages had another layout."""
+        return self._refused + (self._column.refused if self._column else 0)
+
+    def table(self) -> Table:
+        """Stamps [ns] of the messages of cyclic operation, shape (n,), and their samples [A], (n, samples)."""
+        if self._column is None:
+            return np.empty(0, np.int64), np.empty((0, 1))
+        stamps, samples = self._column.table()
+        return stamps, samples
+
+
+def samples_of_cycles(table: Table, period_ns: int) -> Table:
+    """Return the bus cycles of which all samples are there, and these in the order of time, shape (n, samples)."""
+    stamps, places = np.unique(table[0], return_index=True)
+    if not len(stamps):
+        return stamps, table[1]
+    exchange_ns = int(np.diff(stamps).min()) if len(stamps) > 1 else period_ns
+    exchange_ns = exchange_ns if period_ns % exchange_ns == 0 else period_ns
+    on_grid = stamps % exchange_ns == 0
+    stamps, places = stamps[on_grid], places[on_grid]
+    count = period_ns // exchange_ns
+    cycles, held = np.unique(stamps // period_ns, return_counts=True)
+    whole = cycles[held == count]
+    rows = places[np.isin(stamps // period_ns, whole)]
+    return whole, np.ascontiguousarray(table[1][rows].reshape(len(whole), -1))
+
+
+def figures_of(samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return mean, rms, least and greatest of the samples [A] of each bus cycle, shapes (n,).
+
+    They are added one after the other as the drive adds them: the bits are the same.
+    """
+    total, square = np.zeros(len(samples)), np.zeros(len(samples))
+    least, greatest = samples[:, 0].copy(), samples[:, 0].copy()
+    for sample in samples.T:
+        total += sample
+        square += sample * sample
+        least = np.where(sample < least, sample, least)
+        greatest = np.where(sample > greatest, sample, greatest)
+    count = samples.shape[1]
+    return total / count, np.sqrt(square / count), least, greatest
+
+
+def of_cycles(tables: Sequence[Table], period_ns: int) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+    """Return the bus cycles of which the samples of all axes are there, and the signals of ``CURRENT_SIGNALS``."""
+    axes = [samples_of_cycles(table, period_ns) for table in tables]
+    common = axes[0][0]
+    for cycles, _ in axes[1:]:
+        common = np.intersect1d(common, cycles)
+    if not len(common):
+        return common, {}
+    figures = [figures_of(samples[np.searchsorted(cycles, common)]) for cycles, samples in axes]
+    return common, {
+        name: np.stack(columns, axis=1)
+        for name, columns in zip(CURRENT_SIGNALS, zip(*figures, strict=True), strict=True)
+    }
