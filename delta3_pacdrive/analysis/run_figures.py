@@ -42,12 +42,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
+# samples of AT, on top
 TOLD: dict[str, Any] = {
     'linestyle': 'none',
     'marker': '.',
     'markersize': 1.5,
     'color': '#111111',
-}  # samples of AT
+    'zorder': 3.0,
+}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': DASHED, 'color': '#111111'}
 
 
@@ -152,18 +154,17 @@ def currents(trace: Trace) -> Figure:
     """Motor currents I_eff [A rms]: all samples of the current loops, and those that the AT tell (Fig. 11.6)."""
     run = program_part(trace)
     labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ (A)')
-    if not set(CURRENT_SIGNALS) <= set(run.signals):
+    if not {'current', *CURRENT_SIGNALS} <= run.signals.keys():
         return _three_panels(run, 'Motor currents', labels, run['current'], least=0.1, same_scale=True)
     figure = figure_of_program('Motor currents', run.meta.get('program'), 6.0)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     _dress(run, panels, labels)
     middle = run.time_s + 0.5 * positive(run, 'cycle_time_s')
     for i, (axes, colour) in enumerate(zip(panels, AXIS_COLOURS, strict=True)):
+        axes.plot(run.time_s, run['current'][:, i], label='told by the AT', **TOLD)
         low, high = run['current_min'][:, i], run['current_max'][:, i]
         axes.fill_between(middle, low, high, color=colour, alpha=0.35, linewidth=0.0, label='all samples')
         axes.plot(middle, run['current_mean'][:, i], label='their mean', color=colour, linewidth=1.0)
-        if 'current' in run.signals:
-            axes.plot(run.time_s, run['current'][:, i], label='told by the AT', **TOLD)
     keep_span(panels, 0.1)
     legend_above(panels[0])
     return figure

@@ -96,7 +96,7 @@ def samples_of_cycles(table: Table, period_ns: int) -> Table:
     cycles, held = np.unique(stamps // period_ns, return_counts=True)
     whole = cycles[held == count]
     rows = places[np.isin(stamps // period_ns, whole)]
-    return whole, np.ascontiguousarray(table[1][rows].reshape(len(whole), -1))
+    return whole, np.ascontiguousarray(table[1][rows].reshape(len(whole), count * table[1].shape[1]))
 
 
 def figures_of(samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:

@@ -28,6 +28,7 @@ PICTURES = {
     'following_error.png': signals.following_error,
     'fault_stop.png': signals.fault_stop,
     'built_robot.png': signals.built_robot,
+    'inside_a_cycle.png': signals.inside_a_cycle,
 }
 
 if __name__ == '__main__':

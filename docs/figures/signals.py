@@ -8,6 +8,9 @@ import numpy as np
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure
+from delta3_pacdrive.analysis.ripple import cases, figures
+from delta3_pacdrive.analysis.ripple.study import Results
+from delta3_pacdrive.analysis.study import silent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -118,6 +121,18 @@ def fault_stop() -> Figure:
     )
     bottom.set(xlabel='time from the start of the program [s]', xlim=(0.2, 0.5))
     return figure
+
+
+def inside_a_cycle() -> Figure:
+    """Draw what linear and cubic interpolation make of three slow bus cycles."""
+    robot = d3.load_parameters().replace(bus__cycle_time_s=4e-3)
+    both = [
+        cases.measure(
+            d3.load_program('experiment1', robot), robot.replace(drive__interpolation=name), 1, silent
+        )
+        for name in ('linear', 'cubic')
+    ]
+    return figures.inside_a_cycle(Results('experiment 1', 1, tuple(both), 0.8), both)
 
 
 def built_robot() -> Figure:

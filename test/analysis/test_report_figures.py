@@ -227,14 +227,14 @@ def test_the_effect_of_gains_on_a_program_is_that_of_its_trace(robot):
     first = trace.meta['start_cycle']
     following = trace['following_error'][first:]
     length = np.linalg.norm(trace['tcp_error'][first:], axis=1)
-    current = trace['current'][first:]
+    peak = np.maximum(-trace['current_min'], trace['current_max'])[first:]
     expected = {
         'following_error_max_rad': np.abs(following).max(),
         'following_error_rms_rad': math.sqrt((following**2).mean()),
         'tcp_error_max_m': length.max(),
         'tcp_error_rms_m': math.sqrt((length**2).mean()),
-        'current_peak_a': np.abs(current).max(),
-        'current_rms_a': math.sqrt((current**2).mean(axis=0).max()),
+        'current_peak_a': peak.max(),
+        'current_rms_a': math.sqrt((trace['current_rms'][first:] ** 2).mean(axis=0).max()),
     }
     told = found.figures()
     assert {key: told[key] for key in expected} == pytest.approx(expected, rel=1e-9)

@@ -132,7 +132,14 @@ def test_the_figures_of_a_move_are_those_of_its_cycles(one):
     figures = move_figures(one, move)
     within = (one.part.time_s >= move.start_s - 1e-9) & (one.part.time_s < move.end_s + 1e-9)
     assert figures.duration_s == pytest.approx(one.whole.meta['program_s'] / len(one.moves), rel=0.5)
-    assert figures.current_peak_a == np.abs(one.part['current'][within]).max()
+    part = one.part
+    assert figures.current_peak_a == np.maximum(-part['current_min'], part['current_max'])[within].max()
+    rms = np.sqrt((part['current_rms'][within] ** 2).mean(axis=0)).max()
+    assert figures.current_rms_a == pytest.approx(rms, rel=1e-12)
+    # a recording without all samples has those of the AT
+    held = {name: values for name, values in part.signals.items() if not name.startswith('current_')}
+    bare = move_figures(replace(one, part=replace(part, signals=held)), move)
+    assert bare.current_peak_a == np.abs(part['current'][within]).max() < figures.current_peak_a
     assert figures.tcp_error_max_m == np.linalg.norm(one.part['tcp_error'][within], axis=1).max()
     assert sum(move_figures(one, each).duration_s for each in one.moves) == pytest.approx(
         one.whole.meta['program_s'], abs=1e-9

@@ -19,6 +19,8 @@ FIGURES = {
     'tcp_error_rms_m': 0.00012,
     'current_peak_a': [1.25, 2.5, 3.75],
     'current_rms_a': [0.1, 0.2, 0.3],
+    'at_current_peak_a': [1.0, 2.0, 3.0],
+    'at_current_rms_a': [0.05, 0.15, 0.25],
 }
 
 
@@ -40,6 +42,8 @@ def test_people_read_the_figures_of_a_run_in_their_units(capsys):
         'final TCP': ['(100.000, -0.200, -750.000) mm'],
         'current peak': ['1.25 / 2.50 / 3.75 A'],
         'current rms': ['0.10 / 0.20 / 0.30 A'],
+        'peak in the AT': ['1.00 / 2.00 / 3.00 A'],
+        'rms in the AT': ['0.05 / 0.15 / 0.25 A'],
     }
 
 

@@ -26,6 +26,8 @@ FIGURES = {
     'final_tcp_m': [0.1, -0.02, -0.753],
     'current_peak_a': [1.11, 2.22, 3.33],
     'current_rms_a': [0.44, 0.55, 0.66],
+    'at_current_peak_a': [1.01, 2.02, 3.03],
+    'at_current_rms_a': [0.34, None, 0.36],
 }
 RESULT = FIGURES | {
     'bus_time_s': 3.0,
@@ -61,6 +63,8 @@ def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsy
         'final TCP': ['(100.000, -20.000, -753.000) mm'],
         'current peak': ['1.11 / 2.22 / 3.33 A'],
         'current rms': ['0.44 / 0.55 / 0.66 A'],
+        'peak in the AT': ['1.01 / 2.02 / 3.03 A'],
+        'rms in the AT': ['0.34 / - / 0.36 A'],
         'rounds': ['10 in 4.000 s: 150.0 per minute'],
         'note': ['moves[0] is slowed down', 'moves[3] as well'],
         'bus': ['7 overruns, 9 lost AT'],

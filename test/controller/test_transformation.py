@@ -16,7 +16,8 @@ from delta3_pacdrive.motion.curves import line
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
 from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.motion.virtual_master import plan_master
-from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_MEASURE, CONTROL_ON, CONTROL_PROGRAM
 
 GEAR, K_M, CYCLE_S = 32.0, 0.78, 1e-3
 INCREMENT_RAD = math.tau / 2**19
@@ -136,6 +137,25 @@ def test_a_program_can_start_again_after_its_end(robot):
     second = np.array([task.command(k).copy() for k in range(end + 100, again)])
     assert np.array_equal(first, second)
     assert task.figures().measured_cycles == 0
+
+
+def test_the_control_word_marks_the_cycles_of_a_program_and_those_that_count(robot):
+    task, _, _ = ready_task(robot)
+    assert task.control(50) == CONTROL_ON
+    last = task.start(100) + SETTLE_CYCLES - 1
+    marks = {k: task.control(k) & CONTROL_MEASURE for k in (99, 100, last, last + 1)}
+    assert marks == {99: 0, 100: CONTROL_MEASURE, last: CONTROL_MEASURE, last + 1: CONTROL_PROGRAM}
+    # compiled stretches end where the word changes
+    assert task.next_event(30) == 100
+    assert task.next_event(100) == last + 1
+    assert task.next_event(last + 1) == NEVER
+    commands_of(task, 150)
+    held = task.hold()
+    assert task.control(task.last_cycle) & CONTROL_MEASURE == CONTROL_MEASURE
+    assert task.last_cycle < last
+    assert task.control(task.last_cycle + 1) & CONTROL_MEASURE == CONTROL_PROGRAM, held
+    task.unload()
+    assert task.control(last) == CONTROL_ON
 
 
 def test_the_control_word_enables_from_its_cycle_on(robot):

@@ -130,6 +130,19 @@ def test_tune_a_gain(run):
     assert (with_it < without / 50).all()
 
 
+def test_current_inside_a_cycle(run):
+    _, rows = run('current_inside_a_cycle')
+    assert [row[0] for row in rows] == [1, 1, 2, 2, 4, 4]
+    told, every, spread = np.array([row[1:] for row in rows]).T
+    # linear: the slower the bus, the more the current is, and the less the AT tell of it
+    assert (np.diff(told[::2]) < -0.15).all()
+    assert (np.diff(every[::2]) > 0.15).all()
+    # cubic: neither depends on the bus
+    assert np.ptp(told[1::2]) < 0.02
+    np.testing.assert_allclose(every[1::2], told[1::2], atol=0.015)
+    assert (spread[1::2] < spread[::2] / 2).all()
+
+
 def test_fit_a_parameter(run):
     text, lines = run('fit_a_parameter')
     errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]

@@ -16,6 +16,7 @@ from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
@@ -36,8 +37,12 @@ COMPARED = (
     'shaft_position',
     'shaft_speed',
     'coupling_torque',
+    *CURRENT_SIGNALS,
 )
-FIGURES = ('tcp_error_max_m', 'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a')
+FIGURES = (
+    'tcp_error_max_m', 'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a',
+    'at_current_peak_a', 'at_current_rms_a',
+)  # fmt: skip
 
 
 @pytest.fixture(scope='module')

@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Statistics
+from delta3_pacdrive.analysis.experiments.comparison import OF_SAMPLES, QUANTITIES, Comparison, Statistics
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
 from delta3_pacdrive.analysis.experiments.study import Results
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
@@ -34,6 +34,10 @@ def _signals(comparison: Comparison) -> Table:
                             ('model reference', model.reference), ('robot reference', robot.reference)):  # fmt: skip
             if name in values:
                 columns |= columns_of(f'{name}{{}} {who} [{quantity.unit}]', values[name], labels)
+    for name in OF_SAMPLES:
+        for who, values in (('model', model.actual), ('robot', robot.actual)):
+            if name in values:
+                columns |= columns_of(f'{name}{{}} {who} [A]', values[name], ('_1', '_2', '_3'))
     return Table.of_columns(TABLES[0], columns)
 
 

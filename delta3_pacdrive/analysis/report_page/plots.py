@@ -87,7 +87,15 @@ PLOTS = (
     ),
     Plot('TCP error', 'mm', 1e3, (('tcp_error', ACTUAL),), XYZ),
     Plot('TCP error, norm', 'mm', 1e3, (('tcp_error_norm', ACTUAL),), ('norm',), shown=False),
-    Plot('Current', 'A', 1.0, (('current_mean', ACTUAL), ('current', COMMAND)), AXES),
+    Plot('Current', 'A', 1.0, (('current_mean', ACTUAL),), AXES),
+    Plot(
+        'Current, least and greatest sample of each cycle',
+        'A',
+        1.0,
+        (('current_min', ACTUAL), ('current_max', ACTUAL)),
+        AXES,
+    ),
+    Plot('Current in the AT', 'A', 1.0, (('current', ACTUAL),), AXES, shown=False),
     Plot('Following error of the arms', 'deg', DEG, (('following_error', ACTUAL),), AXES),
     Plot('Arm speed', 'deg/s', DEG, (('motor_speed', ACTUAL),), AXES, of_arm=True),
     Plot(

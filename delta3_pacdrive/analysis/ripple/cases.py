@@ -1,10 +1,11 @@
 """One run with oscilloscopes, and the figures of its currents."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from delta3_pacdrive.analysis import oscilloscope_run
 from delta3_pacdrive.analysis.oscilloscope_run import Recorded
-from delta3_pacdrive.analysis.ripple.study import Case, Samples
 from delta3_pacdrive.analysis.run_signals import AFTER_S
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.motion.program import Program
@@ -14,6 +15,68 @@ from delta3_pacdrive.parameters import Parameters
 # a plan of moves asks for jerk of some tens of Hz; what lies above is heard, and excites frame and gears
 JERK_FROM_HZ = 100.0
 LEFT = ('reference', 'speed_reference', 'current_reference', 'motor_current')
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples are those of one motor in every period of the current loop, shapes (n,).
+
+    Attributes
+    ----------
+    time_s
+        Start of the period, from the start of the program.
+    set_point, speed_reference, speed, current_reference, voltage
+        During the period [rad, rad/s, rad/s, A, V]; the speed at its start.
+    current
+        At its end [A].
+    at_time_s, at_current
+        Of the AT: when its sample was taken, and the sample [A].
+
+    """
+
+    time_s: Floats
+    set_point: Floats
+    speed_reference: Floats
+    speed: Floats
+    current_reference: Floats
+    voltage: Floats
+    current: Floats
+    at_time_s: Floats
+    at_current: Floats
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case is one cycle time with one interpolation; lists are by axis.
+
+    Attributes
+    ----------
+    delay_s
+        Of a set point.
+    at_peak_a, at_rms_a
+        Of the currents that the AT tell.
+    peak_a, rms_a
+        Of all samples.
+    jerk_rad_s3
+        Root mean square of what the motor's torque gives an arm of the mean inertia, above ``JERK_FROM_HZ``.
+    tcp_error_max_m, tcp_error_rms_m
+        Set-point delay removed.
+    samples
+        Of the motor that the figures show.
+
+    """
+
+    cycle_time_s: float
+    interpolation: str
+    delay_s: float
+    at_peak_a: list[float]
+    at_rms_a: list[float]
+    peak_a: list[float]
+    rms_a: list[float]
+    jerk_rad_s3: list[float]
+    tcp_error_max_m: float
+    tcp_error_rms_m: float
+    samples: Samples
 
 
 def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgress) -> Case:

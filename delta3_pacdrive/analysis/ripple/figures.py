@@ -13,7 +13,6 @@ from delta3_pacdrive.analysis.figure_style import (
     MUTED,
     dress,
     finish_over_time,
-    legend_above,
     panel_title,
     titled_figure,
 )
@@ -22,7 +21,8 @@ from delta3_pacdrive.analysis.report_folder import Drawings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.analysis.ripple.study import Case, Results
+    from delta3_pacdrive.analysis.ripple.cases import Case
+    from delta3_pacdrive.analysis.ripple.study import Results
 
 CURRENTS = 'currents.png'
 CYCLES_SHOWN = (1, 2)  # before the one that is shown, and from it on
@@ -117,11 +117,5 @@ def currents(found: Results) -> Figure:
         axes.set_ylabel('current (A)')
     for axes in grid[-1]:
         axes.set_xlabel('time from program start (s)')
-    legend = legend_above if len(times) * len(names) == 1 else _legend_below
-    legend(grid[0, 0])
+    grid[0, -1].legend(loc='lower left', frameon=False, fontsize=8)
     return figure
-
-
-def _legend_below(axes: Any) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    axes.figure.legend(handles, labels, loc='outside lower center', ncols=3, frameon=False, fontsize=9)

@@ -3,7 +3,8 @@
 from typing import Any
 
 from delta3_pacdrive.analysis.report_folder import Table
-from delta3_pacdrive.analysis.ripple.study import Case, Results, Settings
+from delta3_pacdrive.analysis.ripple.cases import Case
+from delta3_pacdrive.analysis.ripple.study import Results, Settings
 
 TABLE = 'ripple.csv'
 _AXES = (1, 2, 3)

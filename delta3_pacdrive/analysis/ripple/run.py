@@ -11,8 +11,8 @@ from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.ripple import figures, report
-from delta3_pacdrive.analysis.ripple.cases import measure
-from delta3_pacdrive.analysis.ripple.study import Case, Results, Settings
+from delta3_pacdrive.analysis.ripple.cases import Case, measure
+from delta3_pacdrive.analysis.ripple.study import Results, Settings
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
