@@ -71,8 +71,11 @@ def parameters() -> Rows:
         for field in dataclasses.fields(kind):
             value, meta = getattr(getattr(robot, group), field.name), field.metadata
             values = value if isinstance(value, tuple) else (value,)
-            low, high = ('', '') if isinstance(value, bool) else (bound(meta['low']), bound(meta['high']))
-            text = ', '.join(str(item).lower() if isinstance(item, bool) else f'{item:g}' for item in values)
+            without = isinstance(value, bool | str)
+            low, high = ('', '') if without else (bound(meta['low']), bound(meta['high']))
+            text = ', '.join(
+                str(item).lower() if isinstance(item, bool | str) else f'{item:g}' for item in values
+            )
             yield f'`{group}.{field.name}`', text, low, high, meta['description']
 
 
