@@ -91,6 +91,23 @@ def test_the_speed_of_the_set_point_is_its_feed_forward(slow):
     np.testing.assert_allclose(speed[1:-1][inner], central[inner], atol=2e-3 * np.abs(speed).max())
 
 
+def test_the_current_feed_forward_is_a_stair_or_goes_straight(slow):
+    cycle_s = slow.bus.cycle_time_s
+    bare = slow.replace(drive__velocity_gain_a_s_rad=0.0, drive__velocity_integral_gain_a_rad=0.0)
+    steps, rate = round(cycle_s / 250e-6), math.tau * 3.0
+    per_rad_s2 = bare.drive.feedforward_inertia_kg_m2 / bare.motor.torque_constant_n_m_a
+    inner = slice(4 * steps, None)
+    cycles = round(0.15 / cycle_s)
+    linear, cubic = (follow(one, wave(cycle_s), cycles)[2] / per_rad_s2 for one in (bare, cubic_of(bare)))
+    # the second difference, at the end of each period of the position loop
+    jerk = 0.5 * rate**3
+    assert np.abs(np.diff(linear))[inner].max() == pytest.approx(jerk * cycle_s, rel=0.05)
+    assert np.abs(np.diff(cubic))[inner].max() == pytest.approx(jerk * 250e-6, rel=0.05)
+    time_s = ((np.arange(cycles * steps) + 1) / steps - 2) * cycle_s
+    exact = 0.5 * rate**2 * np.cos(rate * time_s)
+    np.testing.assert_allclose(cubic[inner], exact[inner], atol=0.01 * 0.5 * rate**2)
+
+
 def test_a_lost_mdt_breaks_neither_position_nor_speed_of_a_cubic_set_point(slow):
     cycle_s = slow.bus.cycle_time_s
     command = wave(cycle_s)

@@ -208,7 +208,7 @@ class Run:
         )
 
     def _currents_within(self, time_s: Floats, period_s: float) -> Values:
-        """Return the currents of all samples of longer cycles; without any where they are no whole number of its own."""
+        """Return the currents of all samples of longer cycles, each from one of these times on."""
         count = round(period_s / self.period_s)
         rows = np.rint((time_s - self.time_s[0]) / self.period_s).astype(np.int64)
         rows = np.minimum(rows[:, None] + np.arange(count), len(self.cycle) - 1)

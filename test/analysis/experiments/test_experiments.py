@@ -18,7 +18,7 @@ from delta3_pacdrive.analysis.experiments.attribution import (
     shapley,
     with_effects,
 )
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run, delayed
+from delta3_pacdrive.analysis.experiments.comparison import OF_SAMPLES, QUANTITIES, Comparison, Run, delayed
 from delta3_pacdrive.analysis.experiments.conclusions import conclusions, truth, verdict
 from delta3_pacdrive.analysis.run_signals import slope
 from delta3_pacdrive.cli import experiment, experiment_graph
@@ -119,10 +119,35 @@ def test_runs_of_different_cycle_times_are_compared_at_those_of_the_longer_one(r
         assert np.diff(comparison.time_s) == pytest.approx(2e-3)
     of_fast = Comparison.of(fast, coarse).model
     rows = np.searchsorted(fast.cycle, 2 * of_fast.cycle)
-    for name in ('arm_angle', 'current', 'tcp_error_norm'):
+    for name in ('arm_angle', 'current_at', 'tcp_error_norm'):
         np.testing.assert_array_equal(of_fast.actual[name], fast.actual[name][rows], err_msg=name)
     alike = slope(fast.actual['arm_speed'][rows], 2e-3)
     np.testing.assert_array_equal(of_fast.actual['arm_acceleration'], alike)
+
+
+def test_of_currents_no_sample_is_left_out_where_a_longer_cycle_is_compared(robot, short_program):
+    slow = robot.replace(bus__cycle_time_s=2e-3)
+    fast, coarse = (Run.of(run(short_program, each), each) for each in (robot, slow))
+    found = Comparison.of(fast, coarse)
+    rows = np.searchsorted(fast.cycle, 2 * found.model.cycle)[:-1]
+    pairs = {name: fast.actual[name][rows[:, None] + np.arange(2)] for name in ('current', *OF_SAMPLES)}
+    for name, expected in (
+        ('current', pairs['current'].mean(axis=1)),
+        ('current_min', pairs['current_min'].min(axis=1)),
+        ('current_max', pairs['current_max'].max(axis=1)),
+        ('current_rms', np.sqrt((pairs['current_rms'] ** 2).mean(axis=1))),
+    ):
+        np.testing.assert_allclose(found.model.actual[name][:-1], expected, rtol=1e-12, err_msg=name)
+
+
+def test_a_recording_that_has_only_the_currents_of_the_at_is_compared_by_these(robot, short_program):
+    whole = run(short_program, robot)
+    bare = {name: values for name, values in whole.signals.items() if not name.startswith('current_')}
+    poor = Run.of(Trace(whole.time_s, bare, whole.meta), robot)
+    found = Comparison.of(Run.of(whole, robot), poor)
+    rows = {(row.signal, row.column): row for row in found.statistics()}
+    assert rows['current', 'all'].deviation_max == 0.0
+    assert rows['current', 'all'].model_max == rows['current_at', 'all'].model_max
 
 
 def test_a_gap_in_a_recording_costs_only_its_cycles(robot, short_program, compared):
