@@ -8,9 +8,10 @@ that can be known follows from what is left of them.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import correlate, correlation_lags
 
 from delta3_pacdrive.analysis.run_signals import derivatives
@@ -26,7 +27,8 @@ ALIKE = (
     0.8  # correlation of one motion with itself: below it runs do something else, or an axis has another sign
 )
 RIVAL = 0.95  # of the best correlation: another shift that is as good
-REFINEMENTS = 6  # of a shift, to parts of a sample
+REFINEMENTS = 10  # of a shift, to parts of a sample
+REFINED_MAX = 5.0  # samples that a refinement may differ from the best correlation
 NORMAL_95 = 1.96  # standard deviations
 MOTOR, TCP = 'motor speeds', 'TCP velocities'
 
@@ -46,7 +48,7 @@ class Alignment:
     of
         What of the motion.
     uncertainty_s
-        Half of the interval that holds the shift with 95 %; 0 for whole cycles, nan where it was not sought.
+        Half of the interval that holds the shift with 95 %; 0 for whole cycles, nan where it is not known.
     rival_shift_s, rival_correlation
         The next best shift, of a motion that repeats itself, and its correlation; nan if there is none.
 
@@ -68,6 +70,10 @@ class Alignment:
             found.append(
                 f'the {self.of} correlate by {self.correlation:.3f} only: the runs do something else, or axes, signs '
                 'or units of one are not what they are said to be'
+            )
+        if self.by == BY_CORRELATION and math.isnan(self.uncertainty_s):
+            found.append(
+                'the squares of the differences are not least near this shift: the motions are not the same'
             )
         if self.by == BY_CORRELATION and self.rival_correlation > RIVAL * self.correlation:
             found.append(
@@ -107,16 +113,13 @@ def align(first: Run, second: Run, how: str = START) -> Alignment:
         )
     period = first.period_s
     a, b = moving.first, moving.second
-    found = sum(correlate(a[:, i], b[:, i]) for i in range(3))
-    lags = correlation_lags(len(a), len(b))
-    overlap = np.minimum(len(a), lags + len(b)) - np.maximum(0, lags)
-    found = np.where(overlap >= OVERLAP_MIN * min(len(a), len(b)), found, -np.inf)
+    lags, found = _correlations(a, b)
     best = int(np.argmax(found))
     # whole cycles stay whole
     shift_s = float(moving.first_s + lags[best] * period - moving.second_s)
     uncertainty = 0.0
     if TABLE in (first.kind, second.kind) or not math.isclose(first.period_s, second.period_s):
-        shift_s, uncertainty = _refined(moving, shift_s, period)
+        shift_s, uncertainty = _refined(moving, shift_s, period, second.kind != TABLE)
     other = _rival(found, best)
     rival = (math.nan, math.nan)
     if other is not None:
@@ -154,6 +157,24 @@ def _motions(first: Run, second: Run) -> _Motions | None:
             (first_s, one), (second_s, other) = _even(first, a, period), _even(second, b, period)
             return _Motions(of, first_s, one, second_s, other)
     return None
+
+
+def _correlations(a: Floats, b: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return lags, and the correlation of the rows that overlap there; -inf where too little of the motion does."""
+    lags = correlation_lags(len(a), len(b))
+    products = np.asarray(sum(correlate(a[:, i], b[:, i]) for i in range(3)))
+    energies = []
+    for values, first in ((a, np.maximum(lags, 0)), (b, np.maximum(-lags, 0))):
+        last = np.minimum(len(a) - np.maximum(lags, 0), len(b) - np.maximum(-lags, 0)) + first
+        total = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
+        energies.append(total[last] - total[first])
+    overlap = np.minimum(len(a), lags + len(b)) - np.maximum(0, lags)
+    enough = overlap >= OVERLAP_MIN * min(len(a), len(b))
+    least = OVERLAP_MIN * min(float(energy.max()) for energy in energies)
+    for energy in energies:
+        enough &= energy > least
+    scale = np.sqrt(energies[0] * energies[1], where=enough, out=np.ones(len(lags)))
+    return lags, np.where(enough, products / scale, -np.inf)
 
 
 def _motor_speeds(run: Run) -> Floats | None:
@@ -200,15 +221,20 @@ def _correlation_at(moving: _Motions, shift_s: float, period_s: float) -> float:
     return float((one * other).sum()) / scale if scale > 0.0 else math.nan
 
 
-def _refined(moving: _Motions, shift_s: float, period_s: float) -> tuple[float, float]:
-    """Return the shift with the least squares nearby, and half of its interval of 95 %."""
-    start = shift_s
-    slopes = np.gradient(moving.second, axis=0) / period_s
-    steep = _Motions(moving.of, moving.first_s, moving.first, moving.second_s, slopes)
-    uncertainty = math.nan
+def _refined(moving: _Motions, shift_s: float, period_s: float, of_second: bool) -> tuple[float, float]:
+    """Return the shift with the least squares nearby, and half of its interval of 95 %.
+
+    The slopes are those of the run without noise, if there is one: noise of the slopes would count as motion.
+    """
+    start, uncertainty = shift_s, math.nan
+    steep = replace(
+        moving,
+        first=np.gradient(moving.first, axis=0) / period_s,
+        second=np.gradient(moving.second, axis=0) / period_s,
+    )
     for _ in range(REFINEMENTS):
         one, other = _overlapping(moving, shift_s, period_s)
-        slope = _overlapping(steep, shift_s, period_s)[1]
+        slope = _overlapping(steep, shift_s, period_s)[of_second]
         curvature = float((slope**2).sum())
         if not curvature > 0.0:
             return start, math.nan
@@ -216,7 +242,7 @@ def _refined(moving: _Motions, shift_s: float, period_s: float) -> tuple[float, 
         step = -float((left * slope).sum()) / curvature
         shift_s += min(max(step, -period_s), period_s)
         uncertainty = NORMAL_95 * math.sqrt(_variance(left, slope)) / curvature
-    return (shift_s, uncertainty) if abs(shift_s - start) <= 2.0 * period_s else (start, period_s)
+    return (shift_s, uncertainty) if abs(shift_s - start) <= REFINED_MAX * period_s else (start, math.nan)
 
 
 def _variance(left: Floats, slope: Floats) -> float:

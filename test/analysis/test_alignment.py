@@ -65,6 +65,18 @@ def test_what_shows_no_motion_cannot_be_aligned(one, tmp_path):
         align(one, sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=('current',)))
 
 
+@pytest.mark.parametrize(('from_s', 'to_s'), [(0.2, 0.6), (0.5, 1.1), (0.3, 1.4)])
+def test_parts_of_runs_are_aligned_by_what_they_share(from_s, to_s, one, tmp_path):
+    sampled(one, tmp_path / 'a.csv', 700.0, 0.12)
+    part, other = (
+        runs.load('experiment1', None, from_s, to_s),
+        runs.load(str(tmp_path / 'a.csv'), None, from_s, to_s),
+    )
+    found = align(part, other)
+    assert found.shift_s == pytest.approx(-0.12, abs=5e-5)
+    assert found.correlation > 0.999
+
+
 def test_times_are_left_alone_where_that_is_asked_for(one, tmp_path):
     other = sampled(one, tmp_path / 'a.csv', 1000.0, 0.0)
     found = align(one, other, NONE)
