@@ -38,6 +38,10 @@ class EstimationError(Delta3Error, ValueError):
     """Signals that hold nothing to estimate from, or an estimation that cannot go on."""
 
 
+class CalibrationError(Delta3Error, ValueError):
+    """Measurements that no calibration can be made of, or poses that cannot be measured."""
+
+
 class TuningError(Delta3Error, ValueError):
     """A tuning that is asked for what its input, its load or its settings do not allow."""
 

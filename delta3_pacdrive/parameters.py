@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -529,13 +529,13 @@ def flat_document(parameters: Parameters) -> dict[str, Any]:
     }
 
 
-def write(parameters: Parameters, path: Path) -> Path:
-    """Write a parameter file that ``load`` and every node read; return its path."""
+def write(parameters: Parameters, path: Path, head: Iterable[str] = ()) -> Path:
+    """Write a parameter file that ``load`` and every node read, below comments, ``head``; return its path."""
     document: dict[str, Any] = {group: {} for group in _GROUPS}
     for name, value in flat_document(parameters).items():
         group, _, key = name.partition('.')
         document[group][key] = value
-    parameter_file.write(document, path)
+    parameter_file.write(document, path, head)
     return path
 
 

@@ -32,6 +32,7 @@ COMMANDS = {
     'arm': 'kinematics of the two-link arm of chapter 3',
     'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',
     'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
+    'calibrate': 'how each arm is built, from measured places of the TCP; poses, parameters, zero angles',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',

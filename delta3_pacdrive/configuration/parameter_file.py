@@ -6,7 +6,7 @@ Values with a default may be missing: files of robots without a calibration have
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +32,9 @@ def read(path: Path) -> Tree:
     return tree
 
 
-def write(tree: Tree, path: Path) -> None:
-    """Write a file that ``read`` and every node read."""
-    yaml_file.write(path, {'/**': {'ros__parameters': tree}})
+def write(tree: Tree, path: Path, head: Iterable[str] = ()) -> None:
+    """Write a file that ``read`` and every node read, below lines of comments, ``head``."""
+    yaml_file.write(path, {'/**': {'ros__parameters': tree}}, head)
 
 
 def place_of(tree: Tree, name: str) -> Place | None:

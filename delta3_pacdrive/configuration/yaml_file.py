@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -159,6 +160,7 @@ def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
     return builder.root
 
 
-def write(path: Path, document: Any) -> None:
-    """Write a document, whole or not at all; raises OSError."""
-    whole_file.write_text(yaml.safe_dump(document, sort_keys=False), path)
+def write(path: Path, document: Any, head: Iterable[str] = ()) -> None:
+    """Write a document below lines of comments, ``head``, whole or not at all; raises OSError."""
+    comments = ''.join(f'# {" ".join(line.split())}\n' for line in head)
+    whole_file.write_text(comments + yaml.safe_dump(document, sort_keys=False), path)

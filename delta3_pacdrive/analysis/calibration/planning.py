@@ -1,0 +1,294 @@
+"""Which poses tell most: D-optimal ones, of many that the robot reaches.
+
+The determinant of the information that poses give about the arms, once the unknowns of the instrument are eliminated,
+is made as large as leaving out and exchanging single poses can make it (Fedorov 1972). What is known of the arms
+before, that a workshop misses little (``model.SCALES``), counts as information.
+
+Poses are taken only where the weight presses each gear against the same flank, by ``PRESSED_N_M`` at least: elsewhere
+the backlash puts the arm somewhere between its flanks, which no geometry can tell.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.analysis.calibration import estimation, model
+from delta3_pacdrive.analysis.calibration.data import Method, Poses, Wanted
+from delta3_pacdrive.analysis.calibration.model import ALL, SCALES, ZEROS
+from delta3_pacdrive.errors import CalibrationError
+from delta3_pacdrive.motion.capability import REACHED, capability
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+CANDIDATES = (5, 12, 4)  # radii, directions and heights
+PLANES = 3  # heights at which a plate is touched
+BALLS = (1, 6, 2)  # radii, directions and heights at which a ball is set up, beside the middle
+BALL_RADIUS = 0.6  # of the workspace, at which it is set up
+TILTS_DEG = (0.0, 45.0, 75.0)  # from the top of a ball
+AROUND = 6  # directions of touches at each tilt
+UNKNOWN = 1e3  # how little is known of the instrument before, in scales of the figures
+EXCHANGES_MAX = 200
+PER_OBJECT, PER_OBJECT_MIN = 6, 5  # touches of one object: as many as pay, and at least
+PRESSED_N_M = 1.0  # of each arm
+LEAST = {Method.BASE: 6, Method.FRAME: 8, Method.PLANE: 20, Method.BALL: 20, Method.LEVEL: 1}
+PLACED = (Method.BASE, Method.LEVEL)  # the instrument knows where the robot is
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Poses to choose from: as in ``Poses``, with what each tells about the arms and the instrument."""
+
+    points_m: Floats
+    objects: tuple[str, ...]
+    diameters_m: Floats
+    directions: Floats
+    rows: Floats  # (n, rows, unknowns), in deviations of the noise per scale
+
+
+def plan(wanted: Wanted, robot: Parameters) -> Poses:
+    """Choose the poses of a calibration; raises CalibrationError."""
+    number, least = wanted.number, LEAST[wanted.method]
+    if number < least:
+        raise CalibrationError(
+            f'{number} poses are too few to calibrate by the method {wanted.method}: it takes at least {least}'
+        )
+    found = _level_candidates(wanted, robot) if wanted.method == Method.LEVEL else _candidates(wanted, robot)
+    if len(found.points_m) < number + wanted.checks:
+        raise CalibrationError(
+            f'{number} poses and {wanted.checks} to check with are more than the '
+            f'{len(found.points_m)} that there are to choose from'
+        )
+    chosen = _exchanged(found.rows, number, found.objects)
+    checks = _spread(found, chosen, wanted.checks)
+    order = _tour(found, [*chosen, *checks])
+    return Poses(
+        found.points_m[order],
+        np.isin(order, checks),
+        tuple(found.objects[n] for n in order) if found.objects else (),
+        found.diameters_m[order],
+        found.directions[order],
+        _expected(found.rows[chosen], wanted, robot),
+    )
+
+
+def free_of(wanted: Wanted) -> tuple[int, ...]:
+    """Return the elements of x that a calibration is for."""
+    if wanted.method != Method.LEVEL:
+        return ALL
+    return ZEROS if wanted.arm is None else (ZEROS[wanted.arm - 1],)
+
+
+def _expected(rows: Floats, wanted: Wanted, robot: Parameters) -> tuple[float, float]:
+    information, free = _information(rows) + _prior(rows.shape[-1]), free_of(wanted)
+    covariance = np.linalg.inv(information)[: len(free), : len(free)]
+    is_placed = wanted.method in PLACED
+    before = estimation.expected_m(np.eye(len(free)), robot, free, is_placed)
+    after = estimation.expected_m(np.asarray(covariance), robot, free, is_placed)
+    return after, before
+
+
+def _candidates(wanted: Wanted, robot: Parameters) -> Candidates:
+    sigma = float(np.hypot(wanted.noise_m, estimation.MODEL_M))
+    if wanted.method == Method.BALL:
+        return _ball_candidates(robot, sigma, wanted.diameter_m)
+    k = robot.kinematics
+    radii, turns, levels = CANDIDATES
+    heights = estimation.levels(robot, PLANES if wanted.method == Method.PLANE else levels)
+    points = _rings(
+        0.5 * estimation.INWARD * k.workspace_diameter_m * np.linspace(0.0, 1.0, radii), turns, heights
+    )
+    points = points[_measurable(points, robot)]
+    moves = model.sensitivity(estimation.shafts_of(points, robot), robot) * SCALES / sigma
+    count, objects = len(points), tuple[str, ...]()
+    directions = np.zeros((count, 3))
+    if wanted.method == Method.FRAME:
+        rigid = np.concatenate(
+            [np.broadcast_to(np.eye(3), (count, 3, 3)),
+             np.stack([np.cross(axis, points) for axis in np.eye(3)], axis=-1)],
+            axis=-1,
+        )  # fmt: skip
+        moves = np.concatenate([moves, UNKNOWN * rigid * SCALES[0] / sigma], axis=-1)
+    if wanted.method == Method.PLANE:
+        level = np.abs(points[:, 2, None] - heights).argmin(axis=1)
+        objects = tuple(f'plane{n + 1}' for n in level)
+        directions[:, 2] = 1.0
+        place = np.zeros((count, 1, 3 * len(heights)))
+        for axis, value in enumerate((np.ones(count), points[:, 0], points[:, 1])):
+            place[np.arange(count), 0, 3 * level + axis] = value
+        moves = np.concatenate([moves[:, 2:], UNKNOWN * place * SCALES[0] / sigma], axis=-1)
+    return Candidates(points, objects, np.full(count, np.nan), directions, moves)
+
+
+def _level_candidates(wanted: Wanted, robot: Parameters) -> Candidates:
+    k = robot.kinematics
+    radii, turns, _ = CANDIDATES
+    if wanted.height_m is None:
+        raise CalibrationError('touches of a level plane need its height')
+    sigma = float(np.hypot(wanted.noise_m, estimation.MODEL_M))
+    rings = 0.5 * estimation.INWARD * k.workspace_diameter_m * np.linspace(0.0, 1.0, radii)
+    points = _rings(rings, turns, np.array([wanted.height_m]))
+    points = points[_measurable(points, robot)]
+    free = list(free_of(wanted))
+    moves = model.sensitivity(estimation.shafts_of(points, robot), robot)[:, 2:, free] * SCALES[free] / sigma
+    away = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    return Candidates(points, ('plane',) * len(points), np.full(len(points), np.nan), away, moves)
+
+
+def _rings(radii: Floats, turns: int, heights: Floats) -> Floats:
+    """Return places on rings around the axis of the robot, in the middle only one, shape (n, 3)."""
+    found = []
+    for z in heights:
+        for n, radius in enumerate(radii):
+            angles = 2.0 * np.pi * (np.arange(turns if radius else 1) + 0.5 * (n % 2)) / turns
+            found += [(radius * np.cos(a), radius * np.sin(a), z) for a in angles]
+    return np.array(found).round(6)
+
+
+def _ball_candidates(robot: Parameters, sigma: float, diameter_m: float) -> Candidates:
+    k = robot.kinematics
+    radii, turns, levels = BALLS
+    ring = 0.5 * BALL_RADIUS * k.workspace_diameter_m * np.linspace(0.0, 1.0, radii + 1)
+    low = estimation.levels(robot, levels) - [0.0 if n else diameter_m for n in range(levels)]
+    centres = _rings(ring, turns, low)
+    tilts = np.radians(TILTS_DEG)
+    directions = np.array(
+        [
+            (np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt))
+            for tilt in tilts
+            for turn in 2.0 * np.pi * np.arange(AROUND if tilt else 1) / AROUND
+        ]
+    )
+    number = np.repeat(np.arange(len(centres)), len(directions))
+    away = np.tile(directions, (len(centres), 1))
+    points = centres[number] + 0.5 * diameter_m * away
+    kept = np.isin(np.arange(len(points)), _measurable(points, robot))
+    points, away, number = points[kept], away[kept], number[kept]
+    moves = model.sensitivity(estimation.shafts_of(points, robot), robot) * SCALES / sigma
+    place = np.zeros((len(points), 3 * len(centres)))
+    for axis in range(3):
+        place[np.arange(len(points)), 3 * number + axis] = away[:, axis]
+    rows = np.concatenate(
+        [np.einsum('na,naj->nj', away, moves), UNKNOWN * place * SCALES[0] / sigma], axis=-1
+    )
+    names = tuple(f'ball{n + 1}' for n in number)
+    return Candidates(points, names, np.full(len(points), diameter_m), away, rows[:, None])
+
+
+def _measurable(points: Floats, robot: Parameters) -> NDArray[np.int64]:
+    """Return the numbers of the places at which the robot may be, and hangs on the usual flanks of its gears."""
+    reached = np.flatnonzero(capability(points, robot).limit == REACHED)
+    return reached[pressed(points[reached], robot)]
+
+
+def pressed(points: Floats, robot: Parameters) -> NDArray[np.bool_]:
+    """Return at which places [m], shape (n, 3), the weight presses all gears to the flank of home."""
+    usual = np.sign(dynamics.gravity(kinematics.inverse(robot.motion.home_m, robot), robot))
+    torque = dynamics.gravity(kinematics.inverse(points, robot), robot)
+    return np.asarray((torque * usual > PRESSED_N_M).all(axis=-1))
+
+
+def _prior(unknowns: int) -> Floats:
+    return np.eye(unknowns)
+
+
+def _information(rows: Floats) -> Floats:
+    flat = rows.reshape(-1, rows.shape[-1])
+    return np.asarray(flat.T @ flat)
+
+
+def _exchanged(rows: Floats, number: int, objects: tuple[str, ...]) -> list[int]:
+    """Return the numbers of the candidates that tell most: the least is left out, one by one, then exchanged."""
+    chosen = _of_best_objects(rows, number, objects)
+    total = _prior(rows.shape[-1]) + _information(rows[chosen])
+    least_each = PER_OBJECT_MIN if rows.shape[-1] > len(ALL) else 1
+    while len(chosen) > number:
+        losses = -_gains(rows[chosen], total, -1.0)
+        if objects:
+            counts = Counter(objects[n] for n in chosen)
+            losses[[counts[objects[n]] <= least_each for n in chosen]] = np.inf
+        least = chosen.pop(int(np.argmin(losses)))
+        total = total - rows[least].T @ rows[least]
+    for _ in range(EXCHANGES_MAX):
+        gain, place, other = 1e-6, -1, -1
+        for n, one in enumerate(chosen):
+            without = total - rows[one].T @ rows[one]
+            gains = _gains(rows, without, 1.0)
+            more = gains - gains[one]
+            more[chosen] = -np.inf
+            if objects:  # an object of which too little is touched tells nothing
+                more[[objects[m] != objects[one] for m in range(len(rows))]] = -np.inf
+            if more.max() > gain:
+                gain, place, other = float(more.max()), n, int(np.argmax(more))
+        if place < 0:
+            break
+        old = rows[chosen[place]]
+        total = total - old.T @ old + rows[other].T @ rows[other]
+        chosen[place] = other
+    return chosen
+
+
+def _of_best_objects(rows: Floats, number: int, objects: tuple[str, ...]) -> list[int]:
+    """Return the candidates of as many objects as there are touches for: the least telling is left out, one by one."""
+    chosen = list(range(len(rows)))
+    names = sorted(set(objects))
+    while len(names) > max(1, number // PER_OBJECT):
+        left = {name: [n for n in chosen if objects[n] != name] for name in names}
+        value = {name: _value(rows[kept]) for name, kept in left.items()}
+        names.remove(least := max(value, key=lambda name: value[name]))
+        chosen = left[least]
+    return chosen
+
+
+def _value(rows: Floats) -> float:
+    """Return the logarithm of the determinant of what rows tell about the arms."""
+    total, arms = _prior(rows.shape[-1]) + _information(rows), len(ALL)
+    return float(np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[arms:, arms:])[1])
+
+
+def _gains(rows: Floats, total: Floats, sign: float) -> Floats:
+    """Return by how much each candidate raises the logarithm of the determinant, or lowers it (``sign`` -1).
+
+    It is that of what is known of the arms once the unknowns of the instrument are eliminated: the determinant of all
+    over that of the instrument.
+    """
+    arms = len(ALL)
+    own = _change(rows, total, sign)
+    return own - _change(rows[..., arms:], total[arms:, arms:], sign) if rows.shape[-1] > arms else own
+
+
+def _change(rows: Floats, total: Floats, sign: float) -> Floats:
+    spread = rows @ np.linalg.solve(total, np.swapaxes(rows, 1, 2))
+    return np.asarray(np.linalg.slogdet(np.eye(rows.shape[1]) + sign * spread)[1])
+
+
+def _spread(found: Candidates, chosen: list[int], count: int) -> list[int]:
+    """Return candidates to check with: those of known objects that are farthest from all others, one by one."""
+    known = {found.objects[n] for n in chosen} if found.objects else set()
+    free = [
+        n for n in range(len(found.points_m)) if n not in chosen and (not known or found.objects[n] in known)
+    ]
+    taken: list[int] = []
+    for _ in range(min(count, len(free))):
+        near = found.points_m[[*chosen, *taken]]
+        apart = [float(np.linalg.norm(near - found.points_m[n], axis=1).min()) for n in free]
+        taken.append(free.pop(int(np.argmax(apart))))
+    return taken
+
+
+def _tour(found: Candidates, numbers: list[int]) -> list[int]:
+    """Return poses in an order without long ways, those of one object one after the other."""
+    order: list[int] = []
+    here = np.zeros(3)
+    left = list(numbers)
+    while left:
+        own = [
+            n for n in left if order and found.objects and found.objects[n] == found.objects[order[-1]]
+        ] or left
+        ways = np.linalg.norm(found.points_m[own] - here, axis=1)
+        order.append(own[int(np.argmin(ways))])
+        left.remove(order[-1])
+        here = found.points_m[order[-1]]
+    return order

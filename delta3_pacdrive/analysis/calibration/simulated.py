@@ -1,0 +1,158 @@
+"""A calibration without a robot: the measurements are simulated, with the drives, gears and errors of a built one.
+
+Points: the robot drives a program of poses, stands at each, and what its true TCP is on average, with noise, is the
+point of the instrument. Touches: it creeps towards each object along a line, and where its true TCP meets the surface,
+give or take the noise, the probe switches: the angles of the encoders are those of that moment.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Poses
+from delta3_pacdrive.analysis.calibration.estimation import shafts_of
+from delta3_pacdrive.errors import CalibrationError
+from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.simulation.run import run
+
+DWELL_S, AVERAGED_S = 0.4, 0.1  # at a pose, and at its end that counts
+LIMITS = {'speed_m_s': 1.0, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 300.0}
+CREEP = {'speed_m_s': 0.02, 'acceleration_m_s2': 2.0, 'jerk_m_s3': 200.0}
+RETREAT_M, THROUGH_M = 0.004, 0.002  # before a surface, and behind it
+SETTLE_S = 0.2  # before a probe creeps on
+OFF_M, TILT_RAD = 0.3e-3, 2e-3  # how far an object is from where it was to be set up
+STAND_M, TURN_RAD = 1.0, 0.5  # where an instrument stands
+
+
+def program(poses: Poses, name: str) -> dict[str, Any]:
+    """Return the program that goes to all poses, ready for YAML, as an operator measures them."""
+    moves: list[dict[str, Any]] = []
+    for point, direction in zip(poses.points_m, poses.directions, strict=True):
+        if not poses.objects:
+            moves += [_line(point), {'dwell': {'time_s': DWELL_S}}]
+            continue
+        before, behind = point + RETREAT_M * direction, point - THROUGH_M * direction
+        moves += [_line(before), {'dwell': {'time_s': SETTLE_S}}, _line(behind, **CREEP), _line(before)]
+    return {'name': name, 'limits': dict(LIMITS), 'moves': moves}
+
+
+def _line(point: Floats, **limits: float) -> dict[str, Any]:
+    return {'move_l': {'to_m': [round(float(value), 6) + 0.0 for value in point], **limits}}
+
+
+def driven(poses: Poses, robot: Parameters) -> Trace:
+    """Return the trace of a robot that drives the program; raises CalibrationError."""
+    document = program(poses, 'calibration')
+    trace = run(program_file.parse(document, robot.motion), robot)
+    if trace.meta['stopped']:
+        raise CalibrationError(f'the robot stopped at a pose: {trace.meta["stopped"]}')
+    return trace
+
+
+def stands(trace: Trace, kind: str) -> list[tuple[int, int]]:
+    """Return first and last bus cycle of each move of a kind."""
+    begin, period = trace.meta['start_cycle'], trace.meta['cycle_time_s']
+    return [
+        (begin + round(move['start_s'] / period), begin + round(move['end_s'] / period))
+        for move in trace.meta['moves']
+        if move['kind'] == kind
+    ]
+
+
+def standing(poses: Poses, robot: Parameters) -> tuple[Floats, Floats]:
+    """Return arm angles as the controller tells them [rad] and the true TCP [m] at poses, shapes (n, 3)."""
+    trace = driven(poses, robot)
+    count = round(AVERAGED_S / robot.bus.cycle_time_s)
+    ends = [end for _, end in stands(trace, 'dwell')]
+    if len(ends) != len(poses.points_m):
+        raise CalibrationError('the robot did not stand at every pose')
+    angles = trace['motor_position'] / robot.dynamics.gear_ratio
+    return tuple(
+        np.stack([signal[end - count : end].mean(axis=0) for end in ends])
+        for signal in (angles, trace['tcp_true'])
+    )  # type: ignore[return-value]
+
+
+def points(poses: Poses, robot: Parameters, method: Method, noise_m: float, seed: int) -> Measurements:
+    """Measure poses with an instrument."""
+    random = np.random.default_rng(seed)
+    angles, seen = standing(poses, robot)
+    seen = seen + noise_m * random.standard_normal(seen.shape)
+    if method == Method.FRAME:
+        turn = Rotation.from_rotvec(TURN_RAD * random.standard_normal(3))
+        seen = turn.apply(seen) + STAND_M * random.standard_normal(3)
+    return Measurements(angles, seen, poses.checks, (), poses.diameters_m, robot.checksum)
+
+
+def touches(
+    poses: Poses, robot: Parameters, noise_m: float, seed: int, height_m: float | None = None
+) -> Measurements:
+    """Touch the objects of poses; with a height all of them are one level plane that is exactly there."""
+    random = np.random.default_rng(seed)
+    trace = driven(poses, robot)
+    angles = trace['motor_position'] / robot.dynamics.gear_ratio
+    places = {name: _place(name, poses, random, height_m) for name in sorted(set(poses.objects))}
+    found = []
+    creeps = stands(trace, 'line')[1::3]
+    for (begin, end), name, noise in zip(
+        creeps, poses.objects, noise_m * random.standard_normal(len(creeps)), strict=True
+    ):
+        normal, reference, radius = places[name]
+        away = trace['tcp_true'][begin:end] - reference
+        outside = (away @ normal if radius is None else np.linalg.norm(away, axis=1) - radius) - noise
+        met = np.flatnonzero((outside[:-1] > 0.0) & (outside[1:] <= 0.0))
+        if not len(met):
+            raise CalibrationError(
+                f'the probe did not meet {name}: it is set up too far from where it was planned'
+            )
+        share = outside[met[0]] / (outside[met[0]] - outside[met[0] + 1])
+        first, second = angles[begin + met[0]], angles[begin + met[0] + 1]
+        found.append(first + share * (second - first))
+    return Measurements(
+        np.array(found),
+        np.full((len(found), 3), np.nan),
+        poses.checks,
+        poses.objects,
+        poses.diameters_m,
+        robot.checksum,
+    )
+
+
+Place = tuple[
+    Floats, Floats, float | None
+]  # normal of a plane, a point of it or the centre of a ball, its radius
+
+
+def _place(name: str, poses: Poses, random: np.random.Generator, height_m: float | None) -> Place:
+    """Return where an object is in truth: not quite where it was to be set up."""
+    n = poses.objects.index(name)
+    off = OFF_M * random.standard_normal(3)
+    if not np.isnan(poses.diameters_m[n]):
+        radius = 0.5 * float(poses.diameters_m[n])
+        return poses.directions[n], poses.points_m[n] - radius * poses.directions[n] + off, radius
+    if height_m is not None:
+        return np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, height_m]), None
+    tilt = TILT_RAD * random.standard_normal(2)
+    normal = np.array([*tilt, 1.0])
+    middle = np.mean([poses.points_m[m] for m, other in enumerate(poses.objects) if other == name], axis=0)
+    return normal / np.linalg.norm(normal), middle + off, None
+
+
+def planned_angles(poses: Poses, robot: Parameters) -> Floats:
+    """Return the arm angles at poses as the controller commands them [rad]; nan for touches, which tell their own."""
+    if poses.objects:
+        return np.full_like(poses.points_m, np.nan)
+    return np.asarray(shafts_of(poses.points_m, robot) + robot.kinematics.corrections.angle_rad)
+
+
+def scattered(points_m: Floats, checks: Sequence[bool]) -> Poses:
+    """Return poses without objects at places [m]."""
+    count = len(points_m)
+    return Poses(
+        points_m, np.array(checks), (), np.full(count, np.nan), np.zeros((count, 3)), (np.nan, np.nan)
+    )
