@@ -63,6 +63,8 @@ class Poses:
         What is touched there, empty without touches; its diameter, nan for a plane.
     directions
         From the object to the probe that touches it, shape (n, 3).
+    reach_m
+        How far what is touched may be from where it is planned [m].
     expected_m
         Rms over the workspace that the noise lets the calibrated TCP be off [m], and the same without a calibration.
 
@@ -73,6 +75,7 @@ class Poses:
     objects: tuple[str, ...]
     diameters_m: Floats
     directions: Floats
+    reach_m: float
     expected_m: tuple[float, float]
 
 

@@ -33,7 +33,7 @@ Z_95 = 1.959964
 FAR_M = 0.05  # no workshop misses so much
 CONTRADICTION = 4.0  # rms of what is left over what was to be expected
 OUTLIER = 6.0  # the same of one measurement
-TOO_LITTLE = 0.8  # of what a workshop leaves, from which on a calibration is none
+TOO_LITTLE, TOO_LITTLE_UNPLACED = 0.3, 0.8  # of what a workshop leaves, from which on a calibration is none
 NAMED = 0.3  # weight in a direction from which on a figure is named
 INWARD = 0.95  # of the workspace, so that the arms as they are built reach it too
 GRID, FINE = (5, 12, 3), (8, 17, 6)  # radii, directions and heights of places that stand for the workspace
@@ -191,7 +191,7 @@ def estimate(
         expected_m(uncertain[0], robot, free, is_placed),
         expected_m(uncertain[1], robot, free, is_placed),
     )
-    if kept == 0 or off_m[1] > TOO_LITTLE * off_m[0]:
+    if kept == 0 or off_m[1] > (TOO_LITTLE if is_placed else TOO_LITTLE_UNPLACED) * off_m[0]:
         raise CalibrationError(_too_little(observation, off_m[0], off_m[1]))
     x, place = _solved(observation, begin, place, sigma, columns, basis, held)
     after = observation.residuals(x, place)

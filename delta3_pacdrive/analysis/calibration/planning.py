@@ -33,6 +33,8 @@ UNKNOWN = 1e3  # how little is known of the instrument before, in scales of the 
 EXCHANGES_MAX = 200
 PER_OBJECT, PER_OBJECT_MIN = 6, 5  # touches of one object: as many as pay, and at least
 PRESSED_N_M = 1.0  # of each arm
+# that a probe goes on behind where it is to touch: things are set up by eye; who has homed anew knows no better
+REACH_M, FAR_REACH_M = 0.002, 0.01
 LEAST = {Method.BASE: 6, Method.FRAME: 8, Method.PLANE: 20, Method.BALL: 20, Method.LEVEL: 1}
 PLACED = (Method.BASE, Method.LEVEL)  # the instrument knows where the robot is
 
@@ -70,6 +72,7 @@ def plan(wanted: Wanted, robot: Parameters) -> Poses:
         tuple(found.objects[n] for n in order) if found.objects else (),
         found.diameters_m[order],
         found.directions[order],
+        FAR_REACH_M if wanted.method == Method.LEVEL else REACH_M,
         _expected(found.rows[chosen], wanted, robot),
     )
 

@@ -233,13 +233,10 @@ class Study(studies.Study):
             model.corrections_of(self.robot.kinematics),
             self.robot,
         )
-        poses = Poses(
-            where,
-            measured.checks,
-            measured.objects,
-            measured.diameters_m,
-            np.zeros_like(where),
-            (np.nan, np.nan),
+        poses = dataclasses.replace(
+            simulated.scattered(where, measured.checks.tolist()),
+            objects=measured.objects,
+            diameters_m=measured.diameters_m,
         )
         points = None if measured.objects else measured.points_m
         return measurement_file.write(

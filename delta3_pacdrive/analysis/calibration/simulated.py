@@ -23,7 +23,6 @@ from delta3_pacdrive.simulation.run import run
 DWELL_S, AVERAGED_S = 0.4, 0.1  # at a pose, and at its end that counts
 LIMITS = {'speed_m_s': 1.0, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 300.0}
 CREEP = {'speed_m_s': 0.02, 'acceleration_m_s2': 2.0, 'jerk_m_s3': 200.0}
-RETREAT_M, THROUGH_M = 0.004, 0.002  # before a surface, and behind it
 SETTLE_S = 0.2  # before a probe creeps on
 OFF_M, TILT_RAD = 0.3e-3, 2e-3  # how far an object is from where it was to be set up
 STAND_M, TURN_RAD = 1.0, 0.5  # where an instrument stands
@@ -36,7 +35,7 @@ def program(poses: Poses, name: str) -> dict[str, Any]:
         if not poses.objects:
             moves += [_line(point), {'dwell': {'time_s': DWELL_S}}]
             continue
-        before, behind = point + RETREAT_M * direction, point - THROUGH_M * direction
+        before, behind = point + 2.0 * poses.reach_m * direction, point - poses.reach_m * direction
         moves += [_line(before), {'dwell': {'time_s': SETTLE_S}}, _line(behind, **CREEP), _line(before)]
     return {'name': name, 'limits': dict(LIMITS), 'moves': moves}
 
@@ -153,6 +152,5 @@ def planned_angles(poses: Poses, robot: Parameters) -> Floats:
 def scattered(points_m: Floats, checks: Sequence[bool]) -> Poses:
     """Return poses without objects at places [m]."""
     count = len(points_m)
-    return Poses(
-        points_m, np.array(checks), (), np.full(count, np.nan), np.zeros((count, 3)), (np.nan, np.nan)
-    )
+    unknown = np.full(count, np.nan)
+    return Poses(points_m, np.array(checks), (), unknown, np.zeros((count, 3)), 0.0, (np.nan, np.nan))

@@ -1,0 +1,142 @@
+"""Facts about a whole calibration of the built robot, measured in simulation, and about what it leaves."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import parameters
+from delta3_pacdrive.analysis.calibration import measurement_file
+from delta3_pacdrive.analysis.calibration.data import Method, Wanted
+from delta3_pacdrive.analysis.calibration.run import Study
+from delta3_pacdrive.analysis.calibration.study import Settings
+from delta3_pacdrive.analysis.study import silent
+from delta3_pacdrive.errors import CalibrationError
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.simulation import run
+
+GOAL_M = 0.03e-3
+
+
+def study(folder, method='base', number=24, checks=8, noise_m=2e-5, simulate='rich', chosen=None, **more):
+    wanted = Wanted(Method(method), number, checks, noise_m, **more)
+    return Study(Settings(chosen, simulate, wanted, 0), folder, 'delta3 calibrate', silent)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('calibration')
+
+
+@pytest.fixture(scope='module')
+def summary(folder):
+    return study(folder).fit(None)
+
+
+@pytest.fixture(scope='module')
+def calibrated(summary):
+    """Return the robot as its new parameter file has it."""
+    return parameters.load(summary['parameter_file'])
+
+
+def left(summary, what):
+    return next(one for one in summary['left'] if one['what'].startswith(what))
+
+
+def test_the_true_tcp_of_the_built_robot_is_right_on_poses_that_were_not_used(summary):
+    true = left(summary, 'true TCP where weight presses')
+    print({key: round(1e3 * value, 4) for key, value in true.items() if key.endswith('_m')}, 'mm')
+    assert 0.2e-3 < true['before_rms_m'] < 0.35e-3
+    assert true['after_rms_m'] < GOAL_M
+    assert left(summary, 'not used')['count'] == 8
+    assert left(summary, 'not used')['after_rms_m'] < 3.0 * 2e-5
+
+
+def test_what_limits_it_is_told(summary):
+    limits = {one['what'].partition(',')[0]: one['size_m'] for one in summary['limits_m']}
+    assert limits['what is no geometry'] < 0.015e-3
+    assert limits['increments of the encoders'] < 1e-6
+    assert limits['measuring noise'] < GOAL_M
+    # where the weight changes the flank, the backlash of a gear at the end of its arm
+    backlash = limits['backlash of the gears']
+    assert backlash == pytest.approx(2.9e-4 * 0.4)
+    assert GOAL_M < left(summary, 'true TCP all over')['after_rms_m'] < backlash
+
+
+def test_every_interval_holds_what_was_built(summary):
+    for figure in summary['figures']:
+        assert abs(figure['value'] - figure['truth']) < figure['half_width_95'], figure['symbol']
+
+
+def test_every_command_takes_the_parameter_file(calibrated, summary, robot):
+    program = programs.load('experiment1', robot.motion)
+    errors = []
+    for one in (parameters.load('rich'), calibrated):
+        trace = run(program, one)
+        errors.append(np.sqrt(((trace['tcp_true'] - trace['tcp_actual']) ** 2).sum(axis=1).mean()))
+    assert errors[0] > 0.25e-3
+    assert errors[1] < 0.4 * errors[0]  # what is left are the gears in motion
+    text = Path(summary['parameter_file']).read_text('utf-8').splitlines()
+    assert '# command: delta3 calibrate' in text
+    assert sum(line.startswith('# l_A_1: correction') and '+-' in line for line in text) == 1
+
+
+def test_the_folder_holds_tables_figures_and_the_measurements(summary, folder, calibrated):
+    names = {path.name for path in folder.iterdir()}
+    assert {'calibrated.yaml', 'measurements.csv', 'corrections.csv', 'residuals.csv', 'index.html'} <= names
+    assert {'poses.png', 'left.png', 'corrections.png'} <= names
+    assert json.loads((folder / 'report.json').read_text(encoding='utf-8'))['directions'] == 15
+    assert calibrated.kinematics.upper_arm_correction_m != (0.0, 0.0, 0.0)
+
+
+def test_the_table_that_it_leaves_gives_the_same_again(summary, folder, tmp_path, undrawn):
+    again = study(tmp_path, simulate=None, chosen='rich').fit(folder / 'measurements.csv')
+    for name, values in summary['corrections'].items():
+        assert again['corrections'][name] == pytest.approx(values, abs=2e-7)
+    assert [one['what'] for one in again['left']] == ['used', 'not used']
+    assert again['figures'][0]['truth'] is None
+
+
+def test_a_calibrated_robot_is_calibrated_already(summary, tmp_path, undrawn):
+    again = study(tmp_path, chosen=summary['parameter_file']).fit(None)
+    assert left(again, 'true TCP where weight presses')['before_rms_m'] < GOAL_M
+    assert left(again, 'true TCP where weight presses')['after_rms_m'] < GOAL_M
+
+
+def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrated, tmp_path, undrawn):
+    """The lengths are calibrated; then each motor is homed anew, and misses."""
+    missed = [0.3, -0.5, 0.2]
+    angles = np.array(calibrated.rich.arm_angle_error_deg) + missed
+    machine = parameters.write(
+        calibrated.replace(rich__arm_angle_error_deg=angles.tolist()), tmp_path / 'm.yaml'
+    )
+    homed = study(tmp_path / 'home', 'level', 3, 0, simulate=str(machine), height_m=-0.9).fit(None)
+    found = np.degrees([one['value'] for one in homed['figures']])
+    before = np.degrees([one['before'] for one in homed['figures']])
+    assert found - before == pytest.approx(missed, abs=0.015)
+    true = left(homed, 'true TCP where weight presses')
+    assert true['before_rms_m'] > 1e-3
+    assert true['after_rms_m'] < 0.1e-3
+
+
+def test_touches_make_the_shape_of_the_motion_right(tmp_path, undrawn):
+    for method in ('plane', 'ball'):
+        found = study(tmp_path / method, method, 40, 4, noise_m=1e-5).fit(None)
+        true = left(found, 'true TCP where weight presses')
+        assert true['after_rms_m'] < true['before_rms_m']
+        assert found['method'] == method
+        measured = measurement_file.read(tmp_path / method / 'measurements.csv')
+        assert len(measured.objects) == 44
+
+
+def test_angles_of_another_controller_are_refused(summary, folder, tmp_path):
+    with pytest.raises(CalibrationError, match='tells angles of a controller with other parameters'):
+        study(tmp_path, simulate=None).fit(folder / 'measurements.csv')
+
+
+def test_points_are_no_touches(summary, folder, tmp_path):
+    with pytest.raises(CalibrationError, match='has points of an instrument, not touches'):
+        study(tmp_path, 'level', 3, 0, simulate=None, chosen='rich', height_m=-0.9).fit(
+            folder / 'measurements.csv'
+        )

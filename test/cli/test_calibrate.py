@@ -1,0 +1,83 @@
+"""Facts about ``delta3 calibrate``: what it takes, what it prints, and its exit status."""
+
+import json
+
+import pytest
+
+from delta3_pacdrive.cli import calibrate
+from delta3_pacdrive.motion import program_file
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        ([], 'required'),
+        (['measure'], 'invalid choice'),
+        (['fit'], 'fit takes a table of measurements, or --simulate'),
+        (['home'], 'home takes a table of measurements, or --simulate'),
+        (['fit', 'a.csv', '--simulate', 'rich'], 'fit takes a table of measurements, or --simulate'),
+        (['plan', 'a.csv'], 'plan writes a table, it takes none'),
+        (['plan', '--simulate', 'rich'], '--simulate is for fit and home, not for plan'),
+        (['fit', 'a.csv', '--height', '-900'], '--height is for plan and home, not for fit'),
+        (['fit', 'a.csv', '--number', '30'], '--number and --checks are for poses that are planned'),
+        (['fit', 'a.csv', '--method', 'level'], 'a level plane tells the zero angles alone: that is home'),
+        (['plan', '--height', '-900'], '--height and --arm are for zero angles: --method level'),
+        (['plan', '--method', 'level'], 'touches of a level plane need --height'),
+        (['home', 'a.csv'], 'touches of a level plane need --height'),
+        (['home', 'a.csv', '--height', '-900', '--arm', '4'], 'must be a whole number between 1 and 3'),
+        (['plan', '--noise', 'x'], 'must be a number between 0 and 10 mm'),
+        (['plan', '--diameter', '50'], '--diameter is for poses that are planned with --method ball'),
+    ],
+)
+def test_what_it_cannot_obey_is_a_usage_error(arguments, sentence, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        calibrate.main(arguments)
+    assert sentence in ' '.join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['fit', 'nowhere.csv'], 'cannot read'),
+        (
+            ['plan', '--number', '3'],
+            '3 poses are too few to calibrate by the method base: it takes at least 6',
+        ),
+        (['plan', '--method', 'level', '--height', '-2000'], 'more than the 0 that there are to choose from'),
+        (['plan', '--parameters', 'nowhere.yaml'], 'cannot read parameter file nowhere.yaml'),
+    ],
+)
+def test_what_cannot_be_calibrated_is_one_sentence_and_status_1(
+    arguments, sentence, capsys, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert calibrate.main(arguments) == 1
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert errors[-1].startswith('error: ')
+    assert sentence in errors[-1]
+
+
+def test_a_plan_leaves_a_table_and_a_program(tmp_path, capsys, robot):
+    folder = tmp_path / 'a'
+    assert calibrate.main(['plan', '--number', '12', '--checks', '4', '--output', str(folder), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found['poses'], found['checks']) == (12, 4)
+    assert found['uncertainty_after_m'] < 0.1 * found['uncertainty_before_m']
+    rows = [
+        line for line in (folder / 'poses.csv').read_text('utf-8').splitlines() if not line.startswith('#')
+    ]
+    assert len(rows) == 17
+    assert rows[0].startswith(
+        'number,use,x [mm],y [mm],z [mm],axis1 [deg],axis2 [deg],axis3 [deg],measured_x [mm]'
+    )
+    program = program_file.load(folder / 'poses.yaml', robot.motion)
+    assert len(program.statements) == 32  # a move and a dwell each
+
+
+def test_a_table_that_was_not_filled_in_is_refused(tmp_path, capsys):
+    folder = tmp_path / 'a'
+    assert calibrate.main(['plan', '--output', str(folder)]) == 0
+    capsys.readouterr()
+    assert calibrate.main(['fit', str(folder / 'poses.csv'), '--output', str(tmp_path / 'b')]) == 1
+    assert 'has no measured_x [mm]: was it not taken?' in capsys.readouterr().err
+    assert not (tmp_path / 'b').exists()
