@@ -6,6 +6,7 @@ from pathlib import Path
 FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER))
 
+import calibration  # noqa: E402
 import cascade  # noqa: E402
 import places  # noqa: E402
 import robot  # noqa: E402
@@ -29,6 +30,7 @@ PICTURES = {
     'fault_stop.png': signals.fault_stop,
     'built_robot.png': signals.built_robot,
     'inside_a_cycle.png': signals.inside_a_cycle,
+    'calibration.png': calibration.make,
 }
 
 if __name__ == '__main__':

@@ -182,3 +182,16 @@ def test_your_own_page(run):
     pytest.importorskip('viser', reason='the page needs the extra "view"')
     output, _ = run('your_own_page', '1')
     assert re.fullmatch(r'look at http://127\.0\.0\.1:\d+\n', output)
+
+
+def test_calibrate_a_robot(run):
+    text, lines = run('calibrate_a_robot')
+    assert text.count('\n') == len(lines) == 7
+    (used, before, after), (checks, unused_before, unused_after) = lines[:2]
+    assert (used, checks) == (24, 8)
+    assert after < 0.2 * before
+    assert unused_after < 0.2 * unused_before
+    for line, truth_mm in zip(lines[2:5], (0.1, -0.05, 0.07), strict=True):
+        assert abs(line[1] - truth_mm) < line[2]
+    assert lines[5][-1] > 0.25
+    assert lines[6][-1] < 0.4 * lines[5][-1]

@@ -67,19 +67,10 @@ class Study(studies.Study):
     def fit(self, path: Path | None) -> dict[str, Any]:
         """Estimate from a file of measurements, or from simulated ones; return the summary."""
         folder = self._folder(() if path is None else (str(path),))
-        measured = self._measured_poses() if path is None else self._read(path)
-        self.on_progress('estimating', 0, 0)
-        estimated = self._estimated(measured)
-        calibrated = self._calibrated(estimated)
-        left = list(estimation.compared(estimated, self._observation(measured)))
-        limits = [('measuring noise, and what the poses do not tell', estimated.expected_m[1])]
-        if self.settings.simulate is not None:
-            left += self._truly(calibrated)
-            limits += self._limits()
-        found = self._found(estimated, measured, left, limits)
+        found, calibrated = self.found(path)
         folder.clear((CALIBRATED, *report.TABLES, *figures.NAMES))
         if path is None:
-            folder.add(self._write_measured(folder, measured))
+            folder.add(self._write_measured(folder, found.measurements))
         with excused(f'cannot write {folder.path / CALIBRATED}'):
             folder.make()
             head = report.head(found, folder.provenance)
@@ -89,6 +80,19 @@ class Study(studies.Study):
         return folder.results(
             'A calibration', document, report.text(document), report.tables(found), drawings
         )
+
+    def found(self, path: Path | None = None) -> tuple[Found, Parameters]:
+        """Estimate as ``fit`` does; return what was found, and the parameters that know it. Nothing is written."""
+        measured = self._measured_poses() if path is None else self._read(path)
+        self.on_progress('estimating', 0, 0)
+        estimated = self._estimated(measured)
+        calibrated = self._calibrated(estimated)
+        left = list(estimation.compared(estimated, self._observation(measured)))
+        limits = [('measuring noise, and what the poses do not tell', estimated.expected_m[1])]
+        if self.settings.simulate is not None:
+            left += self._truly(calibrated)
+            limits += self._limits()
+        return self._found(estimated, measured, left, limits), calibrated
 
     def _folder(self, inputs: tuple[str, ...]) -> ReportFolder:
         s = self.settings

@@ -1,0 +1,31 @@
+"""Calibrate a built robot from measured places of its TCP, and see its true error fall."""
+
+import numpy as np
+
+import delta3_pacdrive as d3
+from delta3_pacdrive.analysis.calibration import estimation, model, planning, simulated
+from delta3_pacdrive.analysis.calibration.data import Method, Wanted
+
+NOISE_M = 2e-5  # of each coordinate that the instrument tells
+
+robot = d3.load_parameters('rich')
+poses = planning.plan(Wanted(Method.BASE, number=24, checks=8, noise_m=NOISE_M), robot)
+# of a robot that stands here: measurement_file.read('measured.csv')
+measured = simulated.points(poses, robot, Method.BASE, NOISE_M, seed=1)
+
+observation = model.PointsInBase(measured, robot)
+found = estimation.estimate(observation, NOISE_M)
+for left in estimation.compared(found, observation):
+    print(
+        f'{left.what}, {left.count} poses: {1e3 * left.before_rms_m:.3f} mm before, {1e3 * left.after_rms_m:.3f} after'
+    )
+for one in found.told:
+    if one.symbol == 'l_A':
+        print(f'l_A of arm {one.arm}: {1e3 * one.value:+.3f} +- {1e3 * one.half_width:.3f} mm')
+
+corrections = model.document_of(found.x)
+calibrated = robot.replace(**{f'kinematics__{name}': values for name, values in corrections.items()})
+for name, machine in (('drawn', robot), ('calibrated', calibrated)):
+    trace = d3.simulate(d3.load_program('experiment1', machine), machine)
+    unseen = np.linalg.norm(trace['tcp_true'] - trace['tcp_actual'], axis=1)
+    print(f'{name}: the true TCP of experiment 1 is {1e3 * np.sqrt(np.mean(unseen**2)):.3f} mm rms off')
