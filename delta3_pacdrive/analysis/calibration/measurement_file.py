@@ -24,7 +24,7 @@ from delta3_pacdrive.analysis.provenance import Provenance, write_table
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import CalibrationError, shown
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.trace_csv import UNITS
+from delta3_pacdrive.recording.quantities import UNITS
 
 FIT, CHECK = 'fit', 'check'
 AXES = ('axis1', 'axis2', 'axis3')

@@ -149,13 +149,15 @@ def test_lengths_that_nobody_has_calibrated_are_in_the_intervals_of_zero_angles(
 # refusals
 
 
-def test_a_measurement_that_the_others_contradict_is_named(poses, robot):
+@pytest.mark.parametrize('off_mm', [0.3, 1.0])
+def test_a_measurement_that_the_others_contradict_is_named(off_mm, poses, robot):
     measured = instrument(poses, robot)
     row = int(np.flatnonzero(~measured.checks)[7])
-    wrong = with_row(measured, 'points_m', row, measured.points_m[row] + [0.0, 0.001, 0.0])
+    wrong = with_row(measured, 'points_m', row, measured.points_m[row] + np.array([0.0, 1e-3 * off_mm, 0.0]))
     sentence = refusal(wrong, robot)
     assert 'the measurements contradict one another' in sentence
-    assert f'measurement {row + 1} is 1.' in sentence
+    told = re.search(rf'measurement {row + 1} is ([\d.]+) mm from where the others have it', sentence)
+    assert float(told[1]) == pytest.approx(off_mm, abs=0.15)
 
 
 def test_noise_that_was_told_too_small_is_a_contradiction_and_larger_is_none(poses, robot):
