@@ -112,8 +112,7 @@ def align(first: Run, second: Run, how: str = START) -> Alignment:
             'and the motor speeds of both are not recorded'
         )
     period = first.period_s
-    a, b = moving.first, moving.second
-    lags, found = _correlations(a, b)
+    lags, found = _correlations(np.nan_to_num(moving.first), np.nan_to_num(moving.second))
     best = int(np.argmax(found))
     # whole cycles stay whole
     shift_s = float(moving.first_s + lags[best] * period - moving.second_s)
@@ -139,7 +138,7 @@ def resampled(time_s: Floats, values: Floats, at_s: Floats, period_s: float) -> 
 
 @dataclass(frozen=True)
 class _Motions:
-    """Two motions on grids of the same period, without gaps: speeds, shape (n, 3), and when each begins."""
+    """Two motions on grids of the same period: speeds, shape (n, 3), nan in gaps, and when each begins."""
 
     of: str
     first_s: float
@@ -195,12 +194,12 @@ def _tcp_velocities(run: Run) -> Floats | None:
 
 
 def _even(run: Run, speed: Floats, period_s: float) -> tuple[float, Floats]:
-    """Return the begin and the speeds on a grid of this period, 0 in gaps."""
+    """Return the begin and the speeds on a grid of this period, nan in gaps."""
     time_s = run.part.time_s
     if not math.isclose(run.period_s, period_s):
         grid = np.arange(round((time_s[-1] - time_s[0]) / period_s) + 1) * period_s + time_s[0]
         speed, time_s = resampled(time_s, speed, grid, run.period_s), grid
-    return float(time_s[0]), np.nan_to_num(speed)
+    return float(time_s[0]), speed
 
 
 def _overlapping(moving: _Motions, shift_s: float, period_s: float) -> tuple[Floats, Floats]:
@@ -217,6 +216,8 @@ def _overlapping(moving: _Motions, shift_s: float, period_s: float) -> tuple[Flo
 
 def _correlation_at(moving: _Motions, shift_s: float, period_s: float) -> float:
     one, other = _overlapping(moving, shift_s, period_s)
+    known = np.isfinite(np.hstack([one, other])).all(axis=1)
+    one, other = one[known], other[known]
     scale = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float((one * other).sum()) / scale if scale > 0.0 else math.nan
 
@@ -235,6 +236,8 @@ def _refined(moving: _Motions, shift_s: float, period_s: float, of_second: bool)
     for _ in range(REFINEMENTS):
         one, other = _overlapping(moving, shift_s, period_s)
         slope = _overlapping(steep, shift_s, period_s)[of_second]
+        known = np.isfinite(np.hstack([one, other, slope])).all(axis=1)
+        one, other, slope = one[known], other[known], slope[known]
         curvature = float((slope**2).sum())
         if not curvature > 0.0:
             return start, math.nan

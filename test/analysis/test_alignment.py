@@ -77,6 +77,16 @@ def test_parts_of_runs_are_aligned_by_what_they_share(from_s, to_s, one, tmp_pat
     assert found.correlation > 0.999
 
 
+@pytest.mark.parametrize('names', [('motor_speed',), ('tcp_actual',)])
+def test_gaps_and_ends_are_no_motion(names, one, tmp_path):
+    sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=names)
+    rows = (tmp_path / 'a.csv').read_text().splitlines()
+    (tmp_path / 'torn.csv').write_text('\n'.join(rows[:500] + rows[530:900]) + '\n')
+    found = align(one, runs.load(str(tmp_path / 'torn.csv')))
+    assert found.shift_s == pytest.approx(-3.3, abs=1e-5)
+    assert found.doubts == ()
+
+
 def test_times_are_left_alone_where_that_is_asked_for(one, tmp_path):
     other = sampled(one, tmp_path / 'a.csv', 1000.0, 0.0)
     found = align(one, other, NONE)
