@@ -119,11 +119,13 @@ def panels(
     time_s, runs = comparison.time_s[keep], (comparison.model, comparison.robot)
     model, robot = (quantity.factor * run.actual[name][keep] for run in runs)
     referred = name in comparison.model.reference and name in comparison.robot.reference
+    thin: dict[str, Any] = {}
     if name == 'current':
         _draw_samples(comparison, keep, grid[:, 0])
+        thin = {'linewidth': 0.6}  # the band behind it is to be seen
     for i, (left, right) in enumerate(grid):
-        left.plot(time_s, model[:, i], label='model', **MODEL)
-        left.plot(time_s, robot[:, i], label='robot', **ROBOT)
+        left.plot(time_s, model[:, i], label='model', **MODEL | thin)
+        left.plot(time_s, robot[:, i], label='robot', **ROBOT | thin)
         if referred:
             own = [quantity.factor * run.reference[name][keep, i] for run in runs]
             left.plot(time_s, own[0], label='reference', **REFERENCE)
@@ -150,12 +152,12 @@ def _draw_samples(comparison: Comparison, keep: NDArray[np.bool_], panels: Seque
     """Draw all samples of the currents as bands behind their means, and those that the AT tell as dots."""
     time_s = comparison.time_s[keep]
     for run, look in ((comparison.robot, ROBOT), (comparison.model, MODEL)):
-        told = {'color': look['color'], 'linestyle': 'none', 'marker': '.', 'markersize': 1.2, 'zorder': 4.0}
+        told = {'color': look['color'], 'linestyle': 'none', 'marker': '.', 'markersize': 0.7, 'zorder': 2.2}
         for i, axes in enumerate(panels):
             if {'current_min', 'current_max'} <= run.actual.keys():
                 low, high = run.actual['current_min'][keep, i], run.actual['current_max'][keep, i]
                 axes.fill_between(
-                    time_s, low, high, color=look['color'], alpha=0.3, linewidth=0.0, zorder=2.0
+                    time_s, low, high, color=look['color'], alpha=0.45, linewidth=0.0, zorder=2.0
                 )
             axes.plot(time_s, run.actual['current_at'][keep, i], **told)
 
