@@ -5,8 +5,9 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
-from delta3_pacdrive.controller.robot_actions import Entered
+from delta3_pacdrive.controller.robot_actions import Asked, Entered
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
+from delta3_pacdrive.sercos.service_channel import Answer, ServiceError, parse_idn
 
 LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'
 FAULT = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
@@ -105,3 +106,36 @@ def test_a_program_that_is_given_up_where_it_stands_does_not_go_on_in_the_same_c
     assert rig.state.abort() == 'the program is given up'
     outcome = rig.state.change(timeline)
     assert outcome == Reason(Code.STATE, 'the program is being given up')
+
+
+def test_the_drives_are_asked_for_the_currents_of_a_program_when_it_is_over(rig: Any) -> None:
+    rig.lead_to(MotionState.MOVING)
+    rig.said.clear()
+    rig.run(1000)
+    asked = [act for act in rig.said if isinstance(act, Asked)]
+    rig.task.current_peak[:] = rig.task.current_rms[:] = [
+        None
+    ] * 3  # the rig's drives have answered nothing of use
+    assert [(act.access.idn, act.index) for act in asked] == [
+        (parse_idn(idn), index) for idn in ('P-0-0073', 'P-0-0074') for index in range(3)
+    ]
+    assert rig.state.finished
+    for number, act in enumerate(asked):
+        error = ServiceError.NO_ANSWER if number == 4 else ServiceError.NONE
+        act.done(act.index, Answer(act.access.idn, error, 0.5 + number))
+    figures = rig.task.figures()
+    assert figures.current_peak_a == [0.5, 1.5, 2.5]
+    assert figures.current_rms_a == [3.5, None, 5.5]  # one drive gave no answer
+    assert figures.at_current_peak_a == [0.0] * 3
+
+
+def test_currents_that_are_told_late_are_not_those_of_the_next_program(rig: Any) -> None:
+    rig.lead_to(MotionState.MOVING)
+    rig.run(1000)
+    late = [act for act in rig.said if isinstance(act, Asked)]
+    assert len(late) >= 6
+    rig.task.load(rig.task.timeline.plan)
+    rig.task.start(rig.next_cycle + 20)
+    for act in late:
+        act.done(act.index, Answer(act.access.idn, ServiceError.NONE, 9.9))
+    assert rig.task.figures().current_peak_a == [None] * 3

@@ -105,7 +105,7 @@ def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgr
         robot.set_point_delay_cycles * bus.cycle_time_s,
         *_peak_and_rms(told),
         *_peak_and_rms(current),
-        _rms(_jerk(current, robot)).tolist(),
+        _rms(jerk(current, robot)).tolist(),
         float(error.max()),
         float(_rms(error)),
         _samples(run, rows, cycles, told, axis, robot),
@@ -120,14 +120,14 @@ def _rms(values: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _jerk(current: Floats, robot: Parameters) -> Floats:
+def jerk(current: Floats, robot: Parameters) -> Floats:
     """Jerk [rad/s^3] of an arm with the mean inertia under the torque of its motor, without its slow part."""
     period_s = robot.drive.current_period_s
     per_ampere = robot.motor.torque_constant_n_m_a * robot.dynamics.gear_ratio
-    jerk = np.diff(current, axis=0) / period_s * per_ampere / robot.drive.observer_arm_inertia_kg_m2
-    spectrum = np.fft.rfft(jerk, axis=0)
-    spectrum[np.fft.rfftfreq(len(jerk), period_s) < JERK_FROM_HZ] = 0.0
-    return np.fft.irfft(spectrum, len(jerk), axis=0)
+    raw = np.diff(current, axis=0) / period_s * per_ampere / robot.drive.observer_arm_inertia_kg_m2
+    spectrum = np.fft.rfft(raw, axis=0)
+    spectrum[np.fft.rfftfreq(len(raw), period_s) < JERK_FROM_HZ] = 0.0
+    return np.fft.irfft(spectrum, len(raw), axis=0)
 
 
 def _samples(

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 
 import numpy as np
 import pytest
@@ -81,6 +82,15 @@ def test_the_table_has_a_row_for_each_case_and_axis_with_the_numbers_of_the_repo
 def test_there_is_a_picture_for_each_cycle_time_and_one_of_all_currents(folder):
     names = {path.name for path in folder.glob('*.png')}
     assert names == {'currents.png', *(f'inside_a_cycle_{n}ms.png' for n in (1, 2, 4))}
+
+
+def test_the_jerk_is_that_of_the_torque_above_100_hz(robot):
+    time_s = np.arange(16000) / 16e3
+    slow, fast = 5.0 * np.sin(math.tau * 20.0 * time_s), 0.1 * np.sin(math.tau * 500.0 * time_s)
+    found = np.sqrt(np.mean(cases.jerk(np.column_stack([slow + fast, slow, fast]), robot) ** 2, axis=0))
+    arm = robot.motor.torque_constant_n_m_a * 32.0 / robot.drive.observer_arm_inertia_kg_m2
+    expected = arm * 0.1 * math.tau * 500.0 / math.sqrt(2.0)
+    assert found == pytest.approx([expected, 0.0, expected], rel=0.01, abs=0.02 * expected)
 
 
 @pytest.fixture(scope='module')
