@@ -360,8 +360,11 @@ def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, f
         ('nowhere', 'there is no recording'),
         ('nowhere.npz', 'there is no recording'),
         ('empty', 'it is no bag, metadata.yaml is missing'),
-        ('bag/bag.mcap', 'expected a trace file (.npz, .csv) or the folder of a bag'),
-        ('notes.txt', 'expected a trace file (.npz, .csv) or the folder of a bag'),
+        (
+            'bag/bag.mcap',
+            'expected a trace file (.npz), a table (.csv, .parquet, .mat) or the folder of a bag',
+        ),
+        ('notes.txt', 'expected a trace file (.npz), a table (.csv, .parquet, .mat) or the folder of a bag'),
         ('notes.txt/bag', 'there is no recording'),
         ('n' * 300, 'File name too long'),
     ],
