@@ -20,6 +20,15 @@ STEP_S = 62.5e-6
 # MuJoCo's step is of the first order, and its constraints give way a little
 MOTION = 3e-3  # of the way
 OPEN_M = 1e-5  # of a loop in a motion with 30 m/s^2
+# arms that are built unequal, and a controller that knows it
+ARMS = {
+    'upper_arm_{}_m': [0.012, -0.008, 0.003],
+    'forearm_{}_m': [-0.015, 0.01, 0.006],
+    'radius_{}_m': [0.008, -0.004, -0.012],
+    'arm_azimuth_{}_deg': [1.5, -2.0, 0.7],
+}
+UNEQUAL = {'kinematics__' + name.format('correction'): values for name, values in ARMS.items()}
+BUILT = {'rich__' + name.format('error'): values for name, values in ARMS.items()}
 NO_FRICTION = {'motor__static_friction_n_m': 0.0, 'motor__viscous_friction_n_m_s_rad': 0.0}
 
 
@@ -58,7 +67,7 @@ def moved_by_mujoco(robot, torque, steps):
     return data.site('tcp').xpos.copy(), worst
 
 
-@pytest.mark.parametrize('change', [{}, {'kinematics__arm_azimuth_deg': (30.0, 140.0, 275.0)}])
+@pytest.mark.parametrize('change', [{}, {'kinematics__arm_azimuth_deg': (30.0, 140.0, 275.0)}, UNEQUAL])
 def test_the_model_begins_at_home_with_closed_loops_and_the_angles_of_the_joints(change, robot):
     changed = robot.replace(**change)
     _, data = loaded(mjcf(changed))
@@ -97,11 +106,23 @@ def test_its_masses_are_those_of_the_dynamics(robot):
 
 @pytest.mark.parametrize('push', [(6.0, -2.0, 0.0), (-8.0, 5.0, 12.0)])
 @pytest.mark.parametrize(
-    'change', [{}, {'rich__enabled': True, 'bus__exchange_period_s': 250e-6}], ids=['nominal', 'rods']
+    'change',
+    [
+        {},
+        {'rich__enabled': True, 'bus__exchange_period_s': 250e-6},
+        {
+            'rich__enabled': True,
+            'rich__geometry': True,
+            **UNEQUAL,
+            **BUILT,
+            'rich__arm_angle_error_deg': [0.0] * 3,
+        },
+    ],
+    ids=['nominal', 'rods', 'unequal'],
 )
 def test_it_moves_like_the_plant(change, push, robot):
     effects = ('gear', 'friction', 'ripple', 'sensors', 'geometry')
-    changed = robot.replace(**NO_FRICTION, **{f'rich__{name}': False for name in effects}, **change)
+    changed = robot.replace(**(NO_FRICTION | {f'rich__{name}': False for name in effects} | change))
     home = np.array(robot.motion.home_m)
     torque = dynamics.gravity(kinematics.inverse(home, changed), changed) + push
     expected = moved_by_plant(changed, torque, 800)

@@ -177,10 +177,12 @@ def estimate(
     if by_place.shape[1]:
         shown = shown - _projected(shown, by_place)
     rows = len(shown)
-    left, values, directions = np.linalg.svd(shown, full_matrices=True)
+    if rows < len(columns):
+        raise CalibrationError(_too_few(len(used), rows, by_place.shape[1], len(columns)))
+    left, values, directions = np.linalg.svd(shown, full_matrices=False)
     kept = int((values >= SEEN).sum())
     freedom = rows - by_place.shape[1] - kept
-    if freedom < (0 if len(columns) <= ARMS else FREEDOM_MIN) or rows < len(columns):
+    if freedom < (0 if len(columns) <= ARMS else FREEDOM_MIN):
         raise CalibrationError(_too_few(len(used), rows, by_place.shape[1], len(columns)))
     basis, hidden = directions[:kept], directions[kept:]
     # who has homed anew knows nothing of zero angles before

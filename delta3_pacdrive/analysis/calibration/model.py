@@ -37,7 +37,7 @@ from delta3_pacdrive.parameters import Kinematics, Parameters
 ARMS = 3
 STEP = 1e-6  # [m, rad] of central differences
 PLANE_POINTS, BALL_POINTS = 3, 4  # that fix it
-NARROW = 0.02  # of their spread along a line, that touches of a plane must have across it
+NARROW = 0.02  # of their spread along a line, that points must have across it
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,11 @@ class PointsInFrame(Observation):
         own, seen = tcp(self.shafts, x, self.robot)[self.used], self.measured.points_m[self.used]
         if len(own) < PLANE_POINTS:
             raise CalibrationError(f'{len(own)} measured points do not tell where the instrument stands')
+        spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
+        if spread[1] < NARROW * spread[0]:
+            raise CalibrationError(
+                'the measured points lie on a line: they do not tell how the instrument is turned'
+            )
         turn, _ = Rotation.align_vectors(own - own.mean(axis=0), seen - seen.mean(axis=0))
         return np.concatenate([own.mean(axis=0) - turn.apply(seen.mean(axis=0)), turn.as_rotvec()])
 
@@ -252,6 +257,8 @@ def _ball(name: str, points: Floats, radius_m: float) -> Floats:
     for _ in range(50):
         away = points - centre
         distance = np.linalg.norm(away, axis=1)
+        if not distance.min() > 0.0:
+            break
         step, *_ = np.linalg.lstsq(away / distance[:, None], distance - radius_m, rcond=None)
         centre = centre + step
         if np.linalg.norm(step) < 1e-9:

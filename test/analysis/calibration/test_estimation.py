@@ -200,6 +200,14 @@ def test_angles_at_which_the_forearms_do_not_meet_are_named(poses, robot):
     assert 'the forearms do not meet at arm angles' in refusal(wrong, short)
 
 
+def test_points_on_a_line_do_not_tell_how_the_instrument_is_turned(poses, robot):
+    line = dataclasses.replace(
+        poses, points_m=poses.points_m * np.array([1.0, 1e-4, 1e-4]) + [0.0, 0.1, -0.8]
+    )
+    sentence = refusal(instrument(line, robot), robot, model.PointsInFrame, is_placed=False)
+    assert sentence == 'the measured points lie on a line: they do not tell how the instrument is turned'
+
+
 def test_touches_that_only_tell_where_something_is_are_refused(robot):
     poses = planned(robot, 'plane', 60)
     measured = probe(poses, robot)

@@ -1,5 +1,6 @@
 """Facts about a whole calibration of the built robot, measured in simulation, and about what it leaves."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.analysis.calibration import measurement_file
+from delta3_pacdrive.analysis.calibration import estimation, measurement_file, model, simulated
 from delta3_pacdrive.analysis.calibration.data import Method, Wanted
 from delta3_pacdrive.analysis.calibration.run import Study
 from delta3_pacdrive.analysis.calibration.study import Settings
@@ -15,6 +16,7 @@ from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.simulation import run
+from measured import TRUTH, planned
 
 GOAL_M = 0.03e-3
 
@@ -67,6 +69,25 @@ def test_what_limits_it_is_told(summary):
 def test_every_interval_holds_what_was_built(summary):
     for figure in summary['figures']:
         assert abs(figure['value'] - figure['truth']) < figure['half_width_95'], figure['symbol']
+
+
+def test_intervals_hold_what_was_built_whatever_the_noise_is():
+    robot = parameters.load('rich')
+    poses = planned(robot)
+    exact = simulated.points(poses, robot, Method.BASE, 0.0, 0)
+    random, held, off = np.random.default_rng(20090421), [], []
+    for _ in range(25):
+        noise = 2e-5 * random.standard_normal(exact.points_m.shape)
+        measured = dataclasses.replace(exact, points_m=exact.points_m + noise)
+        found = estimation.estimate(model.PointsInBase(measured, robot), 2e-5)
+        held += [
+            abs(one.value - truth) < one.half_width for one, truth in zip(found.told, TRUTH, strict=True)
+        ]
+        true = (model.tcp(exact.angles_rad, found.x, robot) - exact.points_m)[exact.checks]
+        off.append(np.sqrt((true**2).sum(axis=1).mean()))
+    print(f'{100 * np.mean(held):.0f} % of the intervals, {1e3 * max(off):.4f} mm at most')
+    assert 0.9 <= np.mean(held) <= 1.0
+    assert max(off) < GOAL_M
 
 
 def test_every_command_takes_the_parameter_file(calibrated, summary, robot):
