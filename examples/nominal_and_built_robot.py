@@ -20,5 +20,5 @@ for name, trace in traces.items():
 
 errors_mm = ', '.join(f'{1e3 * error:+.2f}' for error in ROBOTS['built'].rich.forearm_error_m)
 print(f'its forearms differ from l_B by {errors_mm} mm')
-peaks = {name: np.abs(trace['current']).max() for name, trace in traces.items()}
+peaks = {name: max(trace.meta['figures']['current_peak_a']) for name, trace in traces.items()}
 print(f'largest current: {peaks["nominal"]:.2f} A nominal, {peaks["built"]:.2f} A built')

@@ -25,5 +25,6 @@ print(f'largest TCP error {1e3 * error[worst]:.3f} mm at {place}')
 lag = np.degrees(np.abs(trace['following_error'])).max(axis=0)
 print('largest following error:', ', '.join(f'axis{n} {value:.4f} deg' for n, value in enumerate(lag, 1)))
 
-rms = np.sqrt(np.mean(trace['current'] ** 2, axis=0))
+# of all samples of the current loops, if the recording has them; else of those in the AT
+rms = np.sqrt(np.mean(trace.signals.get('current_rms', trace['current']) ** 2, axis=0))
 print('current, rms:', ', '.join(f'axis{n} {value:.3f} A' for n, value in enumerate(rms, 1)))

@@ -18,7 +18,9 @@ error_mm = 1e3 * np.linalg.norm(trace['tcp_error'], axis=1)
 figure, (top, middle, bottom) = plt.subplots(3, sharex=True, figsize=(8, 6), layout='constrained')
 top.plot(trace.time_s, speed)
 top.set_ylabel('TCP speed [m/s]')
-middle.plot(trace.time_s, trace['current'], label=['axis 1', 'axis 2', 'axis 3'])
+for axis in range(3):  # all samples of the current loops
+    low, high = trace['current_min'][:, axis], trace['current_max'][:, axis]
+    middle.fill_between(trace.time_s, low, high, label=f'axis {axis + 1}')
 middle.set_ylabel('$I_{eff}$ [A]')
 middle.legend()
 bottom.plot(trace.time_s, error_mm)
@@ -27,6 +29,5 @@ figure.savefig(picture, dpi=100)
 
 print(f'{len(trace.time_s)} bus cycles of {trace.meta["cycle_time_s"] * 1e3:g} ms, {picture}')
 print(f'TCP error: at most {error_mm.max():.3f} mm')
-print(
-    f'current: at most {np.abs(trace["current"]).max():.2f} A of {robot.motor.nominal_current_a:g} A nominal'
-)
+peak_a = max(trace.meta['figures']['current_peak_a'])
+print(f'current: at most {peak_a:.2f} A of {robot.motor.nominal_current_a:g} A nominal')

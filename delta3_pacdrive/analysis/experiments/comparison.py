@@ -224,7 +224,7 @@ class Run:
         """Return the run with the current as an AT tells it, for a comparison with one that has no other."""
         actual = {name: values for name, values in self.actual.items() if name not in OF_SAMPLES}
         if 'current_at' in actual:
-            actual['current'] = actual['current_at']
+            actual['current'] = actual.pop('current_at')
         return replace(self, actual=actual)
 
 
@@ -324,7 +324,9 @@ class Comparison:
     @property
     def missing(self) -> list[str]:
         """Signals of simulations that at least one of the runs lacks."""
-        return [name for name in QUANTITIES if name not in self.names]
+        lacking = [name for name in QUANTITIES if name not in self.names]
+        # where there is no other, the current is that of the AT
+        return [name for name in lacking if name != 'current_at' or 'current' not in self.names]
 
     def measured(self, values: Floats) -> Floats:
         """Rows from the start of the program on that are known."""

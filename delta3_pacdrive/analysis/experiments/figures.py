@@ -108,7 +108,10 @@ def panels(
     """
     quantity = QUANTITIES[name]
     heading = f'{title}: {_typeset(quantity.text)}' + (' (zoom)' if shown else '')
-    if name == 'current':
+    sampled = name == 'current' and all(
+        'current_at' in run.actual for run in (comparison.model, comparison.robot)
+    )
+    if sampled:
         heading += ' (mean, band of all samples, dots of the AT)'
     if name == 'arm_acceleration':
         heading += f' (slope of the velocity within ±{1e3 * SLOPE_S:g} ms)'
@@ -120,7 +123,7 @@ def panels(
     model, robot = (quantity.factor * run.actual[name][keep] for run in runs)
     referred = name in comparison.model.reference and name in comparison.robot.reference
     thin: dict[str, Any] = {}
-    if name == 'current':
+    if sampled:
         _draw_samples(comparison, keep, grid[:, 0])
         thin = {'linewidth': 0.6}  # the band behind it is to be seen
     for i, (left, right) in enumerate(grid):
@@ -154,11 +157,8 @@ def _draw_samples(comparison: Comparison, keep: NDArray[np.bool_], panels: Seque
     for run, look in ((comparison.robot, ROBOT), (comparison.model, MODEL)):
         told = {'color': look['color'], 'linestyle': 'none', 'marker': '.', 'markersize': 0.7, 'zorder': 2.2}
         for i, axes in enumerate(panels):
-            if {'current_min', 'current_max'} <= run.actual.keys():
-                low, high = run.actual['current_min'][keep, i], run.actual['current_max'][keep, i]
-                axes.fill_between(
-                    time_s, low, high, color=look['color'], alpha=0.45, linewidth=0.0, zorder=2.0
-                )
+            low, high = run.actual['current_min'][keep, i], run.actual['current_max'][keep, i]
+            axes.fill_between(time_s, low, high, color=look['color'], alpha=0.45, linewidth=0.0, zorder=2.0)
             axes.plot(time_s, run.actual['current_at'][keep, i], **told)
 
 
