@@ -33,6 +33,7 @@ MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe\x00\x00': 'utf-32', b'\x00\x00
 OF_WINDOWS = 'cp1252'
 # a cell that says that there is no number
 NO_NUMBER = re.compile(r'(?<![^;,\t|\n])[ ]*(?:null|n/a|na|#n/a|-{1,3})[ ]*(?![^;,\t|\n])', re.IGNORECASE)
+COMMENT = re.compile('^#.*', re.MULTILINE)
 COMMA, POINT = ',', '.'
 
 
@@ -169,15 +170,16 @@ class _Reader:
         """Return the numbers of whole lines, nan where a cell is empty."""
         lines, first = text.count('\n'), self.line + 1
         self.line += lines
+        text = COMMENT.sub('', text)
         if not text.strip():
             return np.empty((0, len(self.headings)))
         told = self._prepared(text)
         try:
-            found = np.loadtxt(io.StringIO(told), delimiter=self.separator, ndmin=2)
+            found = np.loadtxt(io.StringIO(told), delimiter=self.separator, comments=None, ndmin=2)
         except ValueError:
             told = NO_NUMBER.sub('nan', told)
             try:
-                found = np.loadtxt(io.StringIO(told), delimiter=self.separator, ndmin=2)
+                found = np.loadtxt(io.StringIO(told), delimiter=self.separator, comments=None, ndmin=2)
             except ValueError:
                 self._refuse(told, text, first)
         if found.shape[1] != len(self.headings):
@@ -209,8 +211,8 @@ class _Reader:
         """Refuse the first row that is none; raises TraceError."""
         number = first
         for line, own in zip(told.splitlines(), text.splitlines(), strict=True):
-            cells = line.partition('#')[0].split(self.separator)
-            if line.partition('#')[0].strip():
+            cells = line.split(self.separator)
+            if line.strip():
                 if len(cells) != len(self.headings):
                     raise TraceError(
                         f'line {number} of {self.path} has {len(cells)} values, the header {len(self.headings)} columns'
