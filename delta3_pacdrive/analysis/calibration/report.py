@@ -121,7 +121,10 @@ def _lines(told: dict[str, Any]) -> Iterator[str]:
     yield '  left over [mm]                                    before rms / max      after rms / max'
     for one in told['left']:
         yield '  ' + _left(Left(**one))
-    yield f'  scatter {told["scatter"]:.2f} of what was to be expected, {told["freedom"]} degrees of freedom'
+    if told['freedom']:
+        yield f'  scatter {told["scatter"]:.2f} of what was to be expected, {told["freedom"]} degrees of freedom'
+    else:
+        yield '  nothing is left to judge the measurements by: one more could contradict them'
     yield ''
     yield '  what limits it:'
     for one in told['limits_m']:

@@ -164,9 +164,10 @@ class Study(studies.Study):
     def _truly(self, calibrated: Parameters) -> list[Left]:
         """Return how far the true TCP of the simulated robot is from where it is commanded to be."""
         self.on_progress('looking at the truth', 0, 0)
+        what = 'true TCP' if self.settings.wanted.method in planning.PLACED else 'true TCP, its shape,'
         groups = (
-            ('true TCP where weight presses the gears', self._places(True)),
-            ('true TCP all over the workspace', self._places(False)),
+            (f'{what} where weight presses the gears', self._places(True)),
+            (f'{what} all over the workspace', self._places(False)),
         )
         return [
             estimation.left_of(what, *(self._off(group[:TRIED], one) for one in (self.robot, calibrated)))

@@ -144,7 +144,7 @@ def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrat
 def test_touches_make_the_shape_of_the_motion_right(tmp_path, undrawn):
     for method in ('plane', 'ball'):
         found = study(tmp_path / method, method, 40, 4, noise_m=1e-5).fit(None)
-        true = left(found, 'true TCP where weight presses')
+        true = left(found, 'true TCP, its shape, where weight presses')
         assert true['after_rms_m'] < true['before_rms_m']
         assert found['method'] == method
         measured = measurement_file.read(tmp_path / method / 'measurements.csv')
