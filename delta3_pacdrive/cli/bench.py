@@ -15,7 +15,9 @@ SECONDS = 60.0
 class Options(JsonOptions):
     """Options of the command."""
 
-    what: str = argument('what is measured', choices=['graph', 'motion', 'simulate', 'kinematics'])
+    what: str = argument(
+        'what is measured', choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation']
+    )
     seconds: float | None = option(
         f'bus time of motion per case [s]; {SECONDS:g} unless told',
         'S',
@@ -34,12 +36,18 @@ class Options(JsonOptions):
     view: bool = flag('graph: the robot without and with a page that somebody watches', only=('graph',))
     no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
 
+    seeds: int | None = option(
+        'estimation: noises of the sensors, 200 unless told', 'N', type=int, only=('estimation',)
+    )
+
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if refusal := self.refusal(self.what):
             return refusal
         if self.seconds is not None and not 1.0 <= self.seconds <= 3600.0:
             return f'--seconds is {self.seconds}, but must be between 1 and 3600'
+        if self.seeds is not None and not 2 <= self.seeds <= 10_000:
+            return f'--seeds is {self.seeds}, but must be between 2 and 10000'
         return ''
 
 
@@ -60,7 +68,10 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
     if options.what == 'graph':
         cases = options.case or (graph.BESIDE_PAGE if options.view else None)
         return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
-    from delta3_pacdrive.benchmarks import motion, simulation
+    from delta3_pacdrive.benchmarks import estimation, motion, simulation
+
+    if options.what == 'estimation':
+        return estimation.show, estimation.measure(options.seeds or estimation.SEEDS)
 
     if options.what == 'motion':
         return motion.show, motion.measure(None if options.no_graph else seconds)
@@ -71,7 +82,8 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
 
 main = Command(
     'bench',
-    'Measure the graph (timing, processor time, memory), planning, or the speed of simulation and kinematics.',
+    'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, or how '
+    'often intervals of estimates hold the truth.',
     Options,
     run,
 )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
 from delta3_pacdrive.cli.studies import conduct
 
@@ -26,7 +27,12 @@ class Options(JsonOptions):
         'what is estimated', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
     )
     parameters: str | None = option('parameter file instead of the packaged one', 'FILE')
-    free: str = option('quantities to free, such as I_brake,w_s', 'SYMBOLS', default='', type=str)
+    free: str = option(
+        'quantities to free, such as I_brake,w_s, or effects of built robots: friction,gear,ripple,sensors,geometry',
+        'SYMBOLS',
+        default='',
+        type=str,
+    )
     known: str = option('quantities to hold, such as m_fb', 'SYMBOLS', default='', type=str)
     start_off: float | None = option(
         'start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
@@ -34,17 +40,29 @@ class Options(JsonOptions):
         type=number_within(-0.9, 9.0),
     )
     sampling: str = option(
-        'of a simulated measurement: every period of the current loop, or every bus cycle',
-        default='drive',
-        choices=['drive', 'bus'],
+        'of a simulated measurement: every period of the current loop, or every bus cycle; auto: bus for a built robot',
+        default='auto',
+        choices=['auto', 'drive', 'bus'],
     )
     method: str = option(
         'mechanical part: balance of torques, or replay of the closed loop; auto: as the sampling asks for',
         default='auto',
         choices=['auto', 'balance', 'replay'],
     )
-    noise: float = option('sensor noise of a simulated measurement, 1: typical', 'X', default=0.0, type=NOISE)
+    noise: float = option(
+        'noise of the sensors, 1: typical; of a simulated measurement, or what those of traces have',
+        'X',
+        default=0.0,
+        type=NOISE,
+    )
     seed: int = option('of the noise, and of --design', default=0, type=SEED)
+    validate: str = option(
+        'recordings, or programs of a simulated measurement, that are not fitted and that the estimates must predict',
+        'INPUTS',
+        default='',
+        type=str,
+    )
+    apply: bool = flag('leave fitted.yaml, and show what it changes: figures 11.6 and 11.8 before and after')
     measurement: str | None = option(
         'write the simulated measurement to this .npz or .csv file', 'FILE', type=trace_file
     )
@@ -67,17 +85,17 @@ def _refuse_ignored(options: Options) -> None:
     from delta3_pacdrive.errors import EstimationError
 
     models = ('--sampling', '--method')
-    quantities = ('--free', '--known')
+    quantities, more = ('--free', '--known'), ('--validate', '--apply')
     cases = [
         (
             any(is_recording(text) for text in options.inputs),
             'the inputs are traces',
-            ('--sampling', '--noise', '--seed', '--measurement'),
+            ('--sampling', '--seed', '--measurement'),
         ),
         (
             options.group == 'thesis' and not options.design,
             'the group thesis has signals and quantities of its own',
-            (*models, '--measurement', *quantities),
+            (*models, '--measurement', *quantities, *more),
         ),
         (
             options.group == 'geometry' and not options.design,
@@ -87,12 +105,12 @@ def _refuse_ignored(options: Options) -> None:
         (
             bool(options.design),
             '--design only writes a program',
-            ('INPUT', *models, '--noise', '--measurement', *quantities, '--start-off'),
+            ('INPUT', *models, '--noise', '--measurement', *quantities, *more, '--start-off'),
         ),
         (
             bool(options.resume),
             '--resume goes on with the settings of the folder',
-            (*models, '--noise', '--seed', *quantities, '--start-off'),
+            (*models, '--noise', '--seed', *quantities, *more, '--start-off'),
         ),
     ]
     given = options.given()
@@ -114,10 +132,12 @@ def run(options: Options) -> int:
             lambda: 'interrupted: no program was written',
         )
     studies: list[Any] = []
+    summaries: list[dict[str, Any]] = []
 
     def work(show: OnProgress) -> dict[str, Any]:
         studies.append(_study(options, show))
         summary: dict[str, Any] = studies[0].run(Path(options.measurement) if options.measurement else None)
+        summaries.append(summary)
         return summary
 
     def unfinished() -> str:
@@ -126,7 +146,11 @@ def run(options: Options) -> int:
         again = f'delta3 estimate --resume {shlex.quote(str(studies[0].folder))}'
         return f'interrupted after iteration {studies[0].iterate.number}; {again} goes on from there'
 
-    return conduct(options, work, report.text, unfinished)
+    status = conduct(options, work, report.text, unfinished)
+    if refusal := '' if status else report.refusal(summaries[0]):
+        print(f'error: {refusal}', file=sys.stderr)
+        return 1
+    return status
 
 
 def _study(options: Options, show: OnProgress) -> Any:
@@ -147,6 +171,8 @@ def _study(options: Options, show: OnProgress) -> Any:
         options.start_off,
         _symbols(options.free),
         _symbols(options.known),
+        _symbols(options.validate),
+        options.apply,
     )
     return run.Study(settings, Path(options.output), options.command_line, show)
 

@@ -154,6 +154,8 @@ ESTIMATE = {
     ('--seed', '4'): {'seed': 4},
     ('--free', 'I_brake,w_s'): {'free': ('I_brake', 'w_s')},
     ('--known', 'm_fb'): {'known': ('m_fb',)},
+    ('--validate', 'c.npz,d.npz'): {'validate': ('c.npz', 'd.npz')},
+    ('--apply',): {'apply': True},
     ('--group', 'masses'): {'group': 'masses'},
     ('--parameters', 'rich'): {'parameters': 'rich'},
     ('a.npz', 'b.csv'): {'inputs': ('a.npz', 'b.csv')},

@@ -64,7 +64,7 @@ def estimates(rows: list[dict[str, Any]]) -> Figure:
         left.plot([start, value], [place, place], color=COLOURS[0], linewidth=1.2)
         left.plot(start, place, 'o', color=COLOURS[1], markersize=5)
         left.plot(value, place, 'o', color=COLOURS[0], markersize=6)
-        width = 100.0 * row['half_width_relative']
+        width = 100.0 * (row['half_width_relative'] or 0.0)
         right.plot([width, width], [place - 0.3, place + 0.3], color=COLOURS[0], linewidth=2.0)
         right.plot([ERROR_MIN_PERCENT, width], [place, place], color=COLOURS[0], linewidth=1.0, alpha=0.4)
         if known:

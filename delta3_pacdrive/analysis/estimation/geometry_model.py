@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive.analysis.estimation.measurement import NOISE, moving_rows, sample_time_s
 from delta3_pacdrive.analysis.estimation.problem import Block
-from delta3_pacdrive.analysis.estimation.quantities import FRAME, GROUPS, OFFSETS
+from delta3_pacdrive.analysis.estimation.quantities import FRAME, GROUPS, OF_ARMS, OFFSETS
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -21,7 +21,7 @@ class GeometryModel:
 
     Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). The three gaps e_i = |s_i| - l_B become the
     error of the position by S^-1, the rows of S being the directions s_i/|s_i|: to first order the error of the
-    forward kinematics, but defined for a geometry that does not close at all.
+    forward kinematics, but defined for a geometry that does not close at all. Arms may differ from one another.
 
     Raises
     ------
@@ -50,15 +50,15 @@ class GeometryModel:
         )  # about the measuring frame's axes at rest
         points = (self._points - _vector(values, FRAME[:3])) @ turned.as_matrix()
         theta = self._angles + _vector(values, OFFSETS)
-        alpha = _vector(values, ('alpha_1', 'alpha_2', 'alpha_3'))
-        reach = values['R_A'] - values['R_B'] + values['l_A'] * np.cos(theta)
-        elbows = np.stack(
-            [reach * np.cos(alpha), reach * np.sin(alpha), -values['l_A'] * np.sin(theta)], axis=-1
-        )
+        arm, forearm, radius, turn = (_vector(values, names) for names in OF_ARMS)
+        alpha = _vector(values, ('alpha_1', 'alpha_2', 'alpha_3')) + turn
+        arm, forearm = values['l_A'] + arm, values['l_B'] + forearm
+        reach = values['R_A'] - values['R_B'] + radius + arm * np.cos(theta)
+        elbows = np.stack([reach * np.cos(alpha), reach * np.sin(alpha), -arm * np.sin(theta)], axis=-1)
         forearms = points[:, None, :] - elbows
         lengths = np.linalg.norm(forearms, axis=-1)
         try:
-            error = np.linalg.solve(forearms / lengths[..., None], (lengths - values['l_B'])[..., None])
+            error = np.linalg.solve(forearms / lengths[..., None], (lengths - forearm)[..., None])
         except np.linalg.LinAlgError:
             raise EstimationError('the geometry has become singular: the start is too far off') from None
         return [np.asarray(error[..., 0])]

@@ -11,10 +11,11 @@ from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.numerics.types import Floats
 
 Z_95 = 1.959964
-WEAK = 0.25  # half width of the 95 % interval, of the value, from which on a number says nothing
+WEAK = 0.10  # half width of the 95 % interval, of the value, from which on a number says nothing
 SEEN = 1e-3  # share of a quantity's direction in what signals do not show, from which on it is confounded
 NAMED = 0.05  # weight of a partner in a confounded or collinear direction that is worth a name
 CONDITION_INDEX = 30.0  # of Belsley, Kuh and Welsch: collinear from here on
+ERROR_WEIGHT = 1e-2  # of quantities that should be zero, in the choice of what is estimated
 VARIANCE_SHARE = 0.5  # that one direction contributes to the variances of at least two quantities
 
 
@@ -127,11 +128,17 @@ def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -
     sigmas = [block.sigma for block in problem.blocks] if noise is None else noise
     slopes = zip(problem.jacobian(x), sigmas, strict=True)
     parts = [array.reshape(-1, len(x)) / sigma for array, sigma in slopes]
-    return analyse_jacobian(parts, [q.symbol for q in problem.quantities], problem.accuracy)
+    should_be_zero = [q.symbol for q in problem.quantities if q.is_error]
+    return analyse_jacobian(parts, [q.symbol for q in problem.quantities], problem.accuracy, should_be_zero)
 
 
-def analyse_jacobian(parts: Sequence[Floats], symbols: Sequence[str], accuracy: float) -> Identifiability:
-    """Analyse a jacobian, one part (rows, quantities) per signal, in deviations of the noise per scale."""
+def analyse_jacobian(
+    parts: Sequence[Floats], symbols: Sequence[str], accuracy: float, errors: Sequence[str] = ()
+) -> Identifiability:
+    """Analyse a jacobian, one part (rows, quantities) per signal, in deviations of the noise per scale.
+
+    ``errors`` are quantities that should be zero: where signals cannot tell, others are estimated.
+    """
     lengths = np.array([np.linalg.norm(part, axis=0) for part in parts])
     total = np.linalg.norm(lengths, axis=0)
     visible = [int(v) for v in np.flatnonzero(total > accuracy * max(float(total.max()), 1e-300))]
@@ -141,17 +148,17 @@ def analyse_jacobian(parts: Sequence[Floats], symbols: Sequence[str], accuracy: 
     rank = int((values > max(accuracy, 1e-12) * values[0]).sum()) if len(values) else 0
     seen, hidden = directions[:rank], directions[rank:]
     concealed = (hidden**2).sum(axis=0) if len(hidden) else np.zeros(len(visible))
-    errors = np.full(len(symbols), np.inf)
+    relative = np.full(len(symbols), np.inf)
     spread = ((seen / values[:rank, None]) ** 2).sum(axis=0) if rank else np.zeros(0)
     told = concealed <= SEEN
     for own, j in enumerate(visible):
         if told[own]:
-            errors[j] = np.sqrt(spread[own]) / total[j]
+            relative[j] = np.sqrt(spread[own]) / total[j]
 
     names = [symbols[v] for v in visible]
     findings = []
     for j, symbol in enumerate(symbols):
-        change, error = float(total[j]), float(errors[j])
+        change, error = float(total[j]), float(relative[j])
         partners = _partners(hidden, visible.index(j), names) if j in visible else ()
         verdict = _verdict(j in visible, error)
         reason = _reason(verdict, change, error, partners)
@@ -164,7 +171,8 @@ def analyse_jacobian(parts: Sequence[Floats], symbols: Sequence[str], accuracy: 
         _, scaled, rows = np.linalg.svd(reduced, full_matrices=False)
         basis[:, visible] = rows[:rank]
     if rank:
-        _, _, order = qr(unit, mode='economic', pivoting=True)
+        preferred = np.array([ERROR_WEIGHT if name in errors else 1.0 for name in names])
+        _, _, order = qr(unit * preferred, mode='economic', pivoting=True)
         chosen = tuple(sorted(visible[k] for k in order[:rank]))
     return Identifiability(
         tuple(findings),

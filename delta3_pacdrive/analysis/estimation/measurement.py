@@ -114,8 +114,11 @@ def simulate(
         trace = simulation.run(program, parameters)
     else:
         trace = _run_with_oscilloscope(program, parameters, on_progress)
-    arms = trace['shaft_position'] / parameters.dynamics.gear_ratio
-    trace.signals['tcp_measured'] = kinematics.forward(arms, parameters.kinematics)
+    if parameters.rich.enabled and 'tcp_true' in trace.signals:
+        trace.signals['tcp_measured'] = trace['tcp_true']
+    else:
+        arms = trace['shaft_position'] / parameters.dynamics.gear_ratio
+        trace.signals['tcp_measured'] = kinematics.forward(arms, parameters.kinematics)
     return trace
 
 

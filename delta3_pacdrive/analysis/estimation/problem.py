@@ -95,11 +95,17 @@ class Problem:
         self.quantities = tuple(quantities)
         self.models = tuple(models)
         self.parameters = parameters
-        self.blocks = tuple(block for model in models for block in model.blocks)
         self.accuracy = max(model.accuracy for model in models)
         self.step = max(model.step for model in models)
         self._known = values_of(parameters)
         self.scales: Floats = np.array([q.extent(self._known[q.symbol]) for q in self.quantities])
+        # analysis, steps, intervals and checks ask for slopes at the same values
+        self._slopes_at: tuple[bytes, dict[int, list[Floats]]] = (b'', {})
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The signals that are compared, of all models."""
+        return tuple(block for model in self.models for block in model.blocks)
 
     def values(self, x: Floats) -> dict[str, float]:
         """Return every quantity by symbol, the free ones as in ``x``."""
@@ -117,12 +123,16 @@ class Problem:
     def jacobian(self, x: Floats, columns: Sequence[int] | None = None) -> list[Floats]:
         """Derivatives of the residuals per scale by central differences, one array (n, 3, columns) per block."""
         columns = range(len(x)) if columns is None else columns
-        slopes = []
+        if self._slopes_at[0] != x.tobytes():
+            self._slopes_at = x.tobytes(), {}
+        known = self._slopes_at[1]
         for j in columns:
-            change = np.zeros(len(x))
-            change[j] = self.step * self.scales[j]
-            higher, lower = self.values(x + change), self.values(x - change)
-            slopes.append([part for model in self.models for part in self._slopes(model, j, higher, lower)])
+            if j not in known:
+                change = np.zeros(len(x))
+                change[j] = self.step * self.scales[j]
+                higher, lower = self.values(x + change), self.values(x - change)
+                known[j] = [part for model in self.models for part in self._slopes(model, j, higher, lower)]
+        slopes = [known[j] for j in columns]
         return [np.stack([column[b] for column in slopes], axis=-1) for b in range(len(self.blocks))]
 
     def _slopes(

@@ -1,18 +1,27 @@
-"""What can be estimated: the parameters of Table 9-1 by their symbols, in groups, and the sums that signals show."""
+"""What can be estimated: the parameters of Table 9-1 by their symbols, in groups, and the sums that signals show.
+
+Besides these there is what the thesis leaves out and built robots have: its quantities belong to effects, which are
+switched on where one of them is free.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.errors import EstimationError, ParameterError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, flatten
+from delta3_pacdrive.parameters import ELASTIC_EXCHANGE_S, Parameters, flatten
 
 ANGLE_SCALE_RAD = math.pi / 3.0  # "all of it" for the azimuth of an arm: half of what lies between two arms
 SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # the same for offsets that should be zero
+SMALL_GAIN, SMALL_CURRENT_A = 0.02, 0.05  # and for errors of current sensors
+BUILT_EXCHANGE_S = 125e-6  # every step of the velocity loop of a model with elastic gears sees the true shaft
+
+_AZIMUTHS = ('alpha_1', 'alpha_2', 'alpha_3')
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,8 @@ class Quantity:
         What a change is compared with; 0: the value itself, or ``typical`` where it is zero.
     lowest, highest
         Bounds of the estimation, as multiples of the start for values that are positive.
+    effect
+        Switch in the group ``rich`` without which it does not exist.
 
     """
 
@@ -44,16 +55,25 @@ class Quantity:
     typical: float = 1.0
     lowest: float = 0.05
     highest: float = 20.0
+    effect: str = ''
+
+    @property
+    def is_error(self) -> bool:
+        """Whether it is the error of something, which should be zero."""
+        return bool(self.scale) and self.symbol not in _AZIMUTHS
 
     def read(self, parameters: Parameters) -> float:
-        """Value [SI] in a set of parameters; 0 for what belongs to the measurement."""
-        if not self.parameter:
+        """Value [SI] in a set of parameters; 0 for what belongs to the measurement, and for errors that are off."""
+        if not self.parameter or (self.is_error and not self.is_on(parameters)):
             return 0.0
         name, _, place = self.parameter.partition('[')
         value = flatten(parameters)[name]
-        if place:
-            return math.radians(value[int(place[:-1])])
-        return float(value)
+        number = float(value[int(place[:-1])] if place else value)
+        return math.radians(number) if name.endswith('_deg') else number
+
+    def is_on(self, parameters: Parameters) -> bool:
+        """Whether a robot with these parameters has it."""
+        return not self.effect or bool(getattr(parameters.rich.effects, self.effect))
 
     def extent(self, value: float) -> float:
         """Return the scale of changes around a value."""
@@ -87,31 +107,91 @@ _TABLE = (
     Quantity('R_B', 'm', 'circle of the joints on the plate', 'kinematics.plate_radius_m'),
     *(Quantity(f'alpha_{i}', 'rad', f'azimuth of arm {i}', f'kinematics.arm_azimuth_deg[{i - 1}]', ANGLE_SCALE_RAD)
       for i in (1, 2, 3)),
-    *(Quantity(f'theta0_{i}', 'rad', f'zero of the encoder of arm {i}', scale=SMALL_ANGLE_RAD) for i in (1, 2, 3)),
+    *(Quantity(f'theta0_{i}', 'rad', f'zero of the encoder of arm {i}', f'rich.arm_angle_error_deg[{i - 1}]',
+               SMALL_ANGLE_RAD, effect='geometry') for i in (1, 2, 3)),
     *(Quantity(f'{axis}_0', 'm', f'{axis} of the measuring frame', scale=SMALL_LENGTH_M) for axis in 'xyz'),
     *(Quantity(f'r_{axis}', 'rad', f'turn of the measuring frame about {axis}', scale=SMALL_ANGLE_RAD)
       for axis in 'xyz'),
+    Quantity('F_b', 'N m', 'break-away torque, motor side', 'rich.break_away_torque_n_m', effect='friction'),
+    Quantity('w_st', 'rad/s', 'Stribeck speed, motor side', 'rich.stribeck_speed_rad_s', effect='friction'),
+    Quantity('z_b', 'rad', 'deflection before break-away, motor side', 'rich.presliding_rad', effect='friction'),
+    Quantity('c_g', 'N m/rad', 'stiffness of the gears, arm side', 'rich.gear_stiffness_n_m_rad', effect='gear'),
+    Quantity('d_g', 'N m s/rad', 'damping of the gears, arm side', 'rich.gear_damping_n_m_s_rad', typical=10.0,
+             effect='gear'),
+    Quantity('b_g', 'rad', 'backlash of the gears, arm side', 'rich.gear_backlash_rad', typical=1e-4, effect='gear'),
+    Quantity('T_c', 'N m', 'amplitude of the cogging torque', 'rich.cogging_torque_n_m', typical=1e-2,
+             effect='ripple'),
+    Quantity('a_6', '1', 'ripple of K_m', 'rich.torque_ripple', typical=1e-2, effect='ripple'),
+    *(Quantity(f'gain_{i}', '1', f'gain error of the current sensors of motor {i}', f'rich.current_gain_error[{i - 1}]',
+               SMALL_GAIN, effect='sensors') for i in (1, 2, 3)),
+    *(Quantity(f'offset_{i}', 'A', f'offset of a phase current of motor {i}', f'rich.current_offset_a[{i - 1}]',
+               SMALL_CURRENT_A, effect='sensors') for i in (1, 2, 3)),
+    *(Quantity(f'd{symbol}_{i}', unit, f'error of {symbol} of arm {i}', f'rich.{name}[{i - 1}]', scale,
+               effect='geometry')
+      for symbol, unit, name, scale in (('l_A', 'm', 'upper_arm_error_m', SMALL_LENGTH_M),
+                                        ('l_B', 'm', 'forearm_error_m', SMALL_LENGTH_M),
+                                        ('R', 'm', 'radius_error_m', SMALL_LENGTH_M),
+                                        ('alpha', 'rad', 'arm_azimuth_error_deg', SMALL_ANGLE_RAD))
+      for i in (1, 2, 3)),
 )  # fmt: skip
+EFFECTS = ('forearm_rods', 'gear', 'friction', 'ripple', 'sensors', 'geometry')  # switches of the group rich
 TABLE = {quantity.symbol: quantity for quantity in _TABLE}
 OFFSETS = tuple(f'theta0_{i}' for i in (1, 2, 3))
+OF_ARMS = tuple(tuple(f'd{name}_{i}' for i in (1, 2, 3)) for name in ('l_A', 'l_B', 'R', 'alpha'))
 FRAME = ('x_0', 'y_0', 'z_0', 'r_x', 'r_y', 'r_z')
 
 
 @dataclass(frozen=True)
 class Group:
-    """A group holds the quantities that one kind of data shows: free by default, or held unless they are freed."""
+    """A group holds the quantities that one kind of data shows: free by default, or held unless they are freed.
+
+    Attributes
+    ----------
+    name
+        On the command line.
+    free, held
+        Symbols of Table 9-1.
+    built
+        Symbols of what only built robots have: free by default where the robot has it.
+
+    """
 
     name: str
     free: tuple[str, ...]
     held: tuple[str, ...]
+    built: tuple[str, ...] = ()
 
     @property
     def possible(self) -> tuple[str, ...]:
         """Symbols of all its quantities."""
-        return self.free + self.held
+        return self.free + self.held + self.built
 
-    def chosen(self, free: Iterable[str] = (), known: Iterable[str] = ()) -> tuple[Quantity, ...]:
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Effects of built robots that have quantities here; their names stand for all of them."""
+        return tuple(dict.fromkeys(TABLE[symbol].effect for symbol in self.built))
+
+    def named(self, symbols: Iterable[str]) -> tuple[str, ...]:
+        """Return symbols in which names of effects are replaced by their quantities; raises EstimationError."""
+        found: list[str] = []
+        for symbol in symbols:
+            if symbol in self.effects:
+                found += [s for s in self.built if TABLE[s].effect == symbol]
+            elif symbol in self.possible:
+                found.append(symbol)
+            else:
+                raise EstimationError(
+                    f'{symbol!r} is no quantity of the group {self.name}, '
+                    f'expected one of {", ".join(self.possible + self.effects)}'
+                )
+        return tuple(dict.fromkeys(found))
+
+    def chosen(
+        self, free: Iterable[str] = (), known: Iterable[str] = (), robot: Parameters | None = None
+    ) -> tuple[Quantity, ...]:
         """Free quantities after freeing some and holding others at the values of the parameter file.
+
+        Those of the effects that ``robot`` has are free as well; without it there are none.
 
         Raises
         ------
@@ -119,14 +199,11 @@ class Group:
             A symbol does not belong to the group, or nothing is left.
 
         """
-        free, known = set(free), set(known)
-        for symbol in sorted(free | known):
-            if symbol not in self.possible:
-                raise EstimationError(
-                    f'{symbol!r} is no quantity of the group {self.name}, expected one of {", ".join(self.possible)}'
-                )
+        free, known = set(self.named(sorted(free))), set(self.named(sorted(known)))
         if both := sorted(free & known):
             raise EstimationError(f'{both[0]} cannot be free and known at once')
+        if robot is not None:
+            free |= {symbol for symbol in self.built if TABLE[symbol].is_on(robot)} - known
         symbols = [s for s in self.possible if (s in self.free or s in free) and s not in known]
         if not symbols:
             raise EstimationError('nothing is left to be estimated: every quantity is known')
@@ -134,14 +211,16 @@ class Group:
 
 
 _MASSES = ('m_b', 'm_c', 'm_fb', 'm_n', 'm_payload')
-_AZIMUTHS = ('alpha_1', 'alpha_2', 'alpha_3')
 _LENGTHS = ('l_A', 'l_B', 'R_A', 'R_B')
 _ELECTRICAL = ('R', 'L', 'K_m')
 _FRICTION = ('F_v', 'F_s')
+_DRIVEN = tuple(q.symbol for q in _TABLE if q.effect and q.effect != 'geometry')
 GROUPS = {
-    'motor': Group('motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES)),
-    'masses': Group('masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL)),
-    'geometry': Group('geometry', (*_LENGTHS, *_AZIMUTHS), (*OFFSETS, *FRAME)),
+    'motor': Group('motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES), _DRIVEN),
+    'masses': Group('masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL), _DRIVEN),
+    'geometry': Group(
+        'geometry', (*_LENGTHS, *_AZIMUTHS), FRAME, (*OFFSETS, *(s for own in OF_ARMS for s in own))
+    ),
 }
 
 
@@ -155,32 +234,55 @@ def with_values(parameters: Parameters, values: Mapping[str, float]) -> Paramete
     changes: dict[str, Any] = {}
     if 'F_s' in values:
         # no robot breaks away below its F_s: a start or a step beyond the break-away torque takes that along
-        changes['rich__break_away_torque_n_m'] = max(parameters.rich.break_away_torque_n_m, values['F_s'])
-    azimuth = list(parameters.kinematics.arm_azimuth_deg)
+        break_away = values.get('F_b', parameters.rich.break_away_torque_n_m)
+        values = {**values, 'F_b': max(break_away, values['F_s'])}
+    flat = flatten(parameters)
     for symbol, value in values.items():
         name, _, place = TABLE[symbol].parameter.partition('[')
+        if not name:
+            continue
+        key, number = name.replace('.', '__'), math.degrees(value) if name.endswith('_deg') else value
         if place:
-            azimuth[int(place[:-1])] = math.degrees(value)
-            changes['kinematics__arm_azimuth_deg'] = tuple(azimuth)
-        elif name:
-            changes[name.replace('.', '__')] = value
+            numbers = list(changes.get(key, flat[name]))
+            numbers[int(place[:-1])] = number
+            changes[key] = tuple(numbers)
+        else:
+            changes[key] = number
     try:
         return parameters.replace(**changes)
     except ParameterError as error:
         raise EstimationError(f'the estimation asks for a robot that cannot be: {error}') from error
 
 
+def with_effects_of(parameters: Parameters, quantities: Iterable[Quantity]) -> Parameters:
+    """Return parameters of a robot that has the effects that quantities belong to; errors begin at zero."""
+    missing = {q.effect for q in quantities if q.effect and not q.is_on(parameters)}
+    if not missing:
+        return parameters
+    effects = parameters.rich.effects
+    changes: dict[str, Any] = {'rich__enabled': True}
+    for name in EFFECTS:
+        changes[f'rich__{name}'] = bool(getattr(effects, name)) or name in missing
+    if 'gear' in missing and parameters.bus.exchange_period_s > ELASTIC_EXCHANGE_S:
+        changes['bus__exchange_period_s'] = BUILT_EXCHANGE_S
+    on = parameters.replace(**changes)
+    errors = {q.symbol: 0.0 for q in TABLE.values() if q.is_error and q.effect in missing}
+    return with_values(on, errors)
+
+
 def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: float) -> Floats:
     """Values to begin with: those of the parameters, ``off`` (0.3: 30 %) beside them.
 
     Azimuths, which have no zero of their own, start off by that share of 60 degrees, neighbours in opposite
-    directions; offsets start at zero.
+    directions; errors, which nobody expects, start at zero then.
     """
     start = []
     for quantity in quantities:
         value = quantity.read(parameters)
         if quantity.symbol in _AZIMUTHS:
             start.append(value + off * quantity.scale * (-1.0) ** int(quantity.symbol[-1]))
+        elif quantity.is_error and off:
+            start.append(0.0)
         else:
             start.append(value * (1.0 + off))
     return np.array(start)
@@ -210,6 +312,11 @@ def base_constants(v: Mapping[str, float], parameters: Parameters) -> tuple[floa
     )
 
 
+def _seen_constant(gain: str, v: Mapping[str, float], _: Parameters) -> float:
+    """K_m as it looks through a current sensor."""
+    return v['K_m'] / (1.0 + v[gain])
+
+
 COMBINATIONS = (
     Combination('m_nt', 'kg', 'm_n + m_payload + 3 (1 - r) m_fb', ('m_n', 'm_payload', 'm_fb'),
                 lambda v, p: base_constants(v, p)[1]),
@@ -227,6 +334,11 @@ COMBINATIONS = (
                 ('m_b', 'm_c', 'm_fb', 'K_m'), lambda v, p: base_constants(v, p)[2] / v['K_m'], 'K_m'),
     Combination('F_s / K_m', 'A', 'F_s / K_m', ('F_s', 'K_m'), lambda v, p: v['F_s'] / v['K_m'], 'K_m'),
     Combination('F_v / K_m', 'A s/rad', 'F_v / K_m', ('F_v', 'K_m'), lambda v, p: v['F_v'] / v['K_m'], 'K_m'),
+    Combination('m_n + m_payload', 'kg', 'm_n + m_payload', ('m_n', 'm_payload'),
+                lambda v, p: v['m_n'] + v['m_payload']),
+    Combination('m_b/3 + m_c', 'kg', 'm_b/3 + m_c', ('m_b', 'm_c'), lambda v, p: v['m_b'] / 3.0 + v['m_c']),
+    *(Combination(f'K_m / (1 + gain_{i})', 'N m/A', f'K_m / (1 + gain_{i})', ('K_m', f'gain_{i}'),
+                  partial(_seen_constant, f'gain_{i}')) for i in (1, 2, 3)),
     Combination('R_A - R_B', 'm', 'R_A - R_B', ('R_A', 'R_B'), lambda v, p: v['R_A'] - v['R_B']),
     Combination('alpha_2 - alpha_1', 'rad', 'alpha_2 - alpha_1', ('alpha_1', 'alpha_2'),
                 lambda v, p: v['alpha_2'] - v['alpha_1']),

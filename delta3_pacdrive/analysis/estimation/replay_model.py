@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.analysis.estimation.measurement import NOISE, moving_rows, sample_time_s
 from delta3_pacdrive.analysis.estimation.problem import Block
-from delta3_pacdrive.analysis.estimation.quantities import GROUPS, base_constants, values_of, with_values
+from delta3_pacdrive.analysis.estimation.quantities import GROUPS, TABLE, values_of, with_values
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -18,14 +20,20 @@ from delta3_pacdrive.simulation.robot import Robot
 
 STANDING_CYCLES = 150  # that the model stands in torque before the first command: enable, brake, integrators
 OF_MOTOR = ('R', 'L', 'K_m', 'F_v', 'F_s', 'w_s')  # that parameters have to allow one by one
+OF_ROTOR = ('I_m', 'I_brake')  # the same behind elastic gears, where the rotor turns by itself
 IDEAL_INCREMENTS = 2.0**40  # per revolution: an encoder without steps that anything could notice
+BAND_HZ = 60.0  # of a built robot: its gears ring at 200 Hz, in a phase that no parameter tells
+EDGE_PERIODS = 3.0  # of the band that the filter's ends spoil
+SAMPLES_PER_BAND = 2.5  # that are kept per period of the band's edge
+NOISY_SEED = 71  # the first of the sensors of the model, whose noise is measured
+NOISY_RUNS = 32  # of which the mean is taken
 
 
 class Replay:
-    """The replay runs the closed loop with other parameters of motor and masses, on the commands of a trace.
+    """The replay runs the closed loop with other parameters of the robot, on the commands of a trace.
 
     The model stands at the first command until its loops are at rest, then it takes the commands of the trace, from
-    five cycles before the motion on.
+    five cycles before the motion on. Its sensors have no noise: what cannot be repeated is no part of a model.
 
     Parameters
     ----------
@@ -55,54 +63,120 @@ class Replay:
         self._commands = np.ascontiguousarray(trace['motor_command'][self.rows])
         arms = self._commands[0] / parameters.dynamics.gear_ratio
         home = kinematics.forward(arms, parameters.kinematics).tolist()
-        self._parameters = parameters.replace(motion__home_m=tuple(home))
+        self._noisy = parameters.replace(motion__home_m=tuple(home))
+        self._parameters = self._noisy.replace(rich__current_noise_a=0.0, rich__encoder_noise_rad=0.0)
         self._known = values_of(parameters)
+        effects = parameters.rich.effects
+        self._single = OF_MOTOR + (OF_ROTOR if effects.gear else ())
+        self._single += tuple(q.symbol for q in TABLE.values() if q.effect and q.is_on(parameters))
         self._ideal = ideal_encoder
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether the robot's sensors have noise."""
+        return self._noisy.rich.effects.sensors
 
     def run(self, values: Mapping[str, float]) -> dict[str, Floats]:
         """Return motor_position [rad], motor_speed [rad/s] and current [A] of the cycles, shapes (n, 3)."""
+        return self._run(values, self._parameters, self._ideal)
+
+    def noise(self, values: Mapping[str, float], count: int) -> Floats:
+        """Return what noise and increments of the model's own sensors make of the current [A], shape (count, n, 3)."""
+        quiet = self.run(values)['current']
+        seeded = [self._noisy.replace(rich__sensor_seed=NOISY_SEED + k) for k in range(count)]
+        return np.array([self._run(values, own, ideal=False)['current'] - quiet for own in seeded])
+
+    def _run(self, values: Mapping[str, float], own: Parameters, ideal: bool) -> dict[str, Floats]:
         whole = {**self._known, **values}
-        parameters = with_values(self._parameters, {symbol: whole[symbol] for symbol in OF_MOTOR})
+        parameters = with_values(own, {symbol: whole[symbol] for symbol in self._single})
         robot = Robot(parameters)
-        # masses come in by their sums: one of them may be negative for a while, where only sums can be seen
-        record = robot.plant.record['inertia']
-        arm, plate, moment = base_constants(whole, parameters)
-        record['arm'], record['plate'] = arm, plate
-        record['weight'] = (
-            moment * parameters.dynamics.gravity_m_s2 / parameters.kinematics.upper_arm_length_m
-        )
+        _take_masses(robot, whole, parameters)
         # telegrams carry whole steps of the payload
         robot.grip(parameters.dynamics.payload_mass_kg)
         # the drives keep what they were set to, also the torque constant of the name plate
         for drive in robot.drives:
-            drive.configure(self._parameters)
-            if self._ideal:
+            drive.configure(own)
+            if ideal:
                 drive.constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
         robot.run(np.tile(self._commands[0], (STANDING_CYCLES, 1)), CONTROL_ENABLE)
         out = robot.run(self._commands, CONTROL_ENABLE)
-        out[:, 2] /= self._parameters.motor.torque_constant_n_m_a
+        out[:, 2] /= own.motor.torque_constant_n_m_a
         return {name: out[:, i] for i, name in enumerate(('motor_position', 'motor_speed', 'current'))}
+
+
+def _take_masses(robot: Robot, v: Mapping[str, float], parameters: Parameters) -> None:
+    """Give a plant its masses by their sums: one of them may be negative for a while, where only sums can be seen."""
+    effects, p = parameters.rich.effects, parameters.dynamics
+    record, l_a = robot.plant.record['inertia'], robot.plant.record['geometry']['l_a']
+    share = 1.0 / 3.0 if effects.forearm_rods else p.forearm_share_at_elbow
+    rod = v['m_fb'] / 6.0 if effects.forearm_rods else 0.0
+    at_elbow = v['m_c'] + share * v['m_fb']
+    record['arm'] = l_a**2 * (v['m_b'] / 3.0 + at_elbow)
+    if not effects.gear:
+        record['arm'] += p.gear_ratio**2 * (v['I_m'] + v['I_brake'])
+    at_plate = v['m_fb'] if effects.forearm_rods else 3.0 * (1.0 - share) * v['m_fb']
+    record['plate'] = v['m_n'] + v['m_payload'] + at_plate
+    record['rod'] = rod
+    record['weight'] = p.gravity_m_s2 * (v['m_b'] / 2.0 + at_elbow + rod)
 
 
 class ReplayModel:
     """The model compares the current of a recording with that of the replay: for signals once per bus cycle.
 
     Everything that the drives do between two samples is simulated, so that the phase in which the samples catch the
-    current's ripple does no harm.
+    current's ripple does no harm. Of a built robot the band of the motion is compared: what its gears and encoders
+    stir up above it is chance. Its sensors have noise, which the loops answer, and which friction and backlash change
+    in the mean: ``settle`` measures both at values near the solution.
     """
 
-    step, accuracy = 1e-3, 3e-4
-    depends = frozenset(GROUPS['motor'].possible)
+    accuracy = 3e-4
 
     def __init__(self, trace: Trace, parameters: Parameters) -> None:
+        # backlash and bristles give courses of the loop kinks: wider steps look over them
+        self.step = 1e-2 if parameters.rich.enabled else 1e-3
         self._replay = Replay(trace, parameters)
-        rows = self._replay.rows
+        self.rows = rows = self._replay.rows
+        count, cycle = rows.stop - rows.start, parameters.bus.cycle_time_s
+        self._kept, self._section = slice(None), None
+        self.depends = frozenset(GROUPS['motor'].possible)
+        sigma, period, start = NOISE.current_a, cycle, float(trace.time_s[rows.start])
+        if parameters.rich.enabled:
+            self._section = butter(4, BAND_HZ, fs=1.0 / cycle, output='sos')
+            edge = round(EDGE_PERIODS / BAND_HZ / cycle)
+            if count < 4 * edge:
+                raise EstimationError('the motion is too short for a replay of a built robot')
+            every = max(1, round(1.0 / (SAMPLES_PER_BAND * BAND_HZ * cycle)))
+            self._kept = slice(edge, count - edge, every)
+            period, start = every * cycle, start + edge * cycle
+            sigma *= math.sqrt(2.0 * BAND_HZ * cycle)
         self._current = trace['current'][rows]
-        self.shapes = (self._current.shape,)
-        period, start = parameters.bus.cycle_time_s, float(trace.time_s[rows.start])
-        self.blocks = (Block('current by replay', 'A', NOISE.current_a, period, start),)
+        self.shapes = (self.seen(self._current).shape,)
+        self.blocks = (Block('current by replay', 'A', sigma, period, start),)
+        self._mean: Floats = np.zeros(self.shapes[0])
+
+    def settle(self, values: Mapping[str, float]) -> bool:
+        """Measure strength and mean of the noise of the model's own sensors at values; return whether it has any."""
+        if self._section is None or not self._replay.is_noisy:
+            return False
+        found = np.array([self.seen(one) for one in self._replay.noise(self._own(values), NOISY_RUNS)])
+        self._mean = found.mean(axis=0)
+        (block,) = self.blocks
+        self.blocks = (replace(block, sigma=max(block.sigma, float((found - self._mean).std()))),)
+        return True
+
+    def _own(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {symbol: value for symbol, value in values.items() if symbol in self.depends}
+
+    def seen(self, values: Floats) -> Floats:
+        """Return what is compared of a current [A], shape (cycles, 3)."""
+        if self._section is None:
+            return values
+        return np.asarray(sosfiltfilt(self._section, values, axis=0)[self._kept])
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
-        """Measured less replayed current [A], shape (n, 3)."""
-        own = {symbol: value for symbol, value in values.items() if symbol in self.depends}
-        return [self._current - self._replay.run(own)['current']]
+        """Measured less replayed current [A], shape (n, 3); nan for a robot that cannot be."""
+        try:
+            replayed = self._replay.run(self._own(values))['current']
+        except EstimationError:
+            return [np.full(self.shapes[0], np.nan)]
+        return [self.seen(self._current - replayed) - self._mean]

@@ -5,6 +5,8 @@ from dataclasses import asdict
 from typing import Any
 
 from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, Verdict
+from delta3_pacdrive.analysis.estimation.missing import Better
+from delta3_pacdrive.analysis.estimation.model_check import ModelCheck
 from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, TABLE, values_of
 from delta3_pacdrive.analysis.estimation.solver import COLOURED, Fit
@@ -108,6 +110,52 @@ def fit_summary(fit: Fit, problem: Problem, parameters: Parameters, truth_known:
     }
 
 
+def judged(
+    document: dict[str, Any],
+    verdict: ModelCheck,
+    better: Better | None,
+    parameters: Parameters,
+    truth_known: bool,
+) -> dict[str, Any]:
+    """Return the report of an estimation with its verdict: no interval is given as if a model held that does not.
+
+    Where a better model was found that holds, each interval is widened to what that one says; else there is none.
+    """
+    told = {
+        'ok': verdict.holds,
+        'model_holds': verdict.holds,
+        'verdict': verdict.sentences,
+        'checks': [asdict(block) | {'holds': block.holds} for block in verdict.blocks],
+        'missing': None,
+    }
+    if verdict.holds:
+        return told | document
+    others: dict[str, dict[str, Any]] = {}
+    if better is not None:
+        found = fit_summary(better.fit, better.problem, parameters, truth_known)
+        if better.check.holds:
+            others = {row['quantity']: row for row in found['estimates']}
+        told['missing'] = {
+            'sentence': better.sentence,
+            'effects': [asdict(one) for one in better.lacking],
+            'model_holds': better.check.holds,
+            'verdict': better.check.sentences,
+            **{key: found[key] for key in ('estimates', 'residuals', 'solver')},
+        }
+    rows = [_widened(row, others.get(row['quantity'])) for row in document['estimates']]
+    return told | document | {'estimates': rows}
+
+
+def _widened(row: dict[str, Any], other: dict[str, Any] | None) -> dict[str, Any]:
+    if row['estimate'] is None:
+        return row
+    low, high = None, None
+    if other is not None and other['low_95'] is not None:
+        low, high = min(row['low_95'], other['low_95']), max(row['high_95'], other['high_95'])
+    half = None if low is None else (high - low) / 2.0 / row['scale']
+    return row | {'low_95': low, 'high_95': high, 'half_width_relative': half}
+
+
 def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
     """Return what the report of the thesis' set-up has beside that of its last estimation."""
     return {
@@ -115,22 +163,26 @@ def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
         'quotients': [asdict(q) for q in study.quotients],
         'profiles': study.profiles,
         'attempts': [asdict(a) for a in study.attempts],
+        'trials': [
+            {
+                'data': t.data,
+                'outcome': t.outcome,
+                'excess': t.excess,
+                'error': t.attempt.error,
+                **asdict(t.attempt),
+            }
+            for t in study.trials
+        ],
     }
 
 
 def text(document: dict[str, Any]) -> list[str]:
     """Return the lines of a summary that people read."""
-    lines = list(document.get('explanation', ()))
-    for row in document['estimates']:
-        if row['estimate'] is None:
-            lines.append(f'{row["quantity"]:>14}  {row["verdict"]}: {row["reason"]}')
-            continue
-        half = (row['high_95'] - row['low_95']) / 2.0
-        error = '' if row['true'] is None else f'  true error {100.0 * row["error_relative"]:+.2g} %'
-        share = 100.0 * row['half_width_relative']
-        lines.append(
-            f'{row["quantity"]:>14}  {row["estimate"]:.6g} +- {half:.2g} {row["unit"]} (95 %, {share:.2g} %){error}'
-        )
+    lines = [*document.get('verdict', ()), *document.get('explanation', ())]
+    lines += [_line(row) for row in document['estimates']]
+    if more := document.get('missing'):
+        lines.append(more['sentence'])
+        lines += [_line(row) for row in more['estimates']]
     facts = document['identifiability']
     lines.append(
         f'{"condition":>14}  {facts["condition"]:.3g} scaled, {facts["condition_of_columns"]:.3g} of the columns'
@@ -147,7 +199,40 @@ def text(document: dict[str, Any]) -> list[str]:
         )
     if not document['solver']['converged']:
         lines.append(f'{"note":>14}  {document["solver"]["message"]}')
+    if applied := document.get('applied'):
+        lines.append(f'{applied["file"]}: parameters with the estimates')
+        lines += [sentence for row in applied['before_after'] for sentence in row['text']]
     return lines
+
+
+def _line(row: dict[str, Any]) -> str:
+    if row['estimate'] is None:
+        return f'{row["quantity"]:>14}  {row["verdict"]}: {row["reason"]}'
+    error = '' if row['true'] is None else f'  true error {100.0 * row["error_relative"]:+.2g} %'
+    if row['low_95'] is None:
+        return f'{row["quantity"]:>14}  {row["estimate"]:.6g} {row["unit"]}, no interval holds{error}'
+    low, high, value = row['low_95'], row['high_95'], row['estimate']
+    share = 100.0 * row['half_width_relative']
+    begin = f'{row["quantity"]:>14}  {value:.6g}'
+    # widened intervals are not even on both sides
+    if abs(low + high - 2.0 * value) > 1e-6 * (high - low):
+        return f'{begin}, {low:.6g} to {high:.6g} {row["unit"]} (95 %, {share:.2g} %){error}'
+    half = (high - low) / 2.0
+    return f'{begin} +- {half:.2g} {row["unit"]} (95 %, {share:.2g} %){error}'
+
+
+def refusal(document: dict[str, Any]) -> str:
+    """Why the estimates are not to be taken for the robot's, in one sentence; empty if they may be."""
+    if document.get('model_holds', True):
+        return ''
+    more = document.get('missing')
+    if more and more['model_holds'] and document.get('applied'):
+        return ''
+    begin = 'the model does not explain the data: its estimates are not those of the robot'
+    if not more:
+        return begin
+    effects = ','.join(one['effect'] for one in more['effects'])
+    return f'{begin}; {more["sentence"]}' + (f' (found: {effects})' if effects else '')
 
 
 def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Table]:
@@ -177,11 +262,26 @@ def thesis_tables(study: ThesisStudy) -> list[Table]:
         'largest change of a shaft [increments]',
     ]  # fmt: skip
     profiles = ['factor [1]', *(f'cost over {s} less its minimum [noise^2]' for s in SYMBOLS)]
-    attempts = ['step [1]', 'start off [1]', *(f'{s} moved [1]' for s in SYMBOLS),
-                'cost at start [SI]', 'cost [SI]', 'simulations', 'message']  # fmt: skip
+    attempts = ['data', 'step [1]', 'start off [1]', *(f'{s} moved [1]' for s in SYMBOLS), 'largest error [1]',
+                'cost at start [SI]', 'cost [SI]', 'cost of the least [1]', 'simulations', 'outcome',
+                'message']  # fmt: skip
     costs = zip(FACTORS, *(study.profiles[s] for s in SYMBOLS), strict=True)
     tries = (
-        [a.step, a.off, *a.moved, a.cost_start, a.cost, a.evaluations, a.message] for a in study.attempts
+        [
+            t.data,
+            a.step,
+            a.off,
+            *a.moved,
+            a.error,
+            a.cost_start,
+            a.cost,
+            t.excess,
+            a.evaluations,
+            t.outcome,
+            a.message,
+        ]
+        for t in study.trials
+        for a in [t.attempt]
     )
     return [
         Table('quotients.csv', quotients, [list(asdict(q).values()) for q in study.quotients]),

@@ -1,7 +1,8 @@
 """One estimation from its settings to its folder: what is measured, which models fit it, where it can go on."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,30 @@ import numpy as np
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.estimation import figures, report, thesis_setup
+from delta3_pacdrive.analysis.estimation import (
+    before_after,
+    built_fit,
+    figures,
+    fitted_file,
+    missing,
+    report,
+    thesis_setup,
+)
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.analysis.estimation.measurement import sample_time_s, simulate, with_noise
+from delta3_pacdrive.analysis.estimation.model_check import ModelCheck, check
 from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
 from delta3_pacdrive.analysis.estimation.problem import Model, Problem
-from delta3_pacdrive.analysis.estimation.quantities import GROUPS, Quantity, start_values
+from delta3_pacdrive.analysis.estimation.quantities import (
+    BUILT_EXCHANGE_S,
+    GROUPS,
+    Quantity,
+    start_values,
+    with_effects_of,
+    with_values,
+)
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
-from delta3_pacdrive.analysis.estimation.solver import Iterate, fit
+from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate
 from delta3_pacdrive.analysis.estimation.study import Settings
 from delta3_pacdrive.analysis.inputs import is_recording, noted
 from delta3_pacdrive.analysis.provenance import Provenance, excused, write_json
@@ -24,6 +41,7 @@ from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.recording.trace_file import load, save
@@ -39,11 +57,12 @@ class Study(studies.Study):
     settings: Settings
     iterate: Iterate | None = None
     robot: Parameters = field(init=False)
+    model_robot: Parameters = field(init=False)
     quantities: tuple[Quantity, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
         """Read the parameters and refuse settings that contradict one another."""
-        self.robot = core.load(self.settings.parameters)
+        self.robot = self.model_robot = core.load(self.settings.parameters)
         traces = [is_recording(text) for text in self.settings.inputs]
         self._simulates, off = not any(traces), self.settings.start_off
         self._off = (0.3 if self._simulates else 0.0) if off is None else off
@@ -51,13 +70,16 @@ class Study(studies.Study):
             raise EstimationError('the inputs must all be traces, or one program')
         if not any(traces) and len(traces) > 1:
             raise EstimationError('only one program can be simulated as measurement')
+        if any(is_recording(text) is self._simulates for text in self.settings.validate):
+            kind = 'programs, as the input is' if self._simulates else 'recordings, as the inputs are'
+            raise EstimationError(f'--validate takes {kind}')
         if self.settings.group == THESIS:
-            if any(traces):
-                raise EstimationError('the group thesis simulates its measurement: name a program, no trace')
             if self.settings.free or self.settings.known:
                 raise EstimationError('the group thesis has its own free quantities')
         else:
-            self.quantities = GROUPS[self.settings.group].chosen(self.settings.free, self.settings.known)
+            own = GROUPS[self.settings.group]
+            self.quantities = own.chosen(self.settings.free, self.settings.known, self.robot)
+            self.model_robot = with_effects_of(self.robot, self.quantities)
 
     @staticmethod
     def resumed(folder: Path, command: str, on_progress: OnProgress) -> 'Study':
@@ -72,7 +94,7 @@ class Study(studies.Study):
         document = _read_json(folder / SETTINGS, 'no estimation began in')
         try:
             values = document['settings']
-            lists = {key: tuple(values[key]) for key in ('inputs', 'free', 'known')}
+            lists = {key: tuple(values[key]) for key in ('inputs', 'free', 'known', 'validate')}
             settings = Settings(**(values | lists))
             stamp = document['stamp']
         except (AttributeError, KeyError, TypeError) as error:
@@ -104,32 +126,118 @@ class Study(studies.Study):
             ReportFolder(self.folder, self._provenance()).clear([ITERATE])
         write_json(origin, self.folder / SETTINGS)
         if self.settings.group == THESIS:
-            chosen, program = self.settings, programs.load(self.settings.inputs[0], self.robot.motion)
-            wanted = self.robot, self._off, chosen.noise, chosen.seed
-            study = thesis_setup.study(program, *wanted, self.on_progress, self._keep, self.iterate)
-            found, problem = study.cure, study.problem
-        else:
-            models = [model for trace in self._traces(measurement) for model in self.models(trace)]
-            study, problem = None, Problem(self.quantities, models, self.robot)
-            start = start_values(self.quantities, self.robot, self._off)
-            if self.iterate is not None and len(self.iterate.x) != len(start):
-                told = f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
-                raise EstimationError(told)
-            found = fit(problem, start, self._keep, self.iterate)
-        folder = ReportFolder(self.folder, self._provenance())
+            return self._run_thesis()
+        traces = self._traces(self.settings.inputs, measurement)
+
+        def build(robot: Parameters) -> list[Model]:
+            return [model for trace in traces for model in self.models(trace, robot)]
+
+        problem = Problem(self.quantities, build(self.model_robot), self.model_robot)
+        start = start_values(self.quantities, self.model_robot, self._off)
+        if self.iterate is not None and len(self.iterate.x) != len(start):
+            told = f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
+            raise EstimationError(told)
+        found = built_fit.fit_built(problem, start, build, self._keep, self.iterate)
+        aside = [
+            model
+            for trace in self._traces(self.settings.validate)
+            for model in self.models(trace, self.model_robot)
+        ]
+        verdict = check(problem, found, aside)
+        better = None if verdict.holds else self._look(traces, found)
         document = report.fit_summary(found, problem, self.robot, self._simulates)
+        document = report.judged(document, verdict, better, self.robot, self._simulates)
         self.on_progress('tables and figures', 0, 0)
+        folder = ReportFolder(self.folder, self._provenance())
         tables = report.fit_tables(document, found, problem)
         drawings = figures.of_fit(found, problem, document['estimates'])
-        if study is not None:
-            document |= report.thesis_summary(study)
-            tables += report.thesis_tables(study)
-            drawings = figures.of_thesis(study) | drawings
+        if self.settings.apply:
+            applied = self._apply(traces, folder, problem, found, verdict, better, start)
+            document['applied'], more = applied
+            drawings |= more
         title = f'Estimation: {self.settings.group}'
         return folder.results(title, document, report.text(document), tables, drawings)
 
-    def models(self, trace: Trace) -> list[Model]:
-        """Return the models that a trace of the group has the signals for.
+    def _run_thesis(self) -> dict[str, Any]:
+        chosen = self.settings
+        if self._simulates:
+            program = programs.load(chosen.inputs[0], self.robot.motion)
+            exact = simulate(program, self.robot, 'bus')
+            trace = with_noise(exact, self.robot, chosen.noise, chosen.seed)
+            other = self.robot.replace(rich__enabled=True, bus__exchange_period_s=BUILT_EXCHANGE_S)
+            built, recorded = simulate(program, other, 'bus'), 'the model'
+        else:
+            if len(chosen.inputs) != 1:
+                raise EstimationError('the group thesis takes one trace')
+            (trace,), built, recorded = self._traces(chosen.inputs), None, chosen.inputs[0]
+        wanted = trace, self.robot, self._off, self.on_progress, self._keep, self.iterate
+        study = thesis_setup.study(*wanted, built, recorded)
+        found, problem = study.cure, study.problem
+        document = report.fit_summary(found, problem, self.robot, self._simulates)
+        document = report.judged(document, check(problem, found), None, self.robot, self._simulates)
+        document |= report.thesis_summary(study)
+        self.on_progress('tables and figures', 0, 0)
+        folder = ReportFolder(self.folder, self._provenance())
+        tables = report.fit_tables(document, found, problem) + report.thesis_tables(study)
+        drawings = figures.of_thesis(study) | figures.of_fit(found, problem, document['estimates'])
+        return folder.results('Estimation: thesis', document, report.text(document), tables, drawings)
+
+    def _look(self, traces: Sequence[Trace], found: Fit) -> missing.Better | None:
+        """Look for what the model lacks, where the signals can tell."""
+        group = GROUPS[self.settings.group]
+        if group.name != 'geometry' and not all(self._can_replay(trace) for trace in traces):
+            return None
+
+        def build(robot: Parameters) -> list[Model]:
+            return [model for trace in traces for model in self.models(trace, robot, 'replay')]
+
+        first = self.quantities, found.x
+        known = self.settings.known
+        return missing.look(group, build, self.model_robot, first, known, self.on_progress, lambda _: None)
+
+    def _can_replay(self, trace: Trace) -> bool:
+        coarse = abs(sample_time_s(trace) - self.robot.bus.cycle_time_s) < 1e-3 * self.robot.bus.cycle_time_s
+        return coarse and 'motor_command' in trace.signals
+
+    def _apply(
+        self,
+        traces: Sequence[Trace],
+        folder: ReportFolder,
+        problem: Problem,
+        found: Fit,
+        verdict: ModelCheck,
+        better: missing.Better | None,
+        start: Floats,
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Leave the parameter file, and return what it changes, with what draws it."""
+        symbols = [q.symbol for q in self.quantities]
+        before = with_values(self.model_robot, dict(zip(symbols, start.tolist(), strict=True)))
+        if better is None:
+            after = with_values(self.model_robot, dict(zip(symbols, found.x.tolist(), strict=True)))
+        else:
+            before = with_values(self.robot, dict(zip(symbols, start.tolist(), strict=True)))
+            problem, found, verdict, after = better.problem, better.fit, better.check, better.robot
+        path = folder.path / fitted_file.NAME
+        source = f'from {", ".join(self.settings.inputs)}'
+        told = [*verdict.sentences, *([better.sentence] if better else [])]
+        holds = verdict.holds
+        fitted_file.write(path, after, problem, found, self._provenance(), source, told, holds)
+        folder.add(path)
+        document: dict[str, Any] = {'file': str(path), 'model_holds': holds, 'before_after': []}
+        drawings: dict[str, Any] = {}
+        if self._simulates and self.settings.group != 'geometry':
+            program = programs.load(self.settings.inputs[0], self.robot.motion)
+            traces = [simulate(program, self.robot, 'bus')]
+        for text, trace in zip(self.settings.inputs, traces, strict=True):
+            if self._can_replay(trace):
+                apart = before_after.compare(trace, before, after)
+                row = {'input': text, 'rms': apart.rms(), 'text': before_after.sentences(apart)}
+                document['before_after'].append(row)
+                drawings = drawings or before_after.drawings(apart)
+        return document, drawings
+
+    def models(self, trace: Trace, robot: Parameters, method: str = '') -> list[Model]:
+        """Return the models of a robot that a trace of the group has the signals for.
 
         Raises
         ------
@@ -143,19 +251,25 @@ class Study(studies.Study):
                 f'the trace is of a robot with gear ratio {ratio:g}, '
                 f'the parameters say {self.robot.dynamics.gear_ratio:g}'
             )
+        models = self._fitting(trace, robot, method or self.settings.method)
+        loudness = max(1.0, self.settings.noise, float(trace.meta.get('noise', 0.0)))
+        for model in models:
+            model.blocks = tuple(replace(b, sigma=loudness * b.sigma) for b in model.blocks)
+        return models
+
+    def _fitting(self, trace: Trace, robot: Parameters, method: str) -> list[Any]:
         if self.settings.group == 'geometry':
             if 'tcp_measured' not in trace.signals:
                 raise EstimationError(
                     'the trace has no tcp_measured: arm angles alone show no geometry, '
                     'for with three angles and three freedoms every geometry closes'
                 )
-            return [GeometryModel(trace, self.robot)]
-        models: list[Model] = []
+            return [GeometryModel(trace, robot)]
+        models: list[Any] = []
         electrical = WindingModel.depends.intersection(q.symbol for q in self.quantities)
         if electrical and 'phase_voltage' in trace.signals:
-            models.append(WindingModel(trace, self.robot))
+            models.append(WindingModel(trace, robot))
         coarse = sample_time_s(trace) > 0.5 * self.robot.bus.cycle_time_s
-        method = self.settings.method
         if method == 'auto':
             method = 'replay' if coarse else 'balance'
             if coarse and 'motor_command' not in trace.signals:
@@ -164,7 +278,7 @@ class Study(studies.Study):
                     'the trace needs motor_command for a replay, or faster samples '
                     '(or --method balance, if the samples are means)'
                 )
-        models.append((ReplayModel if method == 'replay' else TorqueModel)(trace, self.robot))
+        models.append((ReplayModel if method == 'replay' else TorqueModel)(trace, robot))
         return models
 
     def _provenance(self) -> Provenance:
@@ -172,18 +286,22 @@ class Study(studies.Study):
         seed = chosen.seed if self._simulates else None
         return Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs), seed)
 
-    def _traces(self, measurement: Path | None) -> list[Trace]:
+    def _traces(self, inputs: Sequence[str], measurement: Path | None = None) -> list[Trace]:
         settings = self.settings
         if not self._simulates:
             self.on_progress('reading', 0, 0)
-            return [load(text) for text in settings.inputs]
-        program = programs.load(settings.inputs[0], self.robot.motion)
-        sampling = 'bus' if settings.group == 'geometry' else settings.sampling
-        exact = simulate(program, self.robot, sampling, self.on_progress)
-        trace = with_noise(exact, self.robot, settings.noise, settings.seed)
+            return [load(text) for text in inputs]
+        sampling = settings.sampling
+        if settings.group == 'geometry' or (sampling == 'auto' and self.robot.rich.enabled):
+            sampling = 'bus'
+        traces = []
+        for number, text in enumerate(inputs):
+            program = programs.load(text, self.robot.motion)
+            exact = simulate(program, self.robot, sampling, self.on_progress)
+            traces.append(with_noise(exact, self.robot, settings.noise, settings.seed + number))
         if measurement is not None:
-            save(trace, measurement)
-        return [trace]
+            save(traces[0], measurement)
+        return traces
 
     def _keep(self, iterate: Iterate) -> None:
         """Write an accepted iterate, so that the estimation can go on from it."""

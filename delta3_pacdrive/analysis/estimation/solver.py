@@ -17,10 +17,14 @@ from delta3_pacdrive.numerics.types import Floats
 OnIterate = Callable[['Iterate'], None]
 
 LIMITS: dict[str, Any] = {'ftol': 1e-10, 'xtol': 1e-10, 'gtol': 1e-10, 'max_nfev': 100}
+WIDE_STEP = 5e-3  # of difference quotients, from which on a model has kinks
+ROUGH = {'ftol': 1e-5, 'xtol': 1e-6}  # there: far below a standard deviation, of cost and values
 ROUNDS_MAX = 3  # of weighting and choosing again
 COLOURED = 0.1  # autocorrelation below which residuals count as independent
-BLOCK_PER_LAG = 6  # correlation lengths in a block of residuals that is independent of its neighbours
+BLOCK_PER_LAG = 12  # correlation lengths in a block of residuals that is independent of its neighbours
 BLOCKS_MIN = 12
+LENGTH_MIN = 8  # samples in a block
+PRIOR = 1.0  # scales that a start may be off: holds what signals hardly show, and nothing else
 FAR = 0.5  # relative way from the start of a quantity that starts a second time
 
 
@@ -108,8 +112,9 @@ def fit(
     """Estimate the free quantities of a problem from ``start`` [SI], or going on from an iterate of a former run.
 
     Which quantities are varied follows from what the signals show: one that is confounded with others stays at its
-    start, so that the others reach every sum that can be seen. After each round signals are weighted by their own
-    residuals. ``on_iterate`` is called with every accepted iterate.
+    start, so that the others reach every sum that can be seen; one that signals hardly show does not leave its start
+    without a reason (``PRIOR``). After each round signals are weighted by their own residuals. ``on_iterate`` is called
+    with every accepted iterate.
 
     Quantities that went far may have gone into a side valley: they start a second time, beside what the others have
     found, and the better solution counts.
@@ -181,6 +186,7 @@ def _solve(
         if report.findings[j].verdict is not Verdict.CONFOUNDED:
             bounds = problem.quantities[j].bounds(float(start[j]))
             low[k], high[k] = bounds[0] / scales[k], bounds[1] / scales[k]
+    held = PRIOR * np.maximum(scales, np.abs(start[columns]))
     seen: list[bytes] = []
     costs: dict[bytes, float] = {}
 
@@ -194,6 +200,7 @@ def _solve(
         out = np.concatenate([array.ravel() / s for array, s in zip(arrays, sigmas, strict=True)])
         # a robot that cannot be is as bad as can be, so that the step is refused
         out = np.nan_to_num(out, nan=1e9, posinf=1e9, neginf=-1e9)
+        out = np.concatenate([out, (y * scales - start[columns]) / held])
         costs[y.tobytes()] = 0.5 * float(out @ out)
         return np.asarray(out)
 
@@ -204,15 +211,15 @@ def _solve(
             on_iterate(Iterate(count + len(seen), values, costs[y.tobytes()]))
         seen.append(y.tobytes())
         parts = problem.jacobian(values, columns)
-        return np.concatenate(
-            [part.reshape(-1, len(columns)) / s for part, s in zip(parts, sigmas, strict=True)]
-        )
+        rows = [part.reshape(-1, len(columns)) / s for part, s in zip(parts, sigmas, strict=True)]
+        return np.concatenate([*rows, np.diag(scales / held)])
 
     margin = 1e-9 * np.where(np.isfinite(high - low), high - low, 0.0)
     begin = np.clip(x[columns] / scales, low + margin, high - margin)
     if not np.isfinite(np.concatenate([a.ravel() for a in problem.residuals(whole(begin))])).all():
         raise EstimationError('the residuals at the start are not finite')
-    solution = least_squares(residuals, begin, jacobian, bounds=(low, high), x_scale='jac', **LIMITS)
+    limits = LIMITS | (ROUGH if problem.step >= WIDE_STEP else {})
+    solution = least_squares(residuals, begin, jacobian, bounds=(low, high), x_scale='jac', **limits)
     return whole(solution.x), solution, count + len(seen)
 
 
@@ -240,14 +247,17 @@ def _covariance(
 ) -> tuple[Floats, int]:
     """Covariance of the estimated quantities [scales], and its degrees of freedom.
 
-    (J'J)^-1 (sum over blocks of time s s') (J'J)^-1, s being the sum of jacobian times residual within a block that
-    is longer than the residuals' memory: right for coloured and uneven noise as well (White; Liang and Zeger).
-    Residuals that are smaller than any sensor's noise are no sample of what may be off: they are the errors of the
-    model and of the encoders' increments, alike in every part of a trace. In their place the sensors' noise counts.
+    The estimates are jackknifed by blocks of time that are longer than the memory of the residuals, one step each from
+    the solution: (N - N_b)^-1 s_b, N_b and s_b being a block's share of J'J and of the jacobian times residuals. That
+    is right for coloured and uneven noise as well (White; Liang and Zeger), and for blocks without which little is
+    known (Bell and McCaffrey's CR3). Residuals that are smaller than any sensor's noise are no sample of what may be
+    off: they are the errors of the model and of the encoders' increments, alike in every part of a trace. In their
+    place the sensors' noise counts.
     """
     jacobian = problem.jacobian(x, columns)
     count = len(columns)
-    normal, middle = np.zeros((count, count)), np.zeros((count, count))
+    normal, quiet = np.zeros((count, count)), np.zeros((count, count))
+    normals, scores = [], []
     blocks = 0
     for slopes, errors, sigma, white, block in zip(
         jacobian, residuals, sigmas, whiteness, problem.blocks, strict=True
@@ -255,20 +265,44 @@ def _covariance(
         product = np.einsum('nij,nik->jk', slopes, slopes) / sigma**2
         normal += product
         if block.is_quieter(white.rms):
-            middle += product * (block.sigma / sigma) ** 2
+            quiet += product * (block.sigma / sigma) ** 2
             blocks += len(errors)
             continue
-        scores = slopes * errors[..., None] / sigma**2
         memory = max(white.lag if white.lag > 1 else 0, round(block.memory_s / block.period_s))
         length = BLOCK_PER_LAG * memory
-        length = max(1, min(length, len(errors) // BLOCKS_MIN))
-        edges = np.arange(0, len(errors), length)
-        sums = np.add.reduceat(scores, edges, axis=0).reshape(-1, count)
-        middle += sums.T @ sums
-        blocks += len(sums)
+        length = max(LENGTH_MIN, min(length, len(errors) // BLOCKS_MIN))
+        for begin in range(0, len(errors), length):
+            own = slopes[begin : begin + length] / sigma
+            normals.append(np.einsum('nij,nik->ijk', own, own))
+            scores.append(np.einsum('nij,ni->ij', own, errors[begin : begin + length] / sigma))
+        blocks += 3 * (-(-len(errors) // length))
     inverse = np.linalg.inv(normal)
+    covariance = inverse @ quiet @ inverse
+    if scores:
+        # what a single block shows can be known from none: a variance without a bound, but a number
+        left_out = (1.0 + 1e-9) * normal - np.concatenate(normals)
+        steps = np.linalg.solve(left_out, np.concatenate(scores)[..., None])[..., 0]
+        covariance = covariance + steps.T @ steps
     freedom = max(blocks - count, 1)
-    return np.asarray(inverse @ middle @ inverse * blocks / freedom), freedom
+    return np.asarray(covariance), freedom
+
+
+def _quantile(freedom: int) -> float:
+    """Half width of a 95 % interval in standard deviations that are estimated themselves."""
+    return float(student.ppf(0.975, freedom))
+
+
+def half_widths(
+    problem: Problem,
+    x: Floats,
+    columns: Sequence[int],
+    residuals: Sequence[Floats],
+    whiteness: Sequence[Whiteness],
+) -> Floats:
+    """Half widths [scales] of the 95 % intervals of quantities that were estimated with these residuals."""
+    sigmas = [block.sigma for block in problem.blocks]
+    covariance, freedom = _covariance(problem, x, columns, residuals, sigmas, whiteness)
+    return np.asarray(_quantile(freedom) * np.sqrt(np.diag(covariance)))
 
 
 def _estimates(
@@ -280,7 +314,7 @@ def _estimates(
     covariance: Floats,
     freedom: int,
 ) -> tuple[Estimate, ...]:
-    quantile = float(student.ppf(0.975, freedom))
+    quantile = _quantile(freedom)
     scales = problem.scales
     estimates = []
     for j, (quantity, finding) in enumerate(zip(problem.quantities, report.findings, strict=True)):

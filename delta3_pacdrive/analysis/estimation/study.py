@@ -20,12 +20,16 @@ class Settings:
     method
         For the mechanical part: 'balance' of torques, 'replay' of the closed loop, or what fits the sampling.
     noise, seed
-        Of a simulated measurement: multiple of typical sensor noise, and its seed.
+        Multiple of typical sensor noise that a simulated measurement gets, with its seed, or that traces have.
     start_off
         Share by which the estimation starts beside the values of the parameter file; None: 0.3 for a simulated
         measurement, 0 for a trace.
     free, known
-        Symbols that are freed, or held, beside what the group does by itself.
+        Symbols, or effects of built robots, that are freed or held beside what the group does by itself.
+    validate
+        Recordings, or programs of a simulated measurement, that are kept aside: the estimates must predict them.
+    apply
+        Whether a parameter file with the estimates is left, and what it changes is shown.
 
     """
 
@@ -39,3 +43,5 @@ class Settings:
     start_off: float | None = None
     free: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
+    validate: tuple[str, ...] = ()
+    apply: bool = False

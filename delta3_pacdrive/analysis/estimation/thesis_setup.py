@@ -22,13 +22,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from delta3_pacdrive.analysis.estimation.measurement import NOISE, simulate, with_noise
+from delta3_pacdrive.analysis.estimation.measurement import NOISE
 from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import TABLE, start_values, values_of
 from delta3_pacdrive.analysis.estimation.replay_model import Replay, ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate, OnIterate, fit
 from delta3_pacdrive.analysis.study import OnProgress, silent
-from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
@@ -42,6 +41,8 @@ TRUE_STEP = 1e-3  # of quotients through an ideal encoder, in the middle of the 
 LIMITS: dict[str, Any] = {'ftol': 1e-6, 'xtol': 1e-6, 'gtol': 1e-6, 'max_nfev': 30}
 ATTEMPT_STEPS = (DEFAULT_STEP, 1e-5, 1e-4, 1e-2)
 BOUNDS = (1e-3, 1e2)  # of an attempt, as multiples of the start
+OFF = 0.3  # of the starts that are not right
+AT_MINIMUM, FOUND = 0.1, 0.05  # of the cost above the least; of the values beside the right ones
 STUCK = 5e-3  # relative change below which an attempt has returned its initial values
 FACTORS = tuple(np.linspace(0.5, 1.5, 11).tolist())
 SIGNALS = ('motor_position', 'motor_speed', 'current')
@@ -108,6 +109,11 @@ class Attempt:
     evaluations: int
     message: str
 
+    @property
+    def error(self) -> float:
+        """Largest relative distance of a value from the right one, which the start was ``off`` beside."""
+        return max(abs((1.0 + self.off) * (1.0 + moved) - 1.0) for moved in self.moved)
+
 
 @dataclass(frozen=True)
 class ThesisStudy:
@@ -122,10 +128,14 @@ class ThesisStudy:
         current over its noise; through an ideal encoder.
     attempts
         With several steps, from values that are off and from the right ones.
+    recorded
+        Whose data these are.
     cure
         With an ideal encoder in the model, scales, weights and steps that fit, and K_m free besides.
     problem
         That of the cure.
+    built
+        Attempts on data of a built robot, from which the model differs.
 
     """
 
@@ -134,38 +144,107 @@ class ThesisStudy:
     attempts: tuple[Attempt, ...]
     cure: Fit
     problem: Problem
+    built: tuple[Attempt, ...] = ()
+    recorded: str = 'the model'
+
+    @property
+    def trials(self) -> list['Trial']:
+        """All attempts, with what came of each, by the data they were made on."""
+        return _trials(self.recorded, self.attempts) + _trials('a built robot', self.built)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial says what came of an attempt.
+
+    Attributes
+    ----------
+    data
+        Whose signals they are.
+    attempt
+        What was tried.
+    outcome
+        What came of it, in words.
+    excess
+        Cost that is left, of the least of all attempts on these data.
+
+    """
+
+    data: str
+    attempt: Attempt
+    outcome: str
+    excess: float
+
+    @property
+    def sentence(self) -> str:
+        """One line of the table in words."""
+        own = self.attempt
+        begin = f'{100.0 * own.off:g} % off' if own.off else 'at the right values'
+        return (
+            f'data of {self.data}, step {own.step:.2g}, start {begin}: moved by at most '
+            f'{100.0 * max(map(abs, own.moved)):.2g} %, ends at most {100.0 * own.error:.2g} % beside the right values '
+            f'with {self.excess:.3g} times the least cost: {self.outcome}'
+        )
 
 
 def study(
-    program: Program,
+    trace: Trace,
     parameters: Parameters,
     off: float = 0.3,
-    noise: float = 1.0,
-    seed: int = 0,
     on_progress: OnProgress = silent,
     on_iterate: OnIterate | None = None,
     resume: Iterate | None = None,
+    built: Trace | None = None,
+    recorded: str = 'the model',
 ) -> ThesisStudy:
-    """Simulate a robot as measurement and estimate from it as chapter 9 did, and as one should.
+    """Estimate from a recording as chapter 9 did, and as one should.
 
     Raises
     ------
-    EstimationError, ProgramError, RunError
-        As ``measurement.simulate``.
+    EstimationError
+        The recording has not one sample per bus cycle, with the commands of the shafts.
 
     """
-    trace = with_noise(simulate(program, parameters, 'bus'), parameters, noise, seed)
+    off = off or OFF
     quotients = quotients_of(trace, parameters, on_progress)
     profiles = _profiles(trace, parameters, on_progress)
-    attempts = []
-    cases = [(step, share) for step in ATTEMPT_STEPS for share in (off, 0.0)]
-    for number, (step, share) in enumerate(cases):
-        on_progress('usual settings', number, len(cases))
-        attempts.append(attempt_once(trace, parameters, step, share))
+    attempts = _attempts(trace, parameters, off, on_progress)
+    others = () if built is None else _attempts(built, parameters, off, on_progress)
     on_progress('with scales and slopes', 0, 1)
     problem = Problem(FREED, [ReplayModel(trace, parameters)], parameters)
     cure = fit(problem, start_values(FREED, parameters, off), on_iterate, resume)
-    return ThesisStudy(tuple(quotients), profiles, tuple(attempts), cure, problem)
+    return ThesisStudy(tuple(quotients), profiles, attempts, cure, problem, others, recorded)
+
+
+def _attempts(
+    trace: Trace, parameters: Parameters, off: float, on_progress: OnProgress
+) -> tuple[Attempt, ...]:
+    found = []
+    cases = [(step, share) for step in ATTEMPT_STEPS for share in (off, 0.0)]
+    for number, (step, share) in enumerate(cases):
+        on_progress('usual settings', number, len(cases))
+        found.append(attempt_once(trace, parameters, step, share))
+    return tuple(found)
+
+
+def _trials(data: str, attempts: Sequence[Attempt]) -> list[Trial]:
+    least = min((a.cost for a in attempts), default=1.0)
+    return [Trial(data, a, _outcome(a, a.cost / least), a.cost / least) for a in attempts]
+
+
+def _outcome(attempt: Attempt, excess: float) -> str:
+    """Say which explanation holds of an attempt: that of the thesis, that of the steps, or none."""
+    came_back = max(map(abs, attempt.moved)) < STUCK
+    is_least = excess < 1.0 + AT_MINIMUM
+    if came_back and is_least:
+        return 'came back, and was in a minimum, as the thesis supposes'
+    if came_back:
+        return 'came back outside of a minimum: quotients with such a step point nowhere'
+    if attempt.error < FOUND:
+        return 'found the right values'
+    if is_least:
+        return 'went to wrong values that fit best: the signals or the model do not tell them'
+    return 'went astray'
 
 
 def explanation(study: ThesisStudy) -> list[str]:
@@ -185,22 +264,14 @@ def explanation(study: ThesisStudy) -> list[str]:
         f'{slopes["L"]:.2g} (L), {slopes["F_v"]:.2g} (F_v), {slopes["F_s"]:.2g} (F_s) and {slopes["I_m"]:.2g} (I_m) '
         'standard deviations of its noise: the current loop hides the winding.',
     ]
-    for attempt in stuck:
-        begin = f'{100.0 * attempt.off:g} % off' if attempt.off else 'at the right values'
-        cost = (
-            f', at {attempt.cost / best.cost:.2g} times the least cost of all attempts' if attempt.off else ''
-        )
+    off_and_stuck = [a for a in stuck if a.off]
+    if off_and_stuck:
         sentences.append(
-            f'With steps of {attempt.step:.2g} an estimation that began {begin} moved them by at most '
-            f'{100.0 * max(map(abs, attempt.moved)):.1g} %: the initial values came back{cost}.'
+            f'Of {sum(a.off > 0.0 for a in study.attempts)} estimations that began {100.0 * off:g} % off, '
+            f'{len(off_and_stuck)} moved by less than {100.0 * STUCK:g} %: the initial values came back, '
+            f'at {min(a.cost for a in off_and_stuck) / best.cost:.2g} times the least cost and more.'
         )
-    wrong = [a for a in study.attempts if a.off == off and a not in stuck]
-    if wrong:
-        errors = [max(abs((1.0 + a.off) * (1.0 + m) - 1.0) for m in a.moved) for a in wrong]
-        sentences.append(
-            f'The other attempts that started {100.0 * off:g} % off went astray: each ended with a value that is '
-            f'{100.0 * min(errors):.2g} % or more beside the right one.'
-        )
+    sentences += [trial.sentence for trial in study.trials]
     return sentences
 
 

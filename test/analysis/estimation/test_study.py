@@ -106,7 +106,9 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         ('--known', 'm_b,nonsense', '--group', 'masses'): "'nonsense' is no quantity",
         ('--known', 'R,L,K_m,F_v,F_s,I_m'): 'nothing is left',
         ('experiment1', 'experiment2'): 'only one program',
-        (cut(bus, 'tcp_error'), '--group', 'thesis'): 'name a program',
+        (cut(bus, 'motor_command'), '--group', 'thesis'): 'no signal motor_command',
+        (cut(bus, 'tcp_error'), '--validate', 'experiment1'): '--validate takes recordings',
+        ('--validate', 'a.npz'): '--validate takes programs',
         ('packaging', '--group', 'masses'): 'changes the payload',
         ('--resume', str(tmp_path)): 'no estimation began',
     }
@@ -280,8 +282,11 @@ def test_the_design_of_the_documentation_runs_as_it_stands_but_with_few_curves(
     tmp_path, designed, monkeypatch, capsys
 ):
     page = pages.SOURCE / 'docs/tuning.md'
-    (block,) = (block for block in pages.blocks(page) if block.mark == 'elsewhere')
-    assert (pages.SOURCE / block.words).samefile(__file__)
+    (block,) = (
+        block
+        for block in pages.blocks(page)
+        if block.mark == 'elsewhere' and (pages.SOURCE / block.words).samefile(__file__)
+    )
     monkeypatch.chdir(tmp_path)
     for line in block.text.splitlines():
         program, *arguments = shlex.split(line, comments=True)
@@ -294,7 +299,7 @@ def test_the_design_of_the_documentation_runs_as_it_stands_but_with_few_curves(
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['run.npz', '--noise', '1'], 'the inputs are traces: --noise would change nothing'),
+        (['run.npz', '--seed', '1'], 'the inputs are traces: --seed would change nothing'),
         (['run.csv', '--sampling', 'bus', '--seed', '2'], 'the inputs are traces: --sampling, --seed would'),
         (['run.npz', '--measurement', 'own.npz'], 'the inputs are traces: --measurement would'),
         (['--group', 'thesis', '--method', 'replay'], 'of its own: --method would'),

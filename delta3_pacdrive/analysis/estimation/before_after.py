@@ -1,0 +1,164 @@
+"""Estimate, put in, look again: how far model and robot are apart on a recording with the old and the new parameters.
+
+Both models get the commands of the recording; compared are the current (figure 11.6) and the norm of the TCP error
+(figure 11.8), which is formed in one way from the shafts of robot and models. What the robot's sensors add by chance
+no model can follow: the current is compared a second time in the band of the motion, where little of it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.analysis.estimation.replay_model import BAND_HZ, Replay
+from delta3_pacdrive.analysis.figure_style import COLOURS, dress, titled_figure
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SMALL: dict[str, Any] = {'fontsize': 8, 'frameon': False}
+
+
+@dataclass(frozen=True)
+class Course:
+    """The course of robot or model.
+
+    Attributes
+    ----------
+    current
+        [A], shape (n, 3).
+    error_norm
+        Of the TCP [m], shape (n,).
+
+    """
+
+    current: Floats
+    error_norm: Floats
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """The recording, and the models with the old and the new parameters on its commands.
+
+    Attributes
+    ----------
+    time_s
+        Shape (n,).
+    robot, before, after
+        Courses.
+    cycle_time_s
+        Of the bus.
+
+    """
+
+    time_s: Floats
+    robot: Course
+    before: Course
+    after: Course
+    cycle_time_s: float
+
+    def rms(self) -> dict[str, dict[str, float]]:
+        """Rms of model less robot before and after, and the factor between them, by what is compared [SI]."""
+        section = butter(4, BAND_HZ, fs=1.0 / self.cycle_time_s, output='sos')
+        found = {}
+        for name in ('current_a', 'current_in_the_band_of_the_motion_a', 'tcp_error_norm_m'):
+            before, after = (self._apart(name, model, section) for model in (self.before, self.after))
+            found[name] = {'before': before, 'after': after, 'factor': before / max(after, 1e-300)}
+        return found
+
+    def _apart(self, name: str, model: Course, section: Floats) -> float:
+        if name == 'tcp_error_norm_m':
+            apart = model.error_norm - self.robot.error_norm
+        else:
+            apart = model.current - self.robot.current
+            if 'band' in name:
+                apart = sosfiltfilt(section, apart, axis=0)
+        return float(np.sqrt(np.mean(apart**2)))
+
+
+def compare(trace: Trace, before: Parameters, after: Parameters) -> BeforeAfter:
+    """Run both models on the commands of a recording that has one sample per bus cycle."""
+    replays = [Replay(trace, parameters, ideal_encoder=False) for parameters in (before, after)]
+    rows = replays[0].rows
+    commands = trace['motor_command'][rows]
+
+    def course(signals: Any) -> Course:
+        return Course(signals['current'], error_norm(signals['motor_position'], commands, before))
+
+    robot = course({name: trace[name][rows] for name in ('current', 'motor_position')})
+    old, new = (course(replay.run({})) for replay in replays)
+    return BeforeAfter(trace.time_s[rows], robot, old, new, before.bus.cycle_time_s)
+
+
+def error_norm(positions: Floats, commands: Floats, parameters: Parameters) -> Floats:
+    """Norm of the TCP error [m]: commands of n cycles ago, between two by the straight line (7.3), less the shafts.
+
+    Commands and answers of a row are of the same cycle, so that the cycle of feedback does not count.
+    """
+    delay = parameters.following_error_delay_cycles - 1.0
+    cycles = np.arange(len(commands), dtype=np.float64)
+    ago = np.clip(cycles - delay, 0.0, None)
+    asked = np.column_stack([np.interp(ago, cycles, column) for column in commands.T])
+    ratio = parameters.dynamics.gear_ratio
+    wanted, found = (
+        kinematics.forward(shafts / ratio, parameters.kinematics) for shafts in (asked, positions)
+    )
+    return np.asarray(np.linalg.norm(found - wanted, axis=1))
+
+
+def sentences(found: BeforeAfter) -> list[str]:
+    """Say how far model and robot are apart, before and after."""
+    texts = {
+        'current_a': ('current', 'A', 1.0),
+        'current_in_the_band_of_the_motion_a': (f'current below {BAND_HZ:g} Hz', 'A', 1.0),
+        'tcp_error_norm_m': ('norm of the TCP error', 'mm', 1e3),
+    }
+    rows = found.rms()
+    return [
+        f'{text}: model less robot {factor * rows[name]["before"]:.3g} {unit} rms before, '
+        f'{factor * rows[name]["after"]:.3g} after: {rows[name]["factor"]:.2g} times less'
+        for name, (text, unit, factor) in texts.items()
+    ]
+
+
+def current(found: BeforeAfter) -> Figure:
+    """Figure 11.6 before and after: the currents of robot and model with the old and the new parameters."""
+    figure = titled_figure('Figure 11.6: motor currents, before and after the estimation', 6.4)
+    grid = figure.subplots(3, 2, sharex=True, sharey='row')
+    for i, row in enumerate(grid):
+        for axes, model, title in zip(row, (found.before, found.after), ('before', 'after'), strict=True):
+            axes.plot(found.time_s, found.robot.current[:, i], color=COLOURS[1], linewidth=0.8, label='robot')
+            axes.plot(found.time_s, model.current[:, i], color=COLOURS[0], linewidth=0.8, label='model')
+            dress(axes, title if i == 0 else '', ylabel=f'motor {i + 1} (A)' if title == 'before' else '')
+    for axes in grid[-1]:
+        axes.set_xlabel('time (s)')
+    grid[0, 1].legend(ncols=2, **SMALL)
+    return figure
+
+
+def tcp_error(found: BeforeAfter) -> Figure:
+    """Figure 11.8 before and after: the norm of the TCP error of robot and model."""
+    figure = titled_figure('Figure 11.8: norm of the TCP error, before and after the estimation', 3.6)
+    row = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, model, title in zip(row, (found.before, found.after), ('before', 'after'), strict=True):
+        axes.plot(found.time_s, 1e3 * found.robot.error_norm, color=COLOURS[1], linewidth=0.8, label='robot')
+        axes.plot(found.time_s, 1e3 * model.error_norm, color=COLOURS[0], linewidth=0.8, label='model')
+        dress(axes, title, xlabel='time (s)', ylabel='norm (mm)' if title == 'before' else '')
+    row[1].legend(ncols=2, **SMALL)
+    return figure
+
+
+def drawings(found: BeforeAfter) -> dict[str, Any]:
+    """Return what draws each figure, by file name."""
+    return {
+        'figure_11_06_before_after.png': partial(current, found),
+        'figure_11_08_before_after.png': partial(tcp_error, found),
+    }

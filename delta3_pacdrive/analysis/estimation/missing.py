@@ -1,0 +1,170 @@
+"""What a model that does not explain its data lacks: all effects of built robots are fitted, then left out one by one.
+
+Effects help one another to explain a signal, so that none is judged by what it does alone: all that the group knows are
+switched on and estimated together with the quantities that were free; those without which the residuals stay as they
+are are dropped, and the others are fitted once more.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.analysis.estimation.built_fit import Build, fit_built
+from delta3_pacdrive.analysis.estimation.model_check import ModelCheck, check
+from delta3_pacdrive.analysis.estimation.problem import Model, Problem
+from delta3_pacdrive.analysis.estimation.quantities import (
+    TABLE,
+    Group,
+    Quantity,
+    values_of,
+    with_effects_of,
+    with_values,
+)
+from delta3_pacdrive.analysis.estimation.solver import Fit, OnIterate
+from delta3_pacdrive.analysis.study import OnProgress
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+RODS = 'forearm_rods'  # has no quantity: forearms are rods, or they are not
+NEEDED = 0.01  # of the sum of squares, by which residuals grow without an effect that is needed
+TEXTS = {
+    'friction': 'stiction and Stribeck effect',
+    'gear': 'elastic gears with backlash',
+    'ripple': 'cogging and ripple of K_m',
+    'sensors': 'gains and offsets of the current sensors',
+    'geometry': 'lengths and angles of each arm by itself',
+    RODS: 'forearms as rods',
+}
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """A lacking effect, and the rms that the residuals would have without it [noise of the sensors]."""
+
+    effect: str
+    rms_without: float
+
+    @property
+    def text(self) -> str:
+        """The effect in words."""
+        return TEXTS[self.effect]
+
+
+@dataclass(frozen=True)
+class Better:
+    """A better model has what was missing.
+
+    Attributes
+    ----------
+    robot
+        Its parameters, with what was estimated.
+    problem, fit, check
+        How it was estimated, and whether it explains the data.
+    lacking
+        What the first model lacks, the most important first.
+    rms_plain, rms
+        Of the residuals without and with it [noise of the sensors].
+
+    """
+
+    robot: Parameters
+    problem: Problem
+    fit: Fit
+    check: ModelCheck
+    lacking: tuple[Lacking, ...]
+    rms_plain: float
+    rms: float
+
+    @property
+    def sentence(self) -> str:
+        """What is missing, in words."""
+        named = '; '.join(f'{one.text} ({one.rms_without:.2g} without)' for one in self.lacking)
+        holds = 'explain the data' if self.check.holds else 'still do not explain the data'
+        return (
+            f'missing: {named or "nothing that could be fitted"}; '
+            f'residuals of {self.rms_plain:.2g} times the noise of the sensors become {self.rms:.2g} and {holds}'
+        )
+
+
+def look(
+    group: Group,
+    build: Build,
+    robot: Parameters,
+    first: tuple[tuple[Quantity, ...], Floats],
+    known: Sequence[str],
+    on_progress: OnProgress,
+    on_iterate: OnIterate,
+) -> Better | None:
+    """Fit what may be missing; None if there is nothing more to fit, or if it explains no more.
+
+    ``first`` are the quantities that were free, with the values that were found without.
+    """
+    held = set(group.named(known))
+    more = tuple(
+        q for s in group.built if s not in held and not (q := TABLE[s]).is_on(robot) and q not in first[0]
+    )
+    if not more:
+        return None
+    effects = tuple(dict.fromkeys(q.effect for q in more))
+    built = with_effects_of(robot, more)
+    if 'geometry' not in effects and not robot.rich.effects.forearm_rods:
+        built, effects = built.replace(rich__forearm_rods=True), (*effects, RODS)
+    # the first model's values begin, where they can be those of a robot
+    start = {q.symbol: float(v) for q, v in zip(first[0], first[1], strict=True)}
+    for number in range(2):
+        on_progress('looking for what is missing', number, 2)
+        free = (*first[0], *(q for q in more if q.is_on(built)))
+        problem = Problem(free, build(built), with_values(built, {}))
+        begin = np.array([start.get(q.symbol, q.read(built)) for q in free])
+        found = fit_built(problem, begin, build, on_iterate)
+        without = {effect: _cost(found, problem, build, built, effect) for effect in effects}
+        cost = _sum(found.residuals, problem)
+        needless = [effect for effect, other in without.items() if other <= (1.0 + NEEDED) * cost]
+        if not needless or number == 1:
+            break
+        start |= {q.symbol: float(v) for q, v in zip(free, found.x, strict=True)}
+        effects = tuple(effect for effect in effects if effect not in needless)
+        built = built.replace(**{f'rich__{effect}': False for effect in needless})
+        if not effects:
+            return None
+    count = sum(array.size for array in found.residuals)
+    plain = _sum([array for model in build(robot) for array in model.residuals(
+        values_of(robot) | {q.symbol: float(v) for q, v in zip(first[0], first[1], strict=True)})], problem,
+        build(robot))  # fmt: skip
+    lacking = [Lacking(effect, float(np.sqrt(without[effect] / count))) for effect in effects]
+    values = {q.symbol: float(v) for q, v in zip(problem.quantities, found.x, strict=True)}
+    return Better(
+        with_values(built, values),
+        problem,
+        found,
+        check(problem, found),
+        tuple(sorted(lacking, key=lambda one: -one.rms_without)),
+        float(np.sqrt(plain)),
+        float(np.sqrt(cost / count)),
+    )
+
+
+def _sum(residuals: Sequence[Floats], problem: Problem, models: Sequence[Model] = ()) -> float:
+    """Sum of squares [noise of the sensors]; their mean for other models, whose signals may be others."""
+    blocks = [block for model in models for block in model.blocks] or problem.blocks
+    total = float(sum(((a / b.sigma) ** 2).sum() for a, b in zip(residuals, blocks, strict=True)))
+    return total / sum(array.size for array in residuals) if models else total
+
+
+def _cost(found: Fit, problem: Problem, build: Build, built: Parameters, effect: str) -> float:
+    """Sum of squares without an effect, which the other quantities make up for as far as they can."""
+    values = problem.values(found.x)
+    bare: Mapping[str, float] = values | {
+        q.symbol: 0.0 for q in TABLE.values() if q.is_error and q.effect == effect
+    }
+    models = build(built.replace(**{f'rich__{effect}': False}))
+    blocks = problem.blocks
+    own = [j for j in found.identifiability.estimated if problem.quantities[j].effect != effect]
+    residuals = [array for model in models for array in model.residuals(bare)]
+    slopes = problem.jacobian(found.x, own)
+    r = np.concatenate([a.ravel() / b.sigma for a, b in zip(residuals, blocks, strict=True)])
+    j = np.concatenate([a.reshape(-1, len(own)) / b.sigma for a, b in zip(slopes, blocks, strict=True)])
+    step = np.linalg.lstsq(j, -r, rcond=None)[0]
+    left = r + j @ step
+    return float(left @ left)

@@ -1,0 +1,196 @@
+"""Whether a model explains the data that it was fitted to: the verdict that comes before any estimate.
+
+Three questions, of which each can say no:
+
+- Are the residuals as small as the noise of the sensors?
+- Are they white, beyond the time for which filter and model carry noise on? What is left of a wrong model comes back
+  whenever the motion does.
+- Do the values predict what they were not fitted to: each eighth of a signal by the seven others (a Gauss-Newton step
+  from the solution), and recordings that were kept aside?
+
+Residuals that are quieter than any sensor are errors of increments and arithmetic; they have no colour that tells.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import chi2
+
+from delta3_pacdrive.analysis.estimation.problem import Block, Model, Problem
+from delta3_pacdrive.analysis.estimation.solver import Fit, Whiteness
+from delta3_pacdrive.numerics.types import Floats
+
+RMS_MAX = 1.5  # times the noise of the sensors
+CHANCE_MIN = 1e-6  # that white noise has such an autocorrelation
+PREDICTED_MAX = 1.25  # mean square of predicted residuals, of that which chance alone makes of fitted ones
+ASIDE_MAX = 1.5  # rms on a recording that was kept aside, times noise or residuals of those that were fitted
+PARTS = 8
+LAGS = 40
+FIRST_LAG = 4  # samples for which the filters of the models carry noise on
+MEMORIES = 4.0  # times the memory of a model, after which nothing is left of a disturbance
+
+
+@dataclass(frozen=True)
+class BlockCheck:
+    """A check of one signal.
+
+    Attributes
+    ----------
+    signal, unit
+        Of the residuals.
+    rms, noise
+        Of the residuals, and what the sensors alone make.
+    chance
+        That white noise has such an autocorrelation; 1 where there is nothing to judge.
+    predicted
+        Rms of residuals of parts that were predicted by the others; None of a signal that was kept aside.
+    is_small, is_white, is_predicted
+        The three answers.
+    aside
+        Whether the signal was kept aside.
+
+    """
+
+    signal: str
+    unit: str
+    rms: float
+    noise: float
+    chance: float
+    predicted: float | None
+    is_small: bool
+    is_white: bool
+    is_predicted: bool
+    aside: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether all answers are yes."""
+        return self.is_small and self.is_white and self.is_predicted
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in words."""
+        ratio = self.rms / self.noise
+        where = ' of a recording that was not fitted' if self.aside else ''
+        begin = (
+            f'{self.signal}{where}: residuals {self.rms:.3g} {self.unit} rms, '
+            f'{ratio:.2g} times the noise of the sensors ({self.noise:.3g} {self.unit})'
+        )
+        parts = [begin]
+        if not self.is_white:
+            parts.append('correlated far beyond the memory of the model')
+        if self.predicted is not None and not self.is_predicted:
+            parts.append(f'eighths that are predicted by the others leave {self.predicted:.3g} {self.unit}')
+        return ', '.join(parts)
+
+
+@dataclass(frozen=True)
+class ModelCheck:
+    """A check says whether the model explains all signals."""
+
+    blocks: tuple[BlockCheck, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the model explains the data."""
+        return all(block.holds for block in self.blocks)
+
+    @property
+    def sentences(self) -> list[str]:
+        """The verdict in words, first the answer."""
+        answer = 'the model explains the data' if self.holds else 'THE MODEL DOES NOT EXPLAIN THE DATA'
+        return [answer, *(block.sentence for block in self.blocks if self.holds or not block.holds)]
+
+
+def check(problem: Problem, found: Fit, aside: Sequence[Model] = ()) -> ModelCheck:
+    """Judge a fit; ``aside`` are models of recordings that were not fitted."""
+    slopes = problem.jacobian(found.x, found.identifiability.estimated)
+    predicted = _predicted(problem, found, slopes)
+    count = len(found.identifiability.estimated)
+    blocks = [
+        _of_fitted(block, residuals, white, own, count)
+        for block, residuals, white, own in zip(
+            problem.blocks, found.residuals, found.whiteness, predicted, strict=True
+        )
+    ]
+    values = problem.values(found.x)
+    for model in aside:
+        blocks += _of_aside(model, values, blocks)
+    return ModelCheck(tuple(blocks))
+
+
+def _of_fitted(block: Block, residuals: Floats, white: Whiteness, predicted: float, count: int) -> BlockCheck:
+    quiet = block.is_quieter(white.rms)
+    chance = 1.0 if quiet else chance_of(block, white, residuals)
+    # estimates of few numbers from coloured residuals fit chance as well
+    inflation = 1.0 + 2.0 * count * _colour(white) / residuals.size
+    return BlockCheck(
+        block.name,
+        block.unit,
+        white.rms,
+        block.sigma,
+        chance,
+        predicted,
+        white.rms <= RMS_MAX * block.sigma,
+        chance >= CHANCE_MIN,
+        quiet or predicted**2 <= PREDICTED_MAX * inflation * white.rms**2,
+    )
+
+
+def _of_aside(model: Model, values: Mapping[str, float], fitted: Sequence[BlockCheck]) -> list[BlockCheck]:
+    out = []
+    for block, residuals in zip(model.blocks, model.residuals(values), strict=True):
+        rms = float(np.sqrt(np.mean(residuals**2)))
+        likes = [own.rms for own in fitted if own.signal == block.name]
+        # a residual that the fitted recordings have as well was judged there
+        is_small = rms <= ASIDE_MAX * max([block.sigma, *likes])
+        out.append(
+            BlockCheck(block.name, block.unit, rms, block.sigma, 1.0, None, is_small, True, True, aside=True)
+        )
+    return out
+
+
+def _first_lag(block: Block) -> int:
+    return max(FIRST_LAG, round(MEMORIES * block.memory_s / block.period_s))
+
+
+def _colour(white: Whiteness) -> float:
+    """Sum of the squares of the autocorrelation over lags near zero: Bartlett's factor of coloured noise."""
+    near = white.autocorrelation[: max(white.lag, FIRST_LAG)]
+    return float(2.0 * (near**2).sum() - 1.0)
+
+
+def chance_of(block: Block, white: Whiteness, residuals: Floats) -> float:
+    """Chance of such an autocorrelation beyond the memory of filters and model (Box and Pierce, Bartlett)."""
+    first = _first_lag(block)
+    lags = white.autocorrelation[first : first + LAGS]
+    if not len(lags) or not np.isfinite(lags).all():
+        return 1.0
+    near = white.autocorrelation[:first]
+    colour = float(2.0 * (near**2).sum() - 1.0)
+    return float(chi2.sf(residuals.size * float((lags**2).sum()) / colour, len(lags)))
+
+
+def _predicted(problem: Problem, found: Fit, slopes: Sequence[Floats]) -> list[float]:
+    """Rms of each block's residuals where each part is predicted by the others: one step from the solution."""
+    sigmas = [max(w.rms, 1e-300) for w in found.whiteness]
+    parts = []
+    for array, jacobian, sigma in zip(found.residuals, slopes, sigmas, strict=True):
+        edges = np.linspace(0, len(array), PARTS + 1).astype(int)
+        parts.append([(array[a:b].ravel() / sigma, jacobian[a:b].reshape(-1, jacobian.shape[-1]) / sigma)
+                      for a, b in pairwise(edges)])  # fmt: skip
+    normals = [[j.T @ j for _, j in own] for own in parts]
+    scores = [[j.T @ r for r, j in own] for own in parts]
+    normal = np.sum([np.sum(own, axis=0) for own in normals], axis=0)
+    score = np.sum([np.sum(own, axis=0) for own in scores], axis=0)
+    out = []
+    for own, normal_own, score_own, sigma in zip(parts, normals, scores, sigmas, strict=True):
+        total, count = 0.0, 0
+        for (residual, jacobian), part_normal, part_score in zip(own, normal_own, score_own, strict=True):
+            step = -np.linalg.lstsq(normal - part_normal, score - part_score, rcond=None)[0]
+            left = residual + jacobian @ step
+            total, count = total + float(left @ left), count + left.size
+        out.append(sigma * float(np.sqrt(total / max(count, 1))))
+    return out

@@ -1,0 +1,120 @@
+"""How often 95 % intervals of estimates hold the truth: on the model with noisy sensors, and on built robots.
+
+Nominal robots: the signals of one simulation with another noise for each seed, and a whole estimation from values 30 %
+off. Built robots: a simulation for each seed, whose sensors have another noise in the loops, and one Gauss-Newton step
+from the truth with the slopes there: the residuals that remain give the interval as they do in an estimation.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis.estimation.identifiability import WEAK, Z_95, Verdict, analyse
+from delta3_pacdrive.analysis.estimation.measurement import simulate, with_noise
+from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.analysis.estimation.problem import Problem
+from delta3_pacdrive.analysis.estimation.quantities import GROUPS, start_values, values_of
+from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
+from delta3_pacdrive.analysis.estimation.solver import fit, half_widths, whiteness_of
+from delta3_pacdrive.analysis.study import OnProgress, silent
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+SEEDS = 200
+FIRST_SEED = 1000
+OFF = 0.3
+PROGRAM = 'excitation'
+CONFOUNDED = ('gain_1', 'gain_2', 'gain_3')  # with K_m, in signals of the bus
+
+
+def measure(seeds: int = SEEDS, on_progress: OnProgress = silent) -> dict[str, Any]:
+    """Return the coverage of the intervals of the group motor, by robot."""
+    return {
+        'program': PROGRAM,
+        'seeds': seeds,
+        'nominal': nominal(seeds, on_progress),
+        'built': built(seeds, on_progress),
+    }
+
+
+def nominal(seeds: int, on_progress: OnProgress = silent) -> dict[str, Any]:
+    """Return the coverage on nominal robots that oscilloscopes in the drives measure."""
+    robot = core.load()
+    exact = simulate(programs.load(PROGRAM, robot.motion), robot)
+    quantities = GROUPS['motor'].chosen()
+    true = values_of(robot)
+    off: dict[str, list[float]] = {q.symbol: [] for q in quantities}
+    widths: dict[str, list[float]] = {q.symbol: [] for q in quantities}
+    for seed in range(seeds):
+        on_progress('nominal robots', seed, seeds)
+        trace = with_noise(exact, robot, 1.0, FIRST_SEED + seed)
+        problem = Problem(quantities, [WindingModel(trace, robot), TorqueModel(trace, robot)], robot)
+        found = fit(problem, start_values(quantities, robot, OFF))
+        for quantity, e in zip(quantities, found.estimates, strict=False):
+            if e.verdict is Verdict.IDENTIFIABLE:
+                off[e.symbol].append((e.value - true[e.symbol]) / e.half_width)
+                widths[e.symbol].append(e.half_width / quantity.extent(true[e.symbol]))
+    return _result({s: (np.array(off[s]), float(np.mean(widths[s]))) for s in off if off[s]})
+
+
+def built(seeds: int, on_progress: OnProgress = silent) -> dict[str, Any]:
+    """Return the coverage on built robots, by replay of signals once per bus cycle."""
+    robot = core.load('rich')
+    program = programs.load(PROGRAM, robot.motion)
+    first = _built_trace(program, robot, FIRST_SEED)
+    model = ReplayModel(first, robot)
+    quantities = GROUPS['motor'].chosen(known=CONFOUNDED, robot=robot)
+    problem = Problem(quantities, [model], robot)
+    x = start_values(quantities, robot, 0.0)
+    values = problem.values(x)
+    model.settle(values)
+    (slopes,) = problem.jacobian(x)
+    (residual,) = model.residuals(values)
+    report = analyse(problem, x)
+    shown = [j for j, f in enumerate(report.findings) if f.verdict is Verdict.IDENTIFIABLE]
+    inverse = np.linalg.pinv(slopes.reshape(-1, len(x)))
+    columns = list(range(len(x)))
+    off, widths = [], []
+    for seed in range(seeds):
+        on_progress('built robots', seed, seeds)
+        trace = _built_trace(program, robot, FIRST_SEED + seed)
+        own = residual + model.seen(trace['current'][model.rows] - first['current'][model.rows])
+        step = -(inverse @ own.ravel())
+        left = own + slopes @ step
+        half = half_widths(problem, x, columns, [left], [whiteness_of(left)])
+        off.append(step / half)
+        widths.append(half)
+    found: Floats = np.array(off)
+    mean: Floats = np.mean(widths, axis=0)
+    return _result({quantities[j].symbol: (found[:, j], float(mean[j])) for j in shown})
+
+
+def _built_trace(program: Any, robot: Parameters, seed: int) -> Any:
+    return simulation.run(program, robot.replace(rich__sensor_seed=seed))
+
+
+def _result(found: dict[str, tuple[Floats, float]]) -> dict[str, Any]:
+    rates = {symbol: float(np.mean(np.abs(own) <= 1.0)) for symbol, (own, _) in found.items()}
+    every: Sequence[Floats] = [own for own, _ in found.values()]
+    return {
+        'coverage': rates,
+        'half_width_relative': {symbol: width for symbol, (_, width) in found.items()},
+        'mean_error_in_deviations': {symbol: float(own.mean() * Z_95) for symbol, (own, _) in found.items()},
+        'pooled': float(np.mean(np.abs(np.concatenate(every)) <= 1.0)),
+        'identifiable_below': WEAK,
+    }
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the coverage, a line for each quantity."""
+    print(f'{result["program"]}, {result["seeds"]} seeds: how often 95 % intervals hold the truth')
+    for kind in ('nominal', 'built'):
+        own = result[kind]
+        print(f'{kind} robots: {100.0 * own["pooled"]:.1f} % over all quantities')
+        for symbol, rate in own['coverage'].items():
+            width = 100.0 * own['half_width_relative'][symbol]
+            print(f'{symbol:>12}  {100.0 * rate:5.1f} %   half width {width:.2g} %')
