@@ -318,8 +318,9 @@ class Comparison:
 
     @property
     def names(self) -> list[str]:
-        """Signals that both runs hold, in the order of ``QUANTITIES``."""
-        return [name for name in QUANTITIES if name in self.model.actual and name in self.robot.actual]
+        """Signals that both runs hold in some cycle of the program, in the order of ``QUANTITIES``."""
+        both = [name for name in QUANTITIES if name in self.model.actual and name in self.robot.actual]
+        return [name for name in both if len(self.measured(self.deviation(name)))]
 
     @property
     def missing(self) -> list[str]:

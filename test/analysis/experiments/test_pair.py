@@ -110,6 +110,17 @@ def test_a_gap_of_the_robot_costs_only_its_instants(nominal, built, tmp_path):
     assert any('It lacks 50 of' in note for note in found.notes)
 
 
+def test_a_signal_that_is_never_known_when_the_other_is_counts_as_missing(nominal, built, tmp_path):
+    table = table_of(built, tmp_path / 'robot.csv', ('arm_position', 'tcp_error_norm'))
+    rows = (tmp_path / 'robot.csv').read_text().splitlines()
+    held = [row if n < 10 else row.rpartition(',')[0] + ',' for n, row in enumerate(rows)]
+    (tmp_path / 'short.csv').write_text('\n'.join(held) + '\n')
+    found = compared(Pair(nominal, runs.load(str(tmp_path / 'short.csv')), attributed=False))
+    assert 'tcp_error_norm' in compared(Pair(nominal, table, attributed=False)).comparison.names
+    assert 'tcp_error_norm' in found.comparison.missing
+    assert not any('error_norm' in name for name in figures.by_name(found))
+
+
 def test_two_tables_are_compared_where_both_are(built, tmp_path):
     names = ('arm_position', 'arm_speed', 'current')
     one = table_of(built, tmp_path / 'a.csv', names, 1000.0, 3.0)
