@@ -23,7 +23,7 @@ def test_nodes_give_the_report_of_the_simulation_but_for_what_no_topic_tells(
     assert document['reproduced'] is True
     assert document['missing'] == ['arm_angle_true', 'tcp_true', 'tcp_error_norm_true']
     assert document['truth'] == ''
-    agreeing = [note for note in document['notes'] if 'agree to the last bit in 11 signals' in note]
+    agreeing = [note for note in document['notes'] if 'agree to the last bit in 15 signals' in note]
     assert len(agreeing) == 2
     assert {'bag_model', 'bag_robot', 'signals.csv'} <= {path.name for path in tmp_path.iterdir()}
 
