@@ -71,6 +71,16 @@ def test_an_instant_is_that_of_its_cycle(run, robot):
         )
 
 
+def test_the_load_of_a_motor_is_that_of_all_samples_of_its_current(run, robot):
+    film, nominal, limit = Film(run), robot.motor.nominal_current_a, robot.drive.overload_time_s
+    expected = overload_of(run.part['current_rms'] / nominal, run.period_s) / limit
+    row = int(expected.max(axis=1).argmax())
+    assert expected[row].max() > 0.01
+    assert film.at(row).overload.tolist() == expected[row].tolist()
+    of_the_at = overload_of(run.part['current'] / nominal, run.period_s) / limit
+    assert film.at(row).overload.tolist() != of_the_at[row].tolist()
+
+
 def test_what_there_is_to_read_is_that_of_its_time(run):
     film = Film(run)
     first = film.facts(0, 'playing', 1.0)
