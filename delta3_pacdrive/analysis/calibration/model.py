@@ -20,6 +20,7 @@ Arguments of the functions and methods here:
 """
 
 import dataclasses
+import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
@@ -161,13 +162,18 @@ class PointsInFrame(Observation):
         """Return place and turn of the instrument: the best rigid fit (Kabsch)."""
         own, seen = tcp(self.shafts, x, self.robot)[self.used], self.measured.points_m[self.used]
         if len(own) < PLANE_POINTS:
-            raise CalibrationError(f'{len(own)} measured points do not tell where the instrument stands')
-        spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
-        if spread[1] < NARROW * spread[0]:
-            raise CalibrationError(
-                'the measured points lie on a line: they do not tell how the instrument is turned'
-            )
-        turn, _ = Rotation.align_vectors(own - own.mean(axis=0), seen - seen.mean(axis=0))
+            raise CalibrationError(f'{len(own)} measured point(s) do not tell where the instrument stands')
+        for points in (own, seen):
+            spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+            if spread[1] <= NARROW * spread[0]:
+                raise CalibrationError(
+                    'the measured points lie on a line: they do not tell how the instrument is turned'
+                )
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                'ignore', UserWarning
+            )  # points of somebody else, which are refused afterwards
+            turn, _ = Rotation.align_vectors(own - own.mean(axis=0), seen - seen.mean(axis=0))
         return np.concatenate([own.mean(axis=0) - turn.apply(seen.mean(axis=0)), turn.as_rotvec()])
 
     def residuals(self, x: Floats, place: Floats) -> Floats:
@@ -216,11 +222,11 @@ class Touches(Observation):
             return np.array([points[:, 2].mean()])
         if len(points) <= PLANE_POINTS:
             raise CalibrationError(
-                f'{len(points)} touches of {name} tell no more than where it is; it takes at least {PLANE_POINTS + 1}'
+                f'{len(points)} touch(es) of {name} tell no more than where it is; it takes at least {PLANE_POINTS + 1}'
             )
         middle = points.mean(axis=0)
         _, spread, axes = np.linalg.svd(points - middle)
-        if spread[1] < NARROW * spread[0]:
+        if spread[1] <= NARROW * spread[0]:
             raise CalibrationError(f'the touches of {name} lie on a line: they do not tell how it is tilted')
         self._normals[name] = normal = axes[2] * np.sign(axes[2, 2] or 1.0)
         return np.array([0.0, 0.0, float(normal @ middle)])
@@ -251,7 +257,7 @@ def _ball(name: str, points: Floats, radius_m: float) -> Floats:
     """Return the centre of a ball that points of its upper side lie on."""
     if len(points) <= BALL_POINTS - 1:
         raise CalibrationError(
-            f'{len(points)} touches of {name} tell no more than where it is; it takes at least {BALL_POINTS}'
+            f'{len(points)} touch(es) of {name} tell no more than where it is; it takes at least {BALL_POINTS}'
         )
     centre = points.mean(axis=0) - [0.0, 0.0, 0.5 * radius_m]
     for _ in range(50):

@@ -204,8 +204,11 @@ def test_points_on_a_line_do_not_tell_how_the_instrument_is_turned(poses, robot)
     line = dataclasses.replace(
         poses, points_m=poses.points_m * np.array([1.0, 1e-4, 1e-4]) + [0.0, 0.1, -0.8]
     )
-    sentence = refusal(instrument(line, robot), robot, model.PointsInFrame, is_placed=False)
-    assert sentence == 'the measured points lie on a line: they do not tell how the instrument is turned'
+    told = 'the measured points lie on a line: they do not tell how the instrument is turned'
+    assert refusal(instrument(line, robot), robot, model.PointsInFrame, is_placed=False) == told
+    measured = instrument(poses, robot)
+    one = dataclasses.replace(measured, points_m=0.0 * measured.points_m)
+    assert refusal(one, robot, model.PointsInFrame, is_placed=False) == told
 
 
 def test_touches_that_only_tell_where_something_is_are_refused(robot):
@@ -224,6 +227,8 @@ def test_touches_that_only_tell_where_something_is_are_refused(robot):
         objects=('plane1',) * 3,
         diameters_m=few.diameters_m[rows],
     )
-    assert refusal(few, robot, model.Touches).startswith('3 touches of plane1 tell no more than where it is')
+    assert refusal(few, robot, model.Touches).startswith(
+        '3 touch(es) of plane1 tell no more than where it is'
+    )
     ball = dataclasses.replace(few, diameters_m=np.full(3, 0.05), objects=('ball',) * 3)
-    assert refusal(ball, robot, model.Touches).startswith('3 touches of ball tell no more than where it is')
+    assert refusal(ball, robot, model.Touches).startswith('3 touch(es) of ball tell no more than where it is')
