@@ -5,12 +5,13 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
+from delta3_pacdrive.analysis.experiments.claims import claims
 from delta3_pacdrive.analysis.experiments.comparison import OF_SAMPLES, QUANTITIES, Comparison, Statistics
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
 from delta3_pacdrive.analysis.experiments.study import Results
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
 
-TABLES = ('signals.csv', 'table.csv', 'attribution.csv')
+TABLES = ('signals.csv', 'table.csv', 'attribution.csv', 'claims.csv')
 ACCELERATION = (
     'the actual acceleration is not measured: it is the slope of the least-squares line through the actual speed of '
     'the cycles within 2 ms on either side; the reference acceleration is the same slope of the reference speed'
@@ -20,7 +21,12 @@ ACCELERATION = (
 def tables(found: Results) -> list[Table]:
     """Return signals cycle by cycle, maxima, rms and deviations, and what explains them."""
     made = [_signals(found.comparison), _statistics(found.comparison.statistics())]
-    return made if found.attribution is None else [*made, _attribution(found.attribution)]
+    if found.attribution is not None:
+        made.append(_attribution(found.attribution))
+    if told := claims(found.number, found.comparison, found.attribution):
+        header = ['section', 'claim', 'verdict', 'figure']
+        made.append(Table(TABLES[3], header, [[c.section, c.text, c.verdict, c.figure] for c in told]))
+    return made
 
 
 def _signals(comparison: Comparison) -> Table:
@@ -89,6 +95,10 @@ def summary(found: Results) -> dict[str, Any]:
         'reproduced': all(conclusion.holds for conclusion in concluded) if of_experiment else None,
         'verdict': verdict(concluded) if of_experiment else None,
         'findings': [asdict(conclusion) for conclusion in concluded],
+        'claims': [
+            asdict(claim) | {'sentence': claim.sentence}
+            for claim in claims(found.number, comparison, found.attribution)
+        ],
         'truth': truth(rows),
         'signals': [{'text': QUANTITIES[row.signal].text} | asdict(row) for row in rows],
         'attribution': None if found.attribution is None else _attribution_summary(found.attribution),
@@ -126,6 +136,8 @@ def text(document: dict[str, Any]) -> list[str]:
     if document['verdict'] is not None:
         lines.append(f'What the thesis found is {document["verdict"]}.')
     lines += [f'- {sentence}' for sentence in sentences]
+    if told := document.get('claims'):
+        lines += ['', 'Claim by claim:', *(f'- {claim["sentence"]}' for claim in told)]
     if document['attribution'] is not None:
         lines += ['', 'What explains it (Shapley values; of a deviation shares of its mean square):']
         lines += [f'- {sentence}' for sentence in document['attribution']['explanations']]
