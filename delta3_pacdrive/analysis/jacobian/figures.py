@@ -6,6 +6,7 @@ Deviations are explained by each length, per millimetre, and by how they grow wi
 from __future__ import annotations
 
 from functools import partial
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +46,11 @@ TICKS = (-10000, -1000, -100, -30, -10, 0, 10, 30, 100, 1000, 10000)  # of that
 SPAN_MIN = 1e-3  # percent
 BINS = 4  # per decade of the condition
 APPROACH = (0.0, 1.0, 0.0)  # along y, square to arm 1: the ray that is shown by itself
+IMPLAUSIBLE = (
+    'No manufacturer is centimetres off. A formula as printed, or a term left out,\n'
+    'makes far more of the deviations of accelerations.'
+)
+CAUSE_WIDTH = 13  # characters in a line of a cause
 MEANINGS = {
     Pose.RECORDED: 'angles and position recorded',
     Pose.FORWARD: 'angles recorded, position from them',
@@ -58,6 +64,7 @@ def by_name(found: Results, errors: str, kinematics: Kinematics) -> Drawings:
     for trial in found.trials:
         drawings |= of_trial(trial, errors)
     return drawings | {
+        'causes.png': partial(causes, found.trials, errors),
         'sensitivities.png': partial(sensitivities, found.trials),
         'deviation_over_condition.png': partial(deviation_over_condition, found.sweep, kinematics),
     }
@@ -163,6 +170,28 @@ def joint_acceleration(trial: Trial, joint: int, errors: str) -> Figure:
     labels = (rf'$\ddot\theta_{joint}$ (deg/s$^2$)', 'deviation\n(% of the peak)')
     finish_over_time(panels, labels, 'time (s)')
     _legend_of_curves(figure, errors)
+    return figure
+
+
+def causes(trials: list[Trial], errors: str) -> Figure:
+    """Largest deviations of joint velocities and accelerations by the inexact lengths and by each other cause."""
+    figure = titled_figure('What makes calculated and recorded joint motion differ', 5.0)
+    row = figure.subplots(1, 2, width_ratios=(1, 2))
+    width = 0.8 / len(trials)
+    for axes, quantity in zip(row, ('velocity', 'acceleration'), strict=True):
+        names = [errors, *(cause.name for cause in trials[0].causes if cause.quantity == quantity)]
+        places = np.arange(len(names))
+        for n, trial in enumerate(trials):
+            recorded = trial.motion.thetadot if quantity == 'velocity' else trial.motion.thetaddot
+            lengths = Deviation.of(getattr(trial.inexact, quantity), recorded).summary()['of_peak']['max']
+            others = [cause.of_peak for cause in trial.causes if cause.quantity == quantity]
+            axes.bar(places - 0.4 + (n + 0.5) * width, [lengths, *others], 0.9 * width,
+                     color=COLOURS[n % len(COLOURS)], label=trial.motion.name)  # fmt: skip
+        axes.set_xticks(places, [fill(name, CAUSE_WIDTH) for name in names], fontsize=8)
+        axes.set_ylabel(f'{quantity} (% of the peak)')
+        dress(axes)
+    row[1].set_xlabel(IMPLAUSIBLE, fontsize=8)
+    _legend_under_title(figure, min(len(trials), 4), *row[0].get_legend_handles_labels())
     return figure
 
 

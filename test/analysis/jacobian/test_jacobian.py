@@ -451,6 +451,20 @@ def test_a_study_leaves_report_tables_and_figures_that_say_where_they_come_from(
         assert b'delta3 jacobian 1' in path.read_bytes()
 
 
+def test_other_causes_stand_beside_the_inexact_lengths_and_far_above_them(experiments, robot):
+    own, exact = experiments[0], robot.kinematics
+    wrong = joint_motion(own, inexact(exact, {'R_A': 0.035}))
+    found = causes(own, exact)
+    trial = study.Trial(own, joint_motion(own, exact), wrong, own.time_s, own.time_s, [], {}, found)
+    velocity, acceleration = figures.causes([trial], 'R_A + 35 mm').axes
+    heights = [[bar.get_height() for bar in axes.patches] for axes in (velocity, acceleration)]
+    assert [len(own) for own in heights] == [2, 4]
+    assert heights[0][0] == pytest.approx(9.9, abs=0.1)
+    assert heights[1][3] == pytest.approx(54.0, abs=1.0)
+    assert max(heights[1]) == heights[1][3] > 5.0 * heights[1][0]
+    assert 'No manufacturer is centimetres off' in acceleration.get_xlabel()
+
+
 def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experiments):
     _, document = studied
     (row,) = document['trajectories']
