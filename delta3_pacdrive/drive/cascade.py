@@ -4,6 +4,13 @@ Fine interpolation is linear, as in the thesis, or cubic. Linear, the speed feed
 bus cycle, and the current follows with a pulse. Cubic, the set points are joined by Hermite polynomials whose slopes
 are those of the chords over two cycles (Catmull and Rom): the speed is continuous, its feed-forward that of the curve,
 and the acceleration feed-forward goes straight from one second difference to the next.
+
+Arguments of the kernels here, beside those of ``arrays``:
+
+``before``, ``now``, ``after``
+    Steps [rad] of the set point, as ``set_point_steps`` gives them.
+``passed``
+    Share of the bus cycle that has passed, 0 to 1.
 """
 
 import math

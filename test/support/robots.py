@@ -126,9 +126,12 @@ def _mapped(names: set[str]) -> set[str]:
 
 @pytest.fixture
 def nothing_left_behind() -> Iterator[None]:
-    """Fail if a test leaves a process or a shared-memory file."""
-    with nothing_is_left():
-        yield
+    """Fail if a test leaves a process or a shared-memory file; what it has left disturbs no other test."""
+    try:
+        with nothing_is_left():
+            yield
+    finally:
+        _end(_started)
 
 
 @pytest.fixture
@@ -153,22 +156,12 @@ def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
     return run
 
 
-@pytest.fixture(scope='session')
-def start_delta3(request: pytest.FixtureRequest) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the real command line; what a failed test leaves running is ended before anybody looks what is left."""
-    if 'nothing_left_behind' in request.fixturenames:
-        request.getfixturevalue('nothing_left_behind')
-    started = []
+_started: list[subprocess.Popen[str]] = []
 
-    def start(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            _command_line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
-        )
-        started.append(process)
-        return process
 
-    yield start
-    running = [process for process in started if process.poll() is None]
+def _end(processes: list[subprocess.Popen[str]]) -> None:
+    """End those of the processes that still run."""
+    running = [process for process in processes if process.poll() is None]
     for process in running:
         process.send_signal(signal.SIGINT)
     for process in running:
@@ -177,6 +170,22 @@ def start_delta3(request: pytest.FixtureRequest) -> Iterator[Callable[..., subpr
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
+    processes.clear()
+
+
+@pytest.fixture(scope='session')
+def start_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the real command line; what a failed test leaves running is ended."""
+
+    def start(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            _command_line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+        )
+        _started.append(process)
+        return process
+
+    yield start
+    _end(_started)
 
 
 _WORK = """
