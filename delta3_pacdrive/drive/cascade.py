@@ -10,7 +10,7 @@ Arguments of the kernels here, beside those of ``arrays``:
 ``before``, ``now``, ``after``
     Steps [rad] of the set point, as ``set_point_steps`` gives them.
 ``passed``
-    Share of the bus cycle that has passed, 0 to 1.
+    Share [1] of the bus cycle that has passed, from 0 to 1.
 """
 
 import math
