@@ -16,7 +16,7 @@ from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.errors import RunInterruptedError
 
 COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
-MOMENTS = 10
+MOMENTS = 7
 LIMIT_S = 900.0  # of one command on a machine whose cores are all busy
 LOOK_S = 1e-3  # between two looks
 # each offline command in the shortest way that goes through all of its stages

@@ -33,10 +33,8 @@ class Control(IntFlag):
     DRIVE_ON = 1 << 15
     ENABLE = 1 << 14
     RUN = 1 << 13  # 0 = halt
-    PROGRAM = (
-        1 << 7
-    )  # real-time control bit 2: a program is driven; its rise begins new figures of the current
-    MEASURE = 1 << 6  # real-time control bit 1: the currents of this bus cycle belong to these figures
+    PROGRAM = 1 << 7  # a program is driven; its rise begins new figures of the current
+    MEASURE = 1 << 6  # the currents of this bus cycle belong to these figures
 
 
 class Status(IntFlag):

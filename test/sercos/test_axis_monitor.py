@@ -18,7 +18,7 @@ from delta3_pacdrive.sercos.watchdog import (
     MASTER_SILENT_S,
     Watchdog,
 )
-from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Status
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_MEASURE, CONTROL_ON, Status
 
 FOLLOWS = int(Status.IN_TORQUE | Status.FOLLOWS_COMMAND)
 
@@ -125,12 +125,12 @@ def task(robot):
 
 
 def commands(task, first, last):
-    """Return commanded TCP and control words of cycles."""
+    """Return commanded TCP and control words of cycles, without what they say of the figures of the currents."""
     places, controls = [], []
     for cycle in range(first, last):
         task.command(cycle)
         places.append(task.state['tcp'][0].copy())
-        controls.append(task.control(cycle))
+        controls.append(task.control(cycle) & ~CONTROL_MEASURE)
     return np.array(places), controls
 
 

@@ -275,7 +275,7 @@ def test_a_drive_is_in_torque_with_both_readiness_bits_and_no_error(status, expe
 
 # numbers of bits as the standard has them, each name of each word
 SERCOS_BITS = {
-    Control: {'DRIVE_ON': 15, 'ENABLE': 14, 'RUN': 13},
+    Control: {'DRIVE_ON': 15, 'ENABLE': 14, 'RUN': 13, 'PROGRAM': 7, 'MEASURE': 6},
     Status: {'READY_TO_ENABLE': 15, 'READY_FOR_POWER': 14, 'ERROR': 13, 'WARNING': 12, 'FOLLOWS_COMMAND': 3},
     Class1: {
         'OVERLOAD': 0,
