@@ -122,6 +122,7 @@ def _refuse_ignored(options: Options) -> None:
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.estimation import report
+    from delta3_pacdrive.recording import trace_file
 
     _refuse_ignored(options)
     if path := options.design:
@@ -146,7 +147,9 @@ def run(options: Options) -> int:
         again = f'delta3 estimate --resume {shlex.quote(str(studies[0].folder))}'
         return f'interrupted after iteration {studies[0].iterate.number}; {again} goes on from there'
 
-    status = conduct(options, work, report.text, unfinished)
+    if options.measurement:
+        trace_file.require_writable(options.measurement)
+    status = conduct(options, work, report.text, unfinished, None if options.resume else options.output)
     if refusal := '' if status else report.refusal(summaries[0]):
         print(f'error: {refusal}', file=sys.stderr)
         return 1

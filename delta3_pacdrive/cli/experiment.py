@@ -47,6 +47,7 @@ def run(options: Options) -> int:
         options,
         lambda show: run.Study(settings, folder, options.command_line, show, graph).run(),
         report.text,
+        writes=folder,
     )
 
 

@@ -79,6 +79,7 @@ def run(options: Options) -> int:
         lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
         report.text,
         lambda: f'interrupted: {options.output} holds no report of this study',
+        options.output,
     )
 
 

@@ -61,6 +61,7 @@ def run(options: Options) -> int:
         options,
         lambda show: run.Study(settings, folder, options.command_line, show).run(),
         report.text,
+        writes=folder,
     )
 
 

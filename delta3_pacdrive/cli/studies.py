@@ -12,6 +12,7 @@ from delta3_pacdrive.cli.progress import Progress, announce_compilation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
+    from pathlib import Path
 
     from delta3_pacdrive.analysis.study import OnProgress
 
@@ -21,6 +22,7 @@ def conduct(
     work: Callable[[OnProgress], dict[str, Any]],
     text: Callable[[dict[str, Any]], Iterable[str]],
     unfinished: Callable[[], str] = lambda: 'interrupted: no report was written',
+    writes: Path | str | None = None,
 ) -> int:
     """Do what a study does, print its summary and return the exit status.
 
@@ -34,11 +36,15 @@ def conduct(
         Turns the summary into lines for people.
     unfinished
         Says what an interruption leaves.
+    writes
+        Folder that it writes into, which is refused at once if that cannot be.
 
     """
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis.report_folder import require_writable
 
+    require_writable(writes)
     announce_compilation(options.parameters)
     simulation.load_kernels(core.load(options.parameters))
     try:

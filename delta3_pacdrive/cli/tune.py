@@ -61,6 +61,7 @@ def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.tuning import report, run
     from delta3_pacdrive.analysis.tuning.study import Settings
+    from delta3_pacdrive.recording import trace_file
 
     settings = Settings(
         options.parameters,
@@ -76,11 +77,13 @@ def run(options: Options) -> int:
         options.exchange_period,
     )
     if path := options.excite:
+        trace_file.require_writable(path)
         return conduct(options, lambda show: _excite(options, path, settings, show), _excitation_text)
     return conduct(
         options,
         lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
         report.text,
+        writes=options.output,
     )
 
 
