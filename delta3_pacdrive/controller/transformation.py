@@ -103,10 +103,8 @@ class Transformation:
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
         self._stop_hard = False
-        self._measured = (
-            NEVER,
-            NEVER,
-        )  # first cycle whose currents are figures of the program, and the one after them
+        # first cycle whose currents are figures of the program, and the one after them
+        self._measured = NEVER, NEVER
         self.current_peak: list[float | None] = [None] * 3
         self.current_rms: list[float | None] = [None] * 3
 

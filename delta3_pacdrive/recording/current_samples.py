@@ -37,7 +37,7 @@ class Column(Protocol):
 
 
 class SampleColumn:
-    """A column of samples finds their number in its first message, as the exchange period of the robot has it.
+    """A column of samples finds their number in its messages: that of most, as the exchange period of the robot has it.
 
     Parameters
     ----------
@@ -54,12 +54,13 @@ class SampleColumn:
         self, axis: str, column: Callable[[Telegram], Column], parse: Callable[[bytes], Message]
     ) -> None:
         self._axis, self._make, self._parse = axis, column, parse
-        self._column: Column | None = None
+        self._columns: dict[int, Column] = {}  # by the length of a message
         self._refused = 0
 
     def add(self, data: bytes) -> None:
         """Take a message."""
-        if self._column is None:
+        column = self._columns.get(len(data))
+        if column is None:
             try:
                 samples = len(self._parse(data).arrays[2])
             except (TelegramError, IndexError):
@@ -67,20 +68,19 @@ class SampleColumn:
             if not samples:
                 self._refused += 1
                 return
-            self._column = self._make(motor_current(self._axis, samples))
-        self._column.add(data)
+            column = self._columns[len(data)] = self._make(motor_current(self._axis, samples))
+        column.add(data)
 
     @property
     def refused(self) -> int:
-        """How many messages had another layout."""
-        return self._refused + (self._column.refused if self._column else 0)
+        """How many messages had another layout than most."""
+        others = sorted(len(column.table()[0]) for column in self._columns.values())[:-1]
+        return self._refused + sum(others) + sum(column.refused for column in self._columns.values())
 
     def table(self) -> Table:
         """Stamps [ns] of the messages of cyclic operation, shape (n,), and their samples [A], (n, samples)."""
-        if self._column is None:
-            return np.empty(0, np.int64), np.empty((0, 1))
-        stamps, samples = self._column.table()
-        return stamps, samples
+        tables: list[Table] = [column.table() for column in self._columns.values()]
+        return max(tables, key=lambda table: len(table[0]), default=(np.empty(0, np.int64), np.empty((0, 1))))
 
 
 def samples_of_cycles(table: Table, period_ns: int) -> Table:
@@ -88,7 +88,9 @@ def samples_of_cycles(table: Table, period_ns: int) -> Table:
     stamps, places = np.unique(table[0], return_index=True)
     if not len(stamps):
         return stamps, table[1]
-    exchange_ns = int(np.diff(stamps).min()) if len(stamps) > 1 else period_ns
+    # as most messages follow one another: one with a stamp between theirs is of somebody else
+    apart, often = np.unique(np.diff(stamps), return_counts=True)
+    exchange_ns = int(apart[np.argmax(often)]) if len(apart) else period_ns
     exchange_ns = exchange_ns if period_ns % exchange_ns == 0 else period_ns
     on_grid = stamps % exchange_ns == 0
     stamps, places = stamps[on_grid], places[on_grid]

@@ -78,6 +78,14 @@ def test_what_is_no_current_is_counted_as_refused(tmp_path):
     np.testing.assert_allclose(trace['current_rms'], expected('current_rms', range(CYCLES)), rtol=1e-14)
 
 
+def test_a_first_message_of_another_layout_does_not_say_what_all_others_are(tmp_path):
+    stranger = sample_messages(4)[:1]
+    bag = record(tmp_path / 'bag', messages() + stranger + sample_messages(), types=TYPES | TOPICS)
+    trace = trace_file.load(bag)
+    assert trace.meta['refused'] == {'axis1/motor_current': 1}
+    np.testing.assert_allclose(trace['current_rms'], expected('current_rms', range(CYCLES)), rtol=1e-14)
+
+
 def test_sums_go_from_sample_to_sample_as_in_a_drive():
     samples = np.array([[1e16, 1.0, -1e16, 1.0]])
     mean, rms, least, greatest = figures_of(samples)
@@ -92,3 +100,16 @@ def test_currents_of_which_no_cycle_is_whole_give_nothing():
     assert cycles.tolist() == []
     empty = np.empty(0, np.int64), np.empty((0, 1))
     assert of_cycles([empty] * 3, CYCLE_NS)[1] == {}
+
+
+@pytest.mark.parametrize('exchange_ns', [CYCLE_NS, CYCLE_NS // 8])
+@pytest.mark.parametrize('off_ns', [1, CYCLE_NS // 16, CYCLE_NS // 3])
+def test_a_message_of_somebody_else_between_two_of_the_drive_costs_no_cycle(exchange_ns, off_ns):
+    stamps = np.arange(0, 20 * CYCLE_NS, exchange_ns)
+    values = np.arange(float(2 * len(stamps))).reshape(-1, 2)
+    cycles, samples = samples_of_cycles((stamps, values), CYCLE_NS)
+    foreign = np.append(stamps, 7 * CYCLE_NS + off_ns), np.vstack([values, [[99.0, 99.0]]])
+    with_it, same = samples_of_cycles(foreign, CYCLE_NS)
+    assert len(cycles) == 20
+    assert (with_it == cycles).all()
+    assert (same == samples).all()
