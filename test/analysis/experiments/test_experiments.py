@@ -369,7 +369,10 @@ def test_a_report_without_attribution_leaves_none_of_an_earlier_one(tmp_path, ca
             ['--parameters', 'nowhere.yaml'],
             'cannot read parameter file nowhere.yaml: No such file or directory',
         ),
-        (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere: No such file or directory'),
+        (
+            ['--output', '/proc/nowhere'],
+            'cannot write to /proc/nowhere: the folder /proc may not be written: No such file or directory',
+        ),
     ],
 )
 def test_a_bad_request_is_one_sentence(arguments, sentence, capsys):
