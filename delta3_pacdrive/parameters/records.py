@@ -1,0 +1,200 @@
+"""P2 to P4 (Table 9-1), what a built robot has beside them, bus and motion."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from delta3_pacdrive.parameters.declared import choice, positive, quantity, switch
+from delta3_pacdrive.parameters.geometry import ArmDeviations, radians
+
+LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
+# Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
+# nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
+PAYLOAD_MAX_KG = 10.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """P2: the MC-4's cascade, feed-forwards, filters and supervision."""
+
+    position_period_s: float = positive('T_pos, period of position loop and fine interpolation', 1e-3)
+    velocity_period_s: float = positive('T_vel, period of the velocity loop', 1e-3)
+    current_period_s: float = positive('T_cur, period of the current loop', 1e-3)
+    position_gain_rad_s_rad: float = quantity('K_Ppos', 0.0, 1666.0)
+    velocity_gain_a_s_rad: float = quantity('K_Pvel', 0.0, 100.0)
+    velocity_integral_gain_a_rad: float = quantity('K_Ivel', 0.0, 1e5)
+    current_gain_v_a: float = quantity('K_Pcurr, per phase', 0.0, 1e3)
+    current_integral_gain_v_a_s: float = quantity('K_Icurr, per phase', 0.0, 1e7)
+    velocity_feedforward: float = quantity('FF_vel', 0.0, 2.0)
+    current_feedforward: float = quantity('FF_curr', 0.0, 2.0)
+    feedforward_inertia_kg_m2: float = quantity('inertia of the current feed-forward, motor side', 0.0, 1.0)
+    observer_arm_inertia_kg_m2: float = positive('A_bar of the shaft observer, arm side', 1e3)
+    velocity_filter_s: float = quantity('F_vel, low-pass of the actual velocity', 0.0, 0.1)
+    current_reference_filter_s: float = quantity('F_currRef, low-pass of the current reference', 0.0, 0.1)
+    current_filter_s: float = quantity('F_curr, low-pass of the actual current', 0.0, 0.1)
+    commutation_offset_rad: float = quantity('CO, electrical', -math.pi, math.pi)
+    dc_link_voltage_v: float = positive('V_dc', 1e3)
+    following_error_limit_rad: float = positive(
+        'following error of warning 8132, motor side; eight times as much trips the drive (8111)', 1e3
+    )
+    velocity_limit_rad_s: float = positive("limit of the speed reference, besides the motor's maximum", 1e4)
+    torque_limit_n_m: float = positive("limit of K_m times the current reference, besides i_peak's", 1e4)
+    overspeed_factor: float = quantity("speed that trips the drive over the motor's maximum", 1.0, 2.0)
+    overload_time_s: float = positive('integral of (I/i_nom)^2 - 1 that trips the drive', 1e3)
+    enable_settle_s: float = quantity('time the current loop holds before the brake is released', 0.0, 1.0)
+    stop_deceleration_rad_s2: float = positive('ramp of reaction BD2, motor side', 1e6)
+    stop_time_max_s: float = positive('longest controlled stop before the brake is applied', 10.0)
+    interpolation: str = choice('fine interpolation of set points within a bus cycle', INTERPOLATIONS)
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """P3: masses, gear and end stops."""
+
+    upper_arm_mass_kg: float = quantity('m_b', 0.0, 1e3)
+    elbow_mass_kg: float = quantity('m_c', 0.0, 1e3)
+    forearm_mass_kg: float = quantity('m_fb, both rods of one arm', 0.0, 1e3)
+    plate_mass_kg: float = positive('m_n', 1e3)
+    payload_mass_kg: float = quantity('m_payload', 0.0, PAYLOAD_MAX_KG)
+    forearm_share_at_elbow: float = quantity('r, share of the forearm mass at the elbow (4.8)', 0.0, 1.0)
+    gravity_m_s2: float = quantity('g', 0.0, 30.0)
+    gear_in: float = positive('GR_in', 1e4)
+    gear_out: float = positive('GR_out', 1e4)
+    end_stop_min_deg: float = quantity('arm angle of the upper end stop', -90.0, 0.0)
+    end_stop_max_deg: float = quantity('arm angle of the lower end stop', 0.0, 170.0)
+    end_stop_stiffness_n_m_rad: float = quantity('stiffness of the end stops', 0.0, 1e6)
+    end_stop_damping_n_m_s_rad: float = quantity('damping of the end stops', 0.0, 1e4)
+
+    @property
+    def gear_ratio(self) -> float:
+        """k_r = GR_in / GR_out (4.17)."""
+        return self.gear_in / self.gear_out
+
+    @property
+    def plate_total_mass_kg(self) -> float:
+        """m_nt: plate, payload and the forearms' share at the plate (4.8.1)."""
+        return (
+            self.plate_mass_kg
+            + self.payload_mass_kg
+            + 3.0 * (1.0 - self.forearm_share_at_elbow) * self.forearm_mass_kg
+        )
+
+
+@dataclass(frozen=True)
+class Motor:
+    """P4: motor, winding, friction and holding brake; currents A rms, R and L phase to phase."""
+
+    peak_current_a: float = positive('i_peak', 1e3)
+    nominal_current_a: float = positive('i_nom', 1e3)
+    max_speed_rpm: float = positive('RPM_max', 1e5)
+    torque_constant_n_m_a: float = positive('K_m', 1e2)
+    rotor_inertia_kg_m2: float = positive('I_m', 1.0)
+    brake_inertia_kg_m2: float = quantity('I_brake', 0.0, 1.0)
+    winding_resistance_ohm: float = positive('R, phase to phase', 1e3)
+    winding_inductance_h: float = positive('L, phase to phase', 10.0)
+    pole_pairs: int = quantity('z_p', 1, 100)
+    viscous_friction_n_m_s_rad: float = quantity('F_v', 0.0, 1.0)
+    static_friction_n_m: float = quantity('F_s', 0.0, 1e2)
+    friction_smoothing_rad_s: float = quantity('w_s of F_s tanh(w/w_s)', 0.05, 1e2)
+    brake_torque_n_m: float = quantity('torque of the holding brake', 0.0, 1e3)
+    brake_release_s: float = quantity('time from command to released brake', 0.0, 1.0)
+    brake_apply_s: float = quantity('time from command to applied brake', 0.0, 1.0)
+
+    @property
+    def max_speed_rad_s(self) -> float:
+        """Largest shaft speed [rad/s]."""
+        return self.max_speed_rpm * math.tau / 60.0
+
+
+@dataclass(frozen=True)
+class Rich:
+    """What the thesis leaves out: the plant, and the drives' sensors, as those of a built robot."""
+
+    enabled: bool = switch(
+        'whether any of the effects below is on; without it the plant is that of the thesis'
+    )
+    forearm_rods: bool = switch('forearms as uniform rods instead of split masses')
+    gear: bool = switch('elastic gears with backlash; needs an exchange period of at most 250e-6')
+    gear_stiffness_n_m_rad: float = quantity('torsional stiffness of a gear, arm side', 1e2, 1e7)
+    gear_damping_n_m_s_rad: float = quantity('its damping, arm side', 0.0, 1e4)
+    gear_backlash_rad: float = quantity('lost motion between the flanks, arm side', 0.0, 0.1)
+    friction: bool = switch(
+        'Coulomb friction F_s with stiction and Stribeck effect instead of F_s tanh(w/w_s)'
+    )
+    break_away_torque_n_m: float = positive('torque that sets a standing shaft in motion', 1e2)
+    stribeck_speed_rad_s: float = quantity('speed w_st of the fall from break-away to F_s', 1e-2, 1e3)
+    presliding_rad: float = quantity(
+        'deflection of the bristles under the break-away torque, motor side', 1e-5, 1.0
+    )
+    ripple: bool = switch('cogging and torque ripple of the motors')
+    cogging_torque_n_m: float = quantity('amplitude of the cogging torque', 0.0, 1e2)
+    cogging_periods: int = quantity('its periods in a revolution', 1, 1000)
+    torque_ripple: float = quantity('ripple of K_m, sixth harmonic of the electrical angle', 0.0, 1.0)
+    sensors: bool = switch('errors of current sensors and encoders')
+    sensor_seed: int = quantity('seed of their noise', 0, 2**31 - 1)
+    current_gain_error: tuple[float, float, float] = quantity('error of measured currents', -0.5, 0.5)
+    current_offset_a: tuple[float, float, float] = quantity(
+        'offset of a phase: turns with z_p w', -10.0, 10.0
+    )
+    current_noise_a: float = quantity('amplitude of the noise of measured currents', 0.0, 10.0)
+    encoder_noise_rad: float = quantity('amplitude of the noise of encoders, motor side', 0.0, 0.1)
+    encoder_error_rad: float = quantity('amplitude of the error within a sine period, motor side', 0.0, 0.1)
+    encoder_periods: int = quantity('sine periods of an encoder in a revolution', 1, 2**16)
+    geometry: bool = switch('geometric errors of the arms')
+    upper_arm_error_m: tuple[float, float, float] = quantity('error of l_A', -0.02, 0.02)
+    forearm_error_m: tuple[float, float, float] = quantity('error of l_B', -0.02, 0.02)
+    radius_error_m: tuple[float, float, float] = quantity('error of R', -0.02, 0.02)
+    arm_azimuth_error_deg: tuple[float, float, float] = quantity('error of alpha', -5.0, 5.0)
+    arm_angle_error_deg: tuple[float, float, float] = quantity(
+        'arm angle beyond the referenced one', -5.0, 5.0
+    )
+
+    @property
+    def effects(self) -> 'Rich':
+        """The effects that are on: their switches, all off without ``enabled``."""
+        if self.enabled:
+            return self
+        switches: dict[str, Any] = {f.name: False for f in dataclasses.fields(self) if f.type is bool}
+        return dataclasses.replace(self, **switches)
+
+    @property
+    def deviations(self) -> ArmDeviations:
+        """How the arms as they are built deviate from the drawing: not at all without ``geometry``."""
+        if not self.effects.geometry:
+            return ArmDeviations()
+        return ArmDeviations(
+            self.upper_arm_error_m,
+            self.forearm_error_m,
+            self.radius_error_m,
+            radians(self.arm_azimuth_error_deg),
+            radians(self.arm_angle_error_deg),
+        )
+
+
+@dataclass(frozen=True)
+class Bus:
+    """SERCOS timing (2.2.3, 8.1)."""
+
+    cycle_time_s: float = quantity('CT: 0.001, 0.002 or 0.004', 1e-3, 4e-3)
+    exchange_period_s: float = quantity(
+        'T_x between drives and plant: 0.001, 500e-6, 250e-6 or 125e-6', 125e-6, 1e-3
+    )
+    increments_per_rev: int = quantity('increments per motor revolution', 1024, 2**24)
+    outstanding_cycles_max: int = quantity('cycles started before their answers are back', 1, 16)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Defaults of moves and the fixed cycles of a run."""
+
+    home_m: tuple[float, float, float] = quantity('TCP where the plant starts', -8.0, 8.0)
+    speed_max_m_s: float = positive('default TCP speed of a move', 20.0)
+    acceleration_max_m_s2: float = positive('default TCP acceleration of a move', 1e3)
+    jerk_max_m_s3: float = positive('default TCP jerk of a move')
+    fault_stop_acceleration_m_s2: float = positive('TCP deceleration of a stop for an axis that is lost', 1e3)
+    following_error_delay_cycles: float = quantity(
+        'dead time the following error is freed of (7.3), -1 = from the timing', -1.0, 16.0
+    )
+    enable_cycle: int = quantity('bus cycle at which the drives are enabled, -1 on request', -1, 10**9)
+    start_cycle: int = quantity('bus cycle at which a loaded program starts, -1 on request', -1, 10**9)

@@ -1,0 +1,136 @@
+"""All parameters of one robot, by group and by dotted name."""
+
+import dataclasses
+import functools
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+from delta3_pacdrive.configuration import parameter_file
+from delta3_pacdrive.configuration.checked import Errors, refuse
+from delta3_pacdrive.errors import ParameterError, shown
+from delta3_pacdrive.parameters.geometry import Kinematics
+from delta3_pacdrive.parameters.records import Bus, Drive, Dynamics, Motion, Motor, Rich
+from delta3_pacdrive.parameters.rules import broken_rules
+
+PLANTS = ('plain', 'rich')
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All groups of one robot."""
+
+    kinematics: Kinematics
+    drive: Drive
+    dynamics: Dynamics
+    motor: Motor
+    rich: Rich
+    bus: Bus
+    motion: Motion
+
+    def __post_init__(self) -> None:
+        """Check the rules that join several values."""
+        broken = [sentence for _, sentence in broken_rules(**vars(self))]
+        if broken:
+            raise ParameterError('; '.join(broken))
+
+    @property
+    def set_point_delay_cycles(self) -> float:
+        """Latency of a set point [cycles]: one of the bus, and the fine interpolation up to its last step.
+
+        The cubic interpolation goes through the same points at the same times. Beside them it takes the set point that
+        is due in the next cycle, which the drive has got when it begins this one, and so no time.
+        """
+        return 2.0 - self.drive.position_period_s / self.bus.cycle_time_s
+
+    @property
+    def following_error_delay_cycles(self) -> float:
+        """Dead time of the following error [cycles]: feedback and set point, unless it was prescribed."""
+        prescribed = self.motion.following_error_delay_cycles
+        return prescribed if prescribed >= 0.0 else 1.0 + self.set_point_delay_cycles
+
+    @functools.cached_property
+    def checksum(self) -> str:
+        """Digest of every value: two participants agree exactly if theirs are equal."""
+        text = repr(sorted(flatten(self).items()))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def replace(self, **values: Any) -> 'Parameters':
+        """Return a copy with values replaced by dotted name, dots written as ``__``."""
+        flat = flatten(self)
+        for key, value in values.items():
+            name = key.replace('__', '.')
+            if name not in flat:
+                raise ParameterError(f'unknown parameter {name}')
+            flat[name] = value
+        return from_flat(flat)
+
+
+_GROUPS: dict[str, Any] = {f.name: f.type for f in dataclasses.fields(Parameters)}
+
+
+def groups() -> dict[str, Any]:
+    """Return the group classes by name, in the order of the file."""
+    return dict(_GROUPS)
+
+
+def flatten(parameters: Parameters) -> dict[str, Any]:
+    """Return every value of ``parameters`` by its dotted name, for example ``motor.peak_current_a``."""
+    return {
+        f'{group}.{f.name}': getattr(getattr(parameters, group), f.name)
+        for group, cls in _GROUPS.items()
+        for f in dataclasses.fields(cls)
+    }
+
+
+def flat_document(parameters: Parameters) -> dict[str, Any]:
+    """Return every value of ``parameters`` by its dotted name as JSON has it; ``from_flat`` reads it."""
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in flatten(parameters).items()
+    }
+
+
+def from_flat(values: dict[str, Any], where: str = 'parameters') -> Parameters:
+    """Build parameters from ``values`` by dotted name; every name must be there, and no other.
+
+    Sentences of errors begin with ``where``.
+
+    Raises
+    ------
+    ParameterError
+        A name is unknown or missing, or a value has the wrong type or breaks a rule; names the key and the rule.
+
+    """
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        group, dot, key = name.partition('.')
+        if not dot:
+            raise ParameterError(f'{where}: unknown parameter {name}')
+        tree.setdefault(group, {})[key] = value
+    return from_tree(tree, where)
+
+
+def is_rich(plant: Any, where: str) -> bool:
+    """Whether ``plant``, which may stand in a file for ``rich.enabled``, is the built robot.
+
+    Raises ParameterError with a sentence that begins with ``where``.
+    """
+    if plant not in PLANTS:
+        raise ParameterError(f'{where}: plant is {shown(plant)}, but must be {" or ".join(PLANTS)}')
+    return bool(plant == PLANTS[1])
+
+
+def from_tree(tree: parameter_file.Tree, where: str) -> Parameters:
+    """Build parameters from groups as the file ``where`` has them; raises ParameterError with up to ten complaints."""
+    if 'plant' in tree and isinstance(tree.get('rich'), dict):
+        tree = tree | {'rich': tree['rich'] | {'enabled': is_rich(tree['plant'], where)}}
+        del tree['plant']
+    errors = Errors(where)
+    with errors.raised_as(ParameterError):
+        built = parameter_file.checked_groups(tree, _GROUPS, errors)
+        if len(built) == len(_GROUPS):
+            for name, sentence in broken_rules(**built):
+                with errors.noted(parameter_file.place_of(tree, name)):
+                    refuse(sentence)
+    return Parameters(**built)

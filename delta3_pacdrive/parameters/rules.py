@@ -1,0 +1,100 @@
+"""Rules that join several values."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from delta3_pacdrive.errors import shown
+from delta3_pacdrive.parameters.geometry import Kinematics
+from delta3_pacdrive.parameters.records import Bus, Drive, Dynamics, Motor, Rich
+
+CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
+# With older coupling torques the drives oscillate.
+EXCHANGE_PERIODS_S = (125.0e-6, 250.0e-6, 500.0e-6, 1.0e-3)
+# Behind an elastic gear a rotor escapes an observer that takes it for the whole arm.
+ELASTIC_EXCHANGE_S = 250.0e-6
+
+Rules = Iterator[tuple[str, str]]  # the name of a value, and which rule it breaks with others
+
+
+def _is_multiple(value: float, unit: float) -> bool:
+    ratio = value / unit
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9
+
+
+def broken_rules(
+    kinematics: Kinematics, dynamics: Dynamics, drive: Drive, bus: Bus, rich: Rich, motor: Motor, **_: Any
+) -> Rules:
+    """Tell which rules that join several values are broken."""
+    yield from _broken_timing(bus, drive)
+    yield from _broken_geometry(kinematics, dynamics)
+    yield from _broken_effects(rich, bus, motor)
+
+
+def _broken_timing(bus: Bus, drive: Drive) -> Rules:
+    if bus.cycle_time_s not in CYCLE_TIMES_S:
+        yield (
+            'bus.cycle_time_s',
+            f'bus.cycle_time_s is {bus.cycle_time_s}, but must be 0.001, 0.002 or 0.004',
+        )
+    if bus.exchange_period_s not in EXCHANGE_PERIODS_S:
+        yield (
+            'bus.exchange_period_s',
+            f'bus.exchange_period_s is {bus.exchange_period_s}, but must be 125e-6, 250e-6, 500e-6 or 0.001',
+        )
+    velocity = 'drive.velocity_period_s', drive.velocity_period_s
+    position = 'drive.position_period_s', drive.position_period_s
+    current = 'drive.current_period_s', drive.current_period_s
+    for (name, value), (unit_name, unit) in (
+        (velocity, current),
+        (position, velocity),
+        (('bus.cycle_time_s', bus.cycle_time_s), position),
+        (('bus.exchange_period_s', bus.exchange_period_s), velocity),
+    ):
+        if not _is_multiple(value, unit):
+            yield name, f'{name} is {value}, but must be a whole multiple of {unit_name} ({unit})'
+
+
+def _broken_geometry(kinematics: Kinematics, dynamics: Dynamics) -> Rules:
+    k = kinematics
+    if k.plate_radius_m > k.base_radius_m:
+        yield (
+            'kinematics.plate_radius_m',
+            f'kinematics.plate_radius_m is {k.plate_radius_m}, '
+            f'but must not exceed base_radius_m ({k.base_radius_m})',
+        )
+    if k.workspace_bottom_m >= k.workspace_top_m:
+        yield (
+            'kinematics.workspace_bottom_m',
+            f'kinematics.workspace_bottom_m is {k.workspace_bottom_m}, '
+            f'but must lie below workspace_top_m ({k.workspace_top_m})',
+        )
+    if len({round(angle % 360.0, 6) for angle in k.arm_azimuth_deg}) < 3:
+        yield (
+            'kinematics.arm_azimuth_deg',
+            f'kinematics.arm_azimuth_deg is {shown(k.arm_azimuth_deg)}, but the arms must differ in direction',
+        )
+    if dynamics.end_stop_min_deg > k.arm_angle_min_deg:
+        yield (
+            'dynamics.end_stop_min_deg',
+            'dynamics.end_stop_min_deg must not lie above kinematics.arm_angle_min_deg',
+        )
+    if dynamics.end_stop_max_deg < k.arm_angle_max_deg:
+        yield (
+            'dynamics.end_stop_max_deg',
+            'dynamics.end_stop_max_deg must not lie below kinematics.arm_angle_max_deg',
+        )
+
+
+def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
+    # what is switched off must not limit the friction of the nominal robot
+    if rich.effects.friction and rich.break_away_torque_n_m < motor.static_friction_n_m:
+        yield (
+            'rich.break_away_torque_n_m',
+            f'rich.break_away_torque_n_m is {rich.break_away_torque_n_m}, '
+            f'but must not be less than motor.static_friction_n_m ({motor.static_friction_n_m})',
+        )
+    if rich.effects.gear and bus.exchange_period_s > ELASTIC_EXCHANGE_S:
+        yield (
+            'bus.exchange_period_s',
+            f'rich.gear needs a bus.exchange_period_s of at most {ELASTIC_EXCHANGE_S}, not {bus.exchange_period_s}',
+        )
