@@ -41,9 +41,11 @@ DIMENSIONLESS = (
         'motion.following_error_delay_cycles',
         'motion.enable_cycle',
         'motion.start_cycle',
+        'motor.coupling_effect',
     }
 )
 CORRECTIONS = {name for name in FIELDS if '_correction_' in name}
+SINGLE_MOTOR = {'motor.load_inertia_kg_m2', 'motor.load_torque_n_m', 'motor.coupling_effect'}
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,
@@ -178,10 +180,16 @@ def test_the_file_holds_every_parameter_and_no_other(tree):
     assert {f'{group}.{key}' for group, values in tree.items() for key in values} == set(FIELDS)
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - CORRECTIONS - WORDS))
+@pytest.mark.parametrize('name', sorted(FIELDS.keys() - CORRECTIONS - SINGLE_MOTOR - WORDS))
 def test_a_missing_parameter_is_named(name, values):
     del values[name]
     assert f'missing parameter {name}' in refusal(parameters.from_flat, values)
+
+
+def test_a_file_without_the_load_of_a_single_motor_has_that_of_the_packaged_one(values, robot):
+    for name in (*SINGLE_MOTOR, 'dynamics.arm_coupling'):
+        del values[name]
+    assert parameters.from_flat(values) == robot
 
 
 def test_a_file_without_an_interpolation_has_that_of_the_thesis(values, robot):

@@ -17,6 +17,7 @@ from delta3_pacdrive.analysis.runs import DrivenMove, Run, differing
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
 
 QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
 
@@ -250,3 +251,19 @@ def to_document(found: Comparison, first: Run, second: Run) -> dict[str, Any]:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def from_exact(trace: Trace, exact: Trace) -> dict[str, float]:
+    """Return how far a simulation with decoupled arms is from that of the exact plant, cycle by cycle."""
+    cycles = min(len(trace.time_s), len(exact.time_s))
+
+    def apart(name: str) -> Floats:
+        return np.asarray(np.abs(trace[name][:cycles] - exact[name][:cycles]))
+
+    tcp = np.linalg.norm(apart('tcp_true'), axis=1)
+    return {
+        'tcp_max_m': float(tcp.max()),
+        'tcp_rms_m': float(np.sqrt(np.mean(tcp**2))),
+        'current_max_a': float(apart('current_mean').max()),
+        'coupling_torque_max_n_m': float(apart('coupling_torque').max()),
+    }

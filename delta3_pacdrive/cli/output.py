@@ -158,6 +158,16 @@ def print_figures(result: dict[str, Any]) -> None:
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
+    if 'from_exact' in result:
+        apart = result['from_exact']
+        rows.append(
+            (
+                'from exact',
+                f'TCP {1e3 * apart["tcp_max_m"]:.4f} mm max, {1e3 * apart["tcp_rms_m"]:.4f} mm rms, current '
+                f'{apart["current_max_a"]:.4f} A max, d {apart["coupling_torque_max_n_m"]:.4f} N m max: decoupled arms '
+                'from coupled ones',
+            )
+        )
     rows += [('note', notice) for notice in result.get('notices', ())]
     if 'overruns' in result:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))

@@ -3,11 +3,12 @@
 import time
 from dataclasses import dataclass
 
-from delta3_pacdrive.cli.command import Command, ReferenceOptions, option
-from delta3_pacdrive.cli.option_types import trace_file
+from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, option
+from delta3_pacdrive.cli.option_types import number_within, trace_file
 from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.reference import program_of
+from delta3_pacdrive.errors import RunError
 
 
 @dataclass
@@ -15,15 +16,49 @@ class Options(ReferenceOptions):
     """Options of the command."""
 
     trace: str | None = option('write every signal to this .npz or .csv file', 'FILE', type=trace_file)
+    one_motor: bool = flag(
+        'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
+    )
+    axis: int = option(
+        'with --one-motor: the arm whose motion it drives', 'N', default=1, type=int, choices=(1, 2, 3)
+    )
+    load_inertia: float | None = option(
+        'with --one-motor: I_Load behind the gear [kg m2], instead of motor.load_inertia_kg_m2',
+        'KG_M2',
+        type=number_within(0.0, 1e3, 'kg m2'),
+    )
+    load_torque: float | None = option(
+        'with --one-motor: tau_load behind the gear [N m], instead of motor.load_torque_n_m',
+        'N_M',
+        type=number_within(-1e4, 1e4, 'N m'),
+    )
+    coupling: float | None = option(
+        'with --one-motor: CE, share of the coupling torque of the robot that the motor feels, instead of '
+        'motor.coupling_effect',
+        'SHARE',
+        type=number_within(0.0, 1.0),
+    )
+    output: str | None = option(
+        'with --one-motor: folder for table, figures and report (default: one_motor)', 'DIR'
+    )
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if not self.one_motor:
+            for one in ('--axis', '--load-inertia', '--load-torque', '--coupling', '--output'):
+                if one in self.given():
+                    return f'{one} is for --one-motor: it says what a single motor drives'
+        return super().check()
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    if options.one_motor:
+        return _run_one_motor(options)
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis import derived_signals
+    from delta3_pacdrive.analysis import derived_signals, run_comparison
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.motion import arrival
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.recording import trace_file
@@ -40,6 +75,11 @@ def run(options: Options) -> int:
     started = time.perf_counter()
     trace = simulation.run(program, robot)
     wall = time.perf_counter() - started
+    exact = None
+    if robot.dynamics.arm_coupling == core.DECOUPLED:
+        exact = run_comparison.from_exact(
+            trace, simulation.run(program, robot.replace(dynamics__arm_coupling=core.EXACT))
+        )
     inputs = chosen.digests()
     if options.trace:
         from delta3_pacdrive.analysis.runs import note_limits
@@ -66,8 +106,42 @@ def run(options: Options) -> int:
         'lost_telegrams': trace.meta['lost_telegrams'],
         'end_error_m': arrival.end_error_m(*ends),
         **figures,
+        **({} if exact is None else {'from_exact': exact}),
     }
     return print_run(result, options, robot, inputs, notes=chosen.notes)
+
+
+def _run_one_motor(options: Options) -> int:
+    """Run the study of a single motor; return the exit status."""
+    from pathlib import Path
+
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.one_motor import report, run, study
+    from delta3_pacdrive.cli.studies import conduct
+    from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.recording import trace_file
+
+    if options.exchange_period is not None:
+        raise RunError('--exchange-period is not for --one-motor: drive and motor exchange every 125e-6 s')
+    if options.trace:
+        trace_file.require_writable(options.trace)
+    settings = study.Settings(
+        options.parameters,
+        options.axis,
+        options.load_inertia,
+        options.load_torque,
+        options.coupling,
+        options.trace,
+    )
+    folder = Path(options.output or 'one_motor').absolute()
+    with program_of(options) as chosen:
+        program = programs.load(chosen.program, core.load(options.parameters).motion)
+    return conduct(
+        options,
+        lambda show: run.Study(settings, folder, options.command_line, show, program, chosen.digests()).run(),
+        report.text,
+        writes=folder,
+    )
 
 
 main = Command(

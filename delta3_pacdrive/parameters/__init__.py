@@ -4,6 +4,8 @@ from delta3_pacdrive.parameters.file import DEFAULT_FILE, config_directory, find
 from delta3_pacdrive.parameters.geometry import ArmDeviations, Kinematics
 from delta3_pacdrive.parameters.records import (
     CUBIC,
+    DECOUPLED,
+    EXACT,
     INTERPOLATIONS,
     LINEAR,
     PAYLOAD_MAX_KG,
@@ -28,8 +30,10 @@ from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, 
 __all__ = [
     'CUBIC',
     'CYCLE_TIMES_S',
+    'DECOUPLED',
     'DEFAULT_FILE',
     'ELASTIC_EXCHANGE_S',
+    'EXACT',
     'EXCHANGE_PERIODS_S',
     'INTERPOLATIONS',
     'LINEAR',

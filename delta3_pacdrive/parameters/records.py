@@ -9,6 +9,7 @@ from delta3_pacdrive.parameters.declared import choice, positive, quantity, swit
 from delta3_pacdrive.parameters.geometry import ArmDeviations, radians
 
 LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
+EXACT, DECOUPLED = ARM_COUPLINGS = ('exact', 'decoupled')
 # Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
 PAYLOAD_MAX_KG = 10.0
@@ -65,6 +66,10 @@ class Dynamics:
     end_stop_max_deg: float = quantity('arm angle of the lower end stop', 0.0, 170.0)
     end_stop_stiffness_n_m_rad: float = quantity('stiffness of the end stops', 0.0, 1e6)
     end_stop_damping_n_m_s_rad: float = quantity('damping of the end stops', 0.0, 1e4)
+    arm_coupling: str = choice(
+        'how the plant joins its arms: by the equation of motion, or as three linear ones with d as an input (4.9)',
+        ARM_COUPLINGS,
+    )
 
     @property
     def gear_ratio(self) -> float:
@@ -100,6 +105,15 @@ class Motor:
     brake_torque_n_m: float = quantity('torque of the holding brake', 0.0, 1e3)
     brake_release_s: float = quantity('time from command to released brake', 0.0, 1.0)
     brake_apply_s: float = quantity('time from command to applied brake', 0.0, 1.0)
+    load_inertia_kg_m2: float = quantity(
+        'I_Load behind the gear of a single motor (simulate --one-motor)', 0.0, 1e3, default=0.86
+    )
+    load_torque_n_m: float = quantity(
+        'tau_load behind its gear, against a shaft that turns forwards', -1e4, 1e4, default=0.0
+    )
+    coupling_effect: float = quantity(
+        'CE, share of the coupling torque d of the robot that it feels', 0.0, 1.0, default=0.0
+    )
 
     @property
     def max_speed_rad_s(self) -> float:

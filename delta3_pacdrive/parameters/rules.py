@@ -5,7 +5,7 @@ from typing import Any
 
 from delta3_pacdrive.errors import shown
 from delta3_pacdrive.parameters.geometry import Kinematics
-from delta3_pacdrive.parameters.records import Bus, Drive, Dynamics, Motor, Rich
+from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Drive, Dynamics, Motor, Rich
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # With older coupling torques the drives oscillate.
@@ -28,6 +28,7 @@ def broken_rules(
     yield from _broken_timing(bus, drive)
     yield from _broken_geometry(kinematics, dynamics)
     yield from _broken_effects(rich, bus, motor)
+    yield from _broken_decoupling(dynamics, rich)
 
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:
@@ -98,3 +99,14 @@ def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
             'bus.exchange_period_s',
             f'rich.gear needs a bus.exchange_period_s of at most {ELASTIC_EXCHANGE_S}, not {bus.exchange_period_s}',
         )
+
+
+def _broken_decoupling(dynamics: Dynamics, rich: Rich) -> Rules:
+    if dynamics.arm_coupling != DECOUPLED:
+        return
+    for name in ('gear', 'friction', 'ripple'):
+        if getattr(rich.effects, name):
+            yield (
+                'dynamics.arm_coupling',
+                f'dynamics.arm_coupling is {DECOUPLED}, but a robot with rich.{name} has no linear decoupled part',
+            )

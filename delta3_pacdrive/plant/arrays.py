@@ -35,6 +35,8 @@ Arguments of the kernels of this room:
     Of a spring that is pressed in: [rad], [N m/rad], [N m s/rad].
 ``twist``
     Of a gear [rad, arm side].
+``coupling``
+    Torques that shafts feel beside their own inertia and friction [N m, motor side], shape (3,).
 """
 
 import math
@@ -46,7 +48,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.dynamics import INERTIA
 from delta3_pacdrive.kinematics import GEOMETRY
 from delta3_pacdrive.motor import MOTOR
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import DECOUPLED, Parameters
 
 STATE = np.dtype(
     [
@@ -83,6 +85,7 @@ CONSTANTS = np.dtype(
         ('stop_stiffness', 'f8'),
         ('stop_damping', 'f8'),
         ('angle_error', 'f8', (3,)),  # arm angle beyond that of a rigid shaft, as referenced
+        ('decoupled', 'i8'),  # d is an input: that of the step before
     ],
     align=True,
 )
@@ -117,4 +120,5 @@ def plant_constants(parameters: Parameters) -> NDArray[Any]:
     record['stop_stiffness'] = p.end_stop_stiffness_n_m_rad
     record['stop_damping'] = p.end_stop_damping_n_m_s_rad
     record['angle_error'] = parameters.rich.deviations.angle_rad
+    record['decoupled'] = p.arm_coupling == DECOUPLED
     return record

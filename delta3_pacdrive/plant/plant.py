@@ -28,6 +28,7 @@ from delta3_pacdrive.plant.built_robot import (
     step_built,
 )
 from delta3_pacdrive.plant.contact import hang_payload
+from delta3_pacdrive.plant.decoupled import require_stable, step_decoupled
 from delta3_pacdrive.plant.rigid import rigid_coupling, step_rigid
 
 
@@ -58,14 +59,20 @@ def advance(currents, brakes, payload_kg, plant, built):
         before, now = triple(s.current), (currents[k, 0], currents[k, 1], currents[k, 2])
         if built is None:
             advance_brakes(triple(s.thetadot), s, c)
-            step_rigid(before, now, p)
+            if c.decoupled != 0:
+                step_decoupled(before, now, p)
+            else:
+                step_rigid(before, now, p)
         else:
             advance_brakes(triple(built[0].state.rate), s, c)
             step_built(before, now, p, built[0])
         for i in range(3):
             s.current[i] = now[i]
     if built is None:
-        shaft, rate, coupling = difference(s.theta, c.angle_error), triple(s.thetadot), rigid_coupling(p)
+        shaft, rate = difference(s.theta, c.angle_error), triple(s.thetadot)
+        # of decoupled arms it is that of the last step, before the first one that of arms at rest
+        known = c.decoupled != 0 and currents.shape[0] > 0
+        coupling = triple(s.coupling) if known else rigid_coupling(p)
     else:
         q = built[0].state
         shaft, rate, coupling = triple(q.shaft), triple(q.rate), built_coupling(p, built[0])
@@ -100,9 +107,15 @@ class Plant:
     state
         That of ``record``, shape (1,).
 
+    Raises
+    ------
+    ParameterError
+        The arms are decoupled, and their loop would be unstable with this payload.
+
     """
 
     def __init__(self, parameters: Parameters, record: NDArray[Any] | None = None) -> None:
+        require_stable(parameters, parameters.dynamics.payload_mass_kg)
         effects = parameters.rich.effects
         lengths = geometry(parameters.kinematics, parameters.rich.deviations)
         self.record = record = np.zeros(1, PLANT) if record is None else record

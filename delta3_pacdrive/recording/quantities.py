@@ -21,6 +21,7 @@ from delta3_pacdrive.recording.signals import (
 # what a drive's oscilloscope and an external measurement add to the signals of a run
 MEASURED = {
     'phase_voltage': ('V', 'voltage of a phase [rms], applied from this instant to the next'),
+    'phase_current': ('A', 'I1s, I2s, I3s of a single motor'),
     'position_reference': ('rad', 'interpolated set point of the position loop'),
     'speed_reference': ('rad/s', 'set point of the velocity loop'),
     'current_reference': ('A', 'set point of the current loop, before its filter'),

@@ -9,6 +9,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import plan_times, program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters, flat_document
+from delta3_pacdrive.plant.decoupled import require_stable
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
@@ -49,6 +50,8 @@ def run(program: Program, parameters: Parameters) -> Trace:
     ------
     ProgramError
         The program is refused.
+    ParameterError
+        What the program grips is too heavy for arms that are decoupled.
     RunError
         The drives are not enabled when the program should start, or one trips.
 
@@ -58,6 +61,8 @@ def run(program: Program, parameters: Parameters) -> Trace:
     task = Transformation(parameters)
     tcp = task.locate(robot.encoder_positions())
     planned = program_planner.plan(program, tcp, parameters)
+    gripped = [change['payload_kg'] for change in plan_times.output_changes(planned.plan)]
+    require_stable(parameters, max([planned.plan.move(0).payload_kg, *filter(None, gripped)]))
     task.load(planned.plan)
     motion = parameters.motion
     if motion.enable_cycle < 0 or motion.start_cycle < 0:

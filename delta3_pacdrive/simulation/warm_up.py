@@ -48,7 +48,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 128
+KERNELS = 130
 Show = Callable[[int, int], None]
 
 

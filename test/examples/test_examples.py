@@ -143,6 +143,15 @@ def test_current_inside_a_cycle(run):
     assert (spread[1::2] < spread[::2] / 2).all()
 
 
+def test_decoupled_arms(run):
+    _, rows = run('decoupled_arms')
+    age, tcp, torque = np.array(rows).T
+    assert age.tolist() == [125.0, 62.5, 31.25]
+    assert (np.diff(tcp) < 0.0).all()
+    assert (np.diff(torque) < 0.0).all()
+    assert tcp[1] < 6.0
+
+
 def test_fit_a_parameter(run):
     text, lines = run('fit_a_parameter')
     errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]

@@ -1,0 +1,173 @@
+"""A single motor drives the motion of one arm: the same drive code as in the robot, a load in place of the arms.
+
+The whole robot runs first: its command is what the motor follows, its coupling torque d what the motor may feel.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import motor as motors
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis import oscilloscope_run
+from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
+from delta3_pacdrive.analysis.study import OnProgress
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.plant.single_motors import SingleMotors, alone
+from delta3_pacdrive.simulation.robot import Robot
+
+LEFT = ('reference', 'speed_reference', 'current_reference', 'motor_current', 'coupling')
+TOLD_EVERY = 50  # cycles
+
+
+@dataclass(frozen=True)
+class SingleRun:
+    """A single run has the signals of one motor in every period of the current loop, motor side, shapes (n,).
+
+    Attributes
+    ----------
+    program, axis
+        Which motion it drives.
+    robot
+        Parameters of the run.
+    inertia_kg_m2
+        Of the shaft with its load.
+    time_s
+        Start of the period, from the start of the program.
+    command
+        Of the MDT [rad], as the controller sends it in that bus cycle.
+    reference
+        Interpolated set point of the drive [rad].
+    position, speed, acceleration
+        Of the shaft at the start of the period [rad, rad/s], mean of its exchange period [rad/s2].
+    speed_reference
+        Of the velocity loop [rad/s].
+    current_reference, current, voltage
+        Of the current loop [A]; at the end of the period [A]; of a phase [V].
+    phase_currents
+        I1s, I2s, I3s [A], shape (n, 3).
+    torque, friction, load, coupling
+        K_m I, friction, tau_load / k_r and CE d [N m].
+    position_error
+        Set point less shaft [rad].
+    in_robot
+        Shaft of the same motor in the robot [rad].
+    meta
+        As a trace has it.
+
+    """
+
+    program: str
+    axis: int
+    robot: Parameters
+    inertia_kg_m2: float
+    time_s: Floats
+    command: Floats
+    reference: Floats
+    position: Floats
+    speed: Floats
+    acceleration: Floats
+    speed_reference: Floats
+    current_reference: Floats
+    current: Floats
+    voltage: Floats
+    phase_currents: Floats
+    torque: Floats
+    friction: Floats
+    load: Floats
+    coupling: Floats
+    position_error: Floats
+    in_robot: Floats
+    meta: dict[str, Any]
+
+    @property
+    def driven(self) -> slice:
+        """Rows from the start of the program on."""
+        return slice(int(np.searchsorted(self.time_s, -1e-9)), None)
+
+
+def run(program: Program, parameters: Parameters, axis: int, on_progress: OnProgress) -> SingleRun:
+    """Run the robot, then the single motor of an axis.
+
+    Raises
+    ------
+    ParameterError
+        The robot has effects that a single motor does not have.
+    ProgramError
+        The program is refused.
+    RunError
+        A drive is without torque when the program should start, or loses it.
+
+    """
+    placed = simulation.placed(oscilloscope_run.finest(parameters), program)
+    single = alone(placed)
+    robot = oscilloscope_run.run(program, parameters, on_progress, 'robot', LEFT)
+    machine, task = Robot(single), Transformation(single)
+    per_exchange = robot.scope.per_exchange
+    machine.plant = SingleMotors(single, robot.scope.left['coupling'][::per_exchange])
+    task.load(program_planner.plan(program, task.locate(machine.encoder_positions()), single).plan)
+    task.enable(single.motion.enable_cycle)
+    task.start(single.motion.start_cycle)
+    cycles = task.last_cycle + 1
+    scope = Oscilloscope(machine, cycles * robot.steps, LEFT)
+    commands = np.empty((cycles, 3))
+    for cycle in range(cycles):
+        commands[cycle] = task.command(cycle)
+        status = scope.begin_cycle(commands[cycle], task.control(cycle))
+        for _ in range(robot.steps // per_exchange):
+            scope.exchange()
+        if cycle >= single.motion.start_cycle and not machine.drives[axis - 1].powered:
+            raise RunError(f'the drive is without torque in bus cycle {cycle}, status {status[axis - 1]}')
+        if cycle % TOLD_EVERY == 0:
+            on_progress('single motor', cycle, cycles)
+    return _results(robot, scope, commands, single, axis)
+
+
+def _results(
+    robot: oscilloscope_run.Recorded, scope: Oscilloscope, commands: Floats, single: Parameters, axis: int
+) -> SingleRun:
+    i, period_s = axis - 1, single.drive.current_period_s
+    found = {name: values[:, i] for name, values in scope.found.items()}
+    left = {name: values[:, i] for name, values in scope.left.items()}
+    m = motors.motor(single)[0]
+    ratio = single.dynamics.gear_ratio
+    current, speed = left['motor_current'], found['speed']
+    before = np.concatenate([current[:1], current[:-1]])
+    phases = [motors.phase_currents(*at, m) for at in zip(current, found['position'], strict=True)]
+    load = single.motor.load_torque_n_m / ratio
+    # at the start of an exchange the speed is that of the shaft, later what the drive takes it for
+    per_exchange = scope.per_exchange
+    rises = np.diff(speed[::per_exchange], append=speed[-1])
+    return SingleRun(
+        program=robot.meta['program'],
+        axis=axis,
+        robot=single,
+        inertia_kg_m2=single.drive.observer_arm_inertia_kg_m2 / ratio**2,
+        time_s=np.asarray(
+            np.arange(len(speed)) * period_s - single.motion.start_cycle * single.bus.cycle_time_s,
+            dtype=np.float64,
+        ),
+        command=np.repeat(commands[:, i], robot.steps),
+        reference=left['reference'],
+        position=found['position'],
+        speed=speed,
+        acceleration=np.repeat(rises, per_exchange) / (per_exchange * period_s),
+        speed_reference=left['speed_reference'],
+        current_reference=left['current_reference'],
+        current=current,
+        voltage=found['voltage'],
+        phase_currents=np.array(phases),
+        torque=m['torque_constant'] * 0.5 * (before + current),
+        friction=np.array([motors.friction_torque(one, m) for one in speed]),
+        load=np.full(len(speed), load),
+        coupling=left['coupling'] - load,
+        position_error=left['reference'] - found['position'],
+        in_robot=robot.scope.found['position'][:, i],
+        meta=robot.meta,
+    )

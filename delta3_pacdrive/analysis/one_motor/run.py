@@ -1,0 +1,56 @@
+"""The single motor from its settings to its folder: run, figures 8.2 to 8.4, table, trace."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis import study as studies
+from delta3_pacdrive.analysis.one_motor import figures, motor_run, report
+from delta3_pacdrive.analysis.one_motor.study import Settings
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.recording import trace_file
+
+
+@dataclass
+class Study(studies.Study):
+    """The study is one motor with its load in a folder; ``inputs`` are its files with the digests of their bytes."""
+
+    settings: Settings
+    program: Program
+    inputs: Sequence[str]
+    robot: core.Parameters = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Read the parameters; raises Delta3Error."""
+        chosen = self.settings
+        given = {
+            'motor__load_inertia_kg_m2': chosen.load_inertia_kg_m2,
+            'motor__load_torque_n_m': chosen.load_torque_n_m,
+            'motor__coupling_effect': chosen.coupling_effect,
+        }
+        self.robot = core.load(chosen.parameters).replace(
+            **{name: value for name, value in given.items() if value is not None}
+        )
+        if self.program.faults:
+            raise ProgramError(f'{self.program.name} injects faults: a single motor runs without')
+
+    def run(self) -> dict[str, Any]:
+        """Run the motor, write everything into the folder and return the report; raises Delta3Error."""
+        chosen = self.settings
+        found = motor_run.run(self.program, self.robot, chosen.axis, self.on_progress)
+        origin = Provenance.of(self.command, self.robot, chosen.parameters, self.inputs)
+        folder = ReportFolder(self.folder, origin)
+        folder.clear([report.TABLE, 'figure_8_*.png'])
+        document = report.summary(found)
+        if chosen.trace:
+            trace = report.trace(found)
+            trace.meta['provenance'] = origin.lines()
+            trace_file.save(trace, chosen.trace)
+        self.on_progress('table and figures', 0, 0)
+        return folder.results(
+            'One motor', document, report.text(document), report.tables(found), figures.by_name(found)
+        )
