@@ -98,3 +98,10 @@ def phase_currents(current, shaft_position, m):
     angle = m.pole_pairs * shaft_position
     third = 2.0 * math.pi / 3.0
     return (-peak * math.sin(angle), -peak * math.sin(angle - third), -peak * math.sin(angle + third))
+
+
+@kernel
+def phase_columns(effective, shaft_position, m, phases):
+    """Fill rows of instantaneous currents (or voltages) of the three phases for columns of effective values."""
+    for n in range(effective.shape[0]):
+        phases[n, 0], phases[n, 1], phases[n, 2] = phase_currents(effective[n], shaft_position[n], m)

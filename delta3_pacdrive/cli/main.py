@@ -18,6 +18,7 @@ COMMANDS = {
     'faults': 'inject faults; the catalogue of every fault in every state',
     'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
+    'scope': 'the oscilloscope of the drives: channels at 16 kHz, triggers, pre-trigger',
     'check': 'read and plan program, parameter and fault files; every move, every mistake',
     'plan': 'what the planner makes of a program, without running it: what limits each move',
     'pose': 'one place: kinematics, all eight solutions, limits, torques, what the robot can do there',

@@ -1,20 +1,41 @@
 """``delta3 simulate``: the same control and plant code in one loop, without ROS."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, option
-from delta3_pacdrive.cli.option_types import number_within, trace_file
+from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
+from delta3_pacdrive.cli.option_types import filled, number_within, trace_file
 from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.reference import program_of
+from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
 from delta3_pacdrive.errors import RunError
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.recording.trace import Trace
+
+
+def _channels(text: str) -> list[str]:
+    return [part.strip() for part in filled(text).split(',') if part.strip()]
 
 
 @dataclass
-class Options(ReferenceOptions):
+class Options(ReferenceOptions, ScopeOptions):
     """Options of the command."""
 
+    scope: list[str] | None = option(
+        'look into the drives: up to eight channels such as axis1.current_reference,axis1.phase_current_1; '
+        'delta3 scope list names them',
+        'CHANNELS',
+        type=_channels,
+    )
+    scope_output: str = option(
+        'file of what --scope shows: .parquet, .csv or .npz', 'FILE', default='scope.csv', type=record_file
+    )
     trace: str | None = option('write every signal to this .npz or .csv file', 'FILE', type=trace_file)
     one_motor: bool = flag(
         'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
@@ -48,6 +69,11 @@ class Options(ReferenceOptions):
             for one in ('--axis', '--load-inertia', '--load-torque', '--coupling', '--output'):
                 if one in self.given():
                     return f'{one} is for --one-motor: it says what a single motor drives'
+        elif self.scope is not None:
+            return '--scope looks into the drives of a robot, so it is not for --one-motor'
+        of_scope = {name(one) for one in fields(ScopeOptions) if one.metadata} | {'--scope-output'}
+        if self.scope is None and (unused := [one for one in self.given() if one in of_scope]):
+            return f'{unused[0]} is for --scope, which is not given'
         return super().check()
 
 
@@ -72,20 +98,20 @@ def run(options: Options) -> int:
     with program_of(options) as chosen:
         program = programs.load(chosen.program, robot.motion)
     simulation.load_kernels(robot)
+    inputs = chosen.digests()
+    origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
     started = time.perf_counter()
-    trace = simulation.run(program, robot)
+    trace, records = _simulated(options, program, robot, origin)
     wall = time.perf_counter() - started
     exact = None
     if robot.dynamics.arm_coupling == core.DECOUPLED:
         exact = run_comparison.from_exact(
             trace, simulation.run(program, robot.replace(dynamics__arm_coupling=core.EXACT))
         )
-    inputs = chosen.digests()
     if options.trace:
         from delta3_pacdrive.analysis.runs import note_limits
 
         note_limits(trace, program, simulation.placed(robot, program))
-        origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
         trace.meta['provenance'] = origin.lines()
         trace_file.save(derived_signals.added(trace), options.trace)
     stopped, figures = trace.meta['stopped'], trace.meta['figures']
@@ -108,7 +134,32 @@ def run(options: Options) -> int:
         **figures,
         **({} if exact is None else {'from_exact': exact}),
     }
-    return print_run(result, options, robot, inputs, notes=chosen.notes)
+    if records is not None:
+        result['scope'] = records.written
+    notes = (*chosen.notes, *(records.sentences() if records else ()))
+    return print_run(result, options, robot, inputs, notes=notes)
+
+
+def _simulated(
+    options: Options, program: 'Program', robot: 'Parameters', origin: 'Provenance'
+) -> 'tuple[Trace, Records | None]':
+    """Run a program, with oscilloscopes in the drives if they are asked for; raises Delta3Error."""
+    from delta3_pacdrive import simulation
+
+    if options.scope is None:
+        return simulation.run(program, robot), None
+    from delta3_pacdrive.recording.acquisition import Acquisition
+
+    records = Records(options, options.scope_output, origin)
+    setting = options.setting(options.scope, robot, all_of_it=True)
+    acquisition = Acquisition(setting, records.take)
+    trace = simulation.run(program, robot, acquisition)
+    if not records.written:
+        raise RunError(
+            f'the trigger never came: {setting.trigger.sentence if setting.trigger else ""} was awaited until the end '
+            f'of the run, {trace.time_s[-1]:.3f} s'
+        )
+    return trace, records
 
 
 def _run_one_motor(options: Options) -> int:

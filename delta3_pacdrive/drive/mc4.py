@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.drive import cascade, sensors, state_machine
-from delta3_pacdrive.drive.arrays import DRIVE, DriveState, drive_constants
+from delta3_pacdrive.drive.arrays import DRIVE, STATE, DriveState, drive_constants
 from delta3_pacdrive.drive.current_figures import (
     add_current,
     begin_current_figures,
@@ -87,7 +87,7 @@ def mc4_begin_cycle(received, command, control, shaft, drives, i):
 
 @kernel
 def _end_stage(s, c, m):
-    """Feed the winding through one current-loop period; return whether the end stage is still on."""
+    """Feed the winding through one current-loop period."""
     voltage = s.voltage
     cascade.current_loop(phase_voltage_max(s.dc_link), s, c)
     if s.winding_short != 0:
@@ -99,7 +99,47 @@ def _end_stage(s, c, m):
         s.stage_current = cascade.clamp(s.stage_current, c.current_trip)
         s.blocked = 1
     s.current = sensors.measured_current(s.stage_current, s, c, m)
-    return s.blocked == 0
+
+
+@kernel
+def _run_sample(n, start_speed, drives, i, currents):
+    """Close the loops through one current-loop period, the ``n``-th of an exchange, whose shaft began with a speed."""
+    s, c = drives[i].state, drives[i].constants
+    m = c.motor
+    powered = state_machine.is_powered(s) and s.blocked == 0
+    if s.step % c.steps_per_velocity == 0:
+        before = s.increments
+        s.increments = _encoder(s.position, s, c)
+        if powered:
+            actual = (s.increments - before) / (c.increments_per_rad * c.velocity_period)
+            if n == 0 and c.steps_per_exchange != c.steps_per_velocity:
+                # the difference would span the observer's reset
+                actual = start_speed
+            feedforward = 0.0
+            if state_machine.follows(s):
+                feedforward = cascade.current_feedforward(s, c)
+                if s.step % c.steps_per_position == 0:
+                    cascade.position_loop(s, c)
+            elif s.halt_done != 0:
+                if s.step % c.steps_per_position == 0:
+                    cascade.hold_place(s, c)
+            else:
+                s.speed_reference = state_machine.stopping_speed(s, c)
+            cascade.velocity_loop(actual, feedforward, s, c)
+    before_current = s.motor_current
+    carries_current = powered or s.winding_short != 0
+    if powered:
+        _end_stage(s, c, m)
+    else:
+        s.stage_current = s.current = 0.0
+    if s.winding_short != 0:
+        s.motor_current = winding_current(before_current, 0.0, s.speed, m)
+    else:
+        s.motor_current = s.stage_current
+    advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
+    currents[n, i] = s.motor_current
+    add_current(s)
+    s.step += 1
 
 
 @kernel
@@ -117,46 +157,47 @@ def mc4_run_period(shaft, drives, i, currents):
 
     """
     s, c = drives[i].state, drives[i].constants
-    m = c.motor
     reset_observer(shaft, s)
-    powered = state_machine.is_powered(s) and s.blocked == 0
     for n in range(currents.shape[0]):
-        if s.step % c.steps_per_velocity == 0:
-            before = s.increments
-            s.increments = _encoder(s.position, s, c)
-            if powered:
-                actual = (s.increments - before) / (c.increments_per_rad * c.velocity_period)
-                if n == 0 and c.steps_per_exchange != c.steps_per_velocity:
-                    # the difference would span the observer's reset
-                    actual = shaft[1]
-                feedforward = 0.0
-                if state_machine.follows(s):
-                    feedforward = cascade.current_feedforward(s, c)
-                    if s.step % c.steps_per_position == 0:
-                        cascade.position_loop(s, c)
-                elif s.halt_done != 0:
-                    if s.step % c.steps_per_position == 0:
-                        cascade.hold_place(s, c)
-                else:
-                    s.speed_reference = state_machine.stopping_speed(s, c)
-                cascade.velocity_loop(actual, feedforward, s, c)
-        before_current = s.motor_current
-        carries_current = powered or s.winding_short != 0
-        if powered:
-            powered = _end_stage(s, c, m)
-        else:
-            s.stage_current = s.current = 0.0
-        if s.winding_short != 0:
-            s.motor_current = winding_current(before_current, 0.0, s.speed, m)
-        else:
-            s.motor_current = s.stage_current
-        advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
-        currents[n, i] = s.motor_current
-        add_current(s)
-        s.step += 1
+        _run_sample(n, shaft[1], drives, i, currents)
     if s.step == c.steps_per_cycle:
         end_current_figures(s, c)
     return s.brake_release
+
+
+@kernel
+def mc4_run_captured(shaft, drives, i, currents, capture):
+    """Close the loops as ``mc4_run_period`` does, and keep fields of the state at the ends of chosen periods.
+
+    Parameters
+    ----------
+    shaft, drives, i, currents
+        As in ``mc4_run_period``.
+    capture
+        The state of this drive as numbers and as whole numbers, a word each; the places of the words that are kept, and
+        whether each is a whole number; the periods until the first one whose end is kept, and from there to the next;
+        and what takes the words, shape (rows, words).
+
+    Returns
+    -------
+    tuple
+        The brake output, and how many rows were filled.
+
+    """
+    numbers, wholes, places, is_whole, due, every, rows = capture
+    s, c = drives[i].state, drives[i].constants
+    reset_observer(shaft, s)
+    filled = 0
+    for n in range(currents.shape[0]):
+        _run_sample(n, shaft[1], drives, i, currents)
+        if n == due:
+            for k in range(places.shape[0]):
+                rows[filled, k] = wholes[places[k]] if is_whole[k] else numbers[places[k]]
+            filled += 1
+            due += every
+    if s.step == c.steps_per_cycle:
+        end_current_figures(s, c)
+    return s.brake_release, filled
 
 
 @kernel
@@ -263,10 +304,26 @@ class MC4:
         """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
         return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, self._currents))
 
+    def run_captured(
+        self, position: float, speed: float, coupling: float, capture: tuple[Any, ...]
+    ) -> tuple[bool, int]:
+        """Run the loops as ``run_period`` does; return also how many rows of ``capture`` were filled.
+
+        ``capture`` is what ``mc4_run_captured`` takes.
+        """
+        shaft = position, speed, coupling
+        released, filled = mc4_run_captured(shaft, self._drives, self._place, self._currents, capture)
+        return bool(released), int(filled)
+
     def run_sample(self, n: int, position: float, speed: float, coupling: float) -> bool:
         """Run one current-loop period of an exchange by itself, from a shaft at its start, filling ``currents[n]``."""
         currents = self._currents[n : n + 1]
         return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, currents))
+
+    def state_words(self) -> tuple[Floats, NDArray[np.int64]]:
+        """Record ``STATE`` as words of 8 bytes, each as a number and as a whole number: views, not copies."""
+        words = self._drives[self._place : self._place + 1].view(np.int64)[: STATE.itemsize // 8]
+        return words.view(np.float64), words
 
     @property
     def drive_state(self) -> DriveState:

@@ -5,7 +5,9 @@ The metadata of the file may hold what a trace tells of its run, a JSON object, 
 
 from __future__ import annotations
 
+import importlib.util
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,26 @@ def read(path: Path) -> Table:
     if not columns:
         raise TraceError(f'{path} has no column of numbers')
     return Table(path, headings, np.column_stack(columns), _meta(path, table.schema.metadata or {}))
+
+
+def missing() -> str | None:
+    """Return why no Parquet file can be written here, None if one can."""
+    return None if importlib.util.find_spec('pyarrow') else NEEDED
+
+
+def write(
+    path: Path, headings: Sequence[str], units: Sequence[str], columns: Sequence[Floats], meta: dict[str, Any]
+) -> None:
+    """Write columns of numbers, each with its unit, and what is told of all of them; raises OSError."""
+    import pyarrow as pa
+    import pyarrow.parquet as parquet
+
+    fields = [
+        pa.field(heading, pa.float64(), nullable=False, metadata={UNIT: unit.encode()})
+        for heading, unit in zip(headings, units, strict=True)
+    ]
+    schema = pa.schema(fields, metadata={META: json.dumps(meta).encode()})
+    parquet.write_table(pa.table([np.asarray(column) for column in columns], schema=schema), path)
 
 
 def _numbers(path: Path, name: str, column: Any) -> Floats | None:

@@ -208,7 +208,7 @@ class SimulatedOperation:
         after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
         robot, task, axes = self._robot, self._task, self._axes
         status = robot.status
-        if after <= cycle or not axes.is_checked(status.tolist()):
+        if after <= cycle or robot.observed or not axes.is_checked(status.tolist()):
             self._make_room(cycle + 1)
             self._begin(cycle)
             self._evaluate(cycle)

@@ -103,10 +103,14 @@ class Robot:
     record, currents
         What the compiled loops work on: an array of one record ``ROBOT``, shape (1,), and the motor currents of an
         exchange period [A].
+    observed
+        Whether something looks into the drives between exchanges: then no stretch is run as one compiled loop.
     answers, status
         What the last AT say: position [rad], speed [rad/s] and torque [N m] by axis, shape (3, 3), and S-0-0135.
 
     """
+
+    observed = False
 
     def __init__(self, parameters: Parameters) -> None:
         bus = parameters.bus

@@ -10,9 +10,11 @@ from delta3_pacdrive.motion import plan_times, program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.plant.decoupled import require_stable
+from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.simulation.scoped import ScopedRobot
 
 
 def placed(parameters: Parameters, program: Program) -> Parameters:
@@ -31,7 +33,7 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     return parameters.replace(motion__home_m=program.start_m)
 
 
-def run(program: Program, parameters: Parameters) -> Trace:
+def run(program: Program, parameters: Parameters, acquisition: Acquisition | None = None) -> Trace:
     """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
 
     Parameters
@@ -40,6 +42,8 @@ def run(program: Program, parameters: Parameters) -> Trace:
         What is driven, with its faults.
     parameters
         Of the robot.
+    acquisition
+        Takes what oscilloscopes in the drives show, if any have some; the signals are the same.
 
     Returns
     -------
@@ -57,7 +61,7 @@ def run(program: Program, parameters: Parameters) -> Trace:
 
     """
     parameters = placed(parameters, program)
-    robot = Robot(parameters)
+    robot = Robot(parameters) if acquisition is None else ScopedRobot(parameters, acquisition)
     task = Transformation(parameters)
     tcp = task.locate(robot.encoder_positions())
     planned = program_planner.plan(program, tcp, parameters)
@@ -70,7 +74,11 @@ def run(program: Program, parameters: Parameters) -> Trace:
     task.enable(motion.enable_cycle)
     task.start(motion.start_cycle)
     operation = SimulatedOperation(robot, task, program.faults, parameters)
-    signals = operation.run()
+    try:
+        signals = operation.run()
+    finally:
+        if isinstance(robot, ScopedRobot):
+            robot.finish()
     signals['current'] /= parameters.motor.torque_constant_n_m_a
     for axis, drive in enumerate(robot.drives):
         task.current_peak[axis], task.current_rms[axis] = drive.program_current()

@@ -10,7 +10,9 @@ import numpy as np
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.drive.channels import CHANNELS
 from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.drive.scope import DriveScope
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.limits import Limits
@@ -48,7 +50,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 130
+KERNELS = 133
 Show = Callable[[int, int], None]
 
 
@@ -173,6 +175,9 @@ def _rehearse_drive(parameters: Parameters) -> None:
     drive.run_period(*shaft)
     drive.clear_fault()
     drive.extrapolate_cycle(*shaft)
+    scope = DriveScope(drive, tuple(CHANNELS.values()), 1, lambda: parameters, lambda _: None)
+    scope.run_period(0, *shaft)
+    scope.flush()
     drive.leave_bus()
 
 

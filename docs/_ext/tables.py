@@ -39,6 +39,15 @@ def idns() -> Rows:
         )
 
 
+def channels() -> Rows:
+    """Return the channels of a drive's oscilloscope."""
+    from delta3_pacdrive.drive.channels import CHANNELS
+
+    yield 'channel', 'unit', 'what'
+    for row in CHANNELS.values():
+        yield f'`{row.name}`', '' if row.unit == '1' else row.unit, row.what
+
+
 def diagnostics() -> Rows:
     """Return the messages of a drive."""
     from delta3_pacdrive.drive.diagnostics import FAULTS, WARNINGS
@@ -219,7 +228,18 @@ class Help(SphinxDirective):
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add a directive for each table."""
-    for rows in (idns, diagnostics, fault_kinds, parameters, topics, services, deliveries, rooms, modules):
+    for rows in (
+        idns,
+        channels,
+        diagnostics,
+        fault_kinds,
+        parameters,
+        topics,
+        services,
+        deliveries,
+        rooms,
+        modules,
+    ):
         app.add_directive(rows.__name__, type(rows.__name__, (Table,), {'rows': staticmethod(rows)}))
     app.add_directive('help', Help)
     return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -152,6 +152,12 @@ def test_decoupled_arms(run):
     assert tcp[1] < 6.0
 
 
+def test_look_into_a_drive(run):
+    _, ((_, linear_step, linear_swing), (_, cubic_step, cubic_swing)) = run('look_into_a_drive')
+    assert linear_step > 3 * cubic_step  # the stair of the speed feed-forward
+    assert linear_swing > 3 * cubic_swing
+
+
 def test_fit_a_parameter(run):
     text, lines = run('fit_a_parameter')
     errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]

@@ -1,0 +1,185 @@
+"""Channels of a drive: what its oscilloscope can show, by name, as one table; and every IDN whose value is a number.
+
+A sample of a channel is what a period of the current loop (62.5 us) has left behind. Its time is the end of that
+period, which is the start of the next one: the last sample of bus cycle k-1 has the time, and the current, of AT(k).
+
+speed loop, current loop
+    ``drive/cascade.py``. What the loops of position and speed left stays until their next period, 250 us later.
+shaft between exchanges
+    ``drive/shaft_observer.py``. It begins anew with the plant's shaft at every exchange.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.drive.operation_data import ONE, PHASE, TABLE, OperationData
+from delta3_pacdrive.errors import ParameterError, shown
+from delta3_pacdrive.motor import phase_columns
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.service_channel import format_idn, parse_idn
+
+SCOPE_CHANNELS_MAX = 8  # that an oscilloscope shows at once
+_IDN = re.compile('[SP]-[0-9]-[0-9]{4}', re.IGNORECASE)
+
+Formula = Callable[..., Floats]  # parameters, constants of the drive, and a column of each source
+
+
+def _is(_: Parameters, __: Any, value: Floats) -> Floats:
+    return value
+
+
+def _torque(_: Parameters, constants: Any, current: Floats) -> Floats:
+    return np.asarray(constants['torque_constant'] * current)
+
+
+def _angle(_: Parameters, constants: Any, increments: Floats) -> Floats:
+    return np.asarray(increments / constants['increments_per_rad'])
+
+
+def _of_phase(number: int) -> Formula:
+    """Return the instantaneous value of a phase, 1 to 3: voltage and current turn with the same angle."""
+
+    def value(_: Parameters, constants: Any, effective: Floats, position: Floats) -> Floats:
+        phases = np.empty((len(effective), 3))
+        phase_columns(effective, position, constants['motor'], phases)
+        return phases[:, number - 1]
+
+    return value
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel is one row of the table.
+
+    Attributes
+    ----------
+    sources
+        Fields of the drive's ``STATE`` record of which its value is made.
+    formula
+        Makes it of the parameters, of the drive's ``CONSTANTS`` and of the sources, each a column of samples.
+
+    """
+
+    name: str
+    unit: str
+    what: str
+    sources: tuple[str, ...]
+    formula: Formula = _is
+
+
+# fmt: off
+_ROWS = (
+    Channel('position_command', 'rad', 'set point that is valid in this bus cycle', ('command',)),
+    Channel('position_reference', 'rad', 'set point of the position loop, interpolated every 250 us', ('reference',)),
+    Channel('following_error', 'rad', 'that is supervised, once in a bus cycle', ('following_error',)),
+    Channel('speed_reference', 'rad/s', 'of the position loop, with feed-forward', ('speed_reference',)),
+    Channel('speed_filtered', 'rad/s', 'actual speed in the speed loop, behind its filter', ('speed_filtered',)),
+    Channel('speed_integral', 'A', 'integrator of the speed loop', ('velocity_integral',)),
+    Channel('current_reference', 'A', 'I_eff that the speed loop asks for, with feed-forward, limited',
+            ('current_reference',)),
+    Channel('current_reference_filtered', 'A', 'the same in the current loop, behind its filter',
+            ('current_reference_filtered',)),
+    Channel('current', 'A', 'I_eff of the end stage as its sensors measure it', ('current',)),
+    Channel('current_filtered', 'A', 'the same in the current loop, behind its filter', ('current_filtered',)),
+    Channel('motor_current', 'A', "true I_eff in the motor's winding", ('motor_current',)),
+    Channel('current_integral', 'V', 'integrator of the current loop', ('current_integral',)),
+    Channel('voltage', 'V', 'voltage command of a phase, effective value; works in the next period', ('voltage',)),
+    Channel('phase_voltage_1', 'V', 'voltage command of phase 1, instantaneous', ('voltage', 'position'),
+            _of_phase(1)),
+    Channel('phase_voltage_2', 'V', 'of phase 2', ('voltage', 'position'), _of_phase(2)),
+    Channel('phase_voltage_3', 'V', 'of phase 3', ('voltage', 'position'), _of_phase(3)),
+    Channel('phase_current_1', 'A', 'I1s, instantaneous (Fig. 8.3)', ('current', 'position'), _of_phase(1)),
+    Channel('phase_current_2', 'A', 'I2s', ('current', 'position'), _of_phase(2)),
+    Channel('phase_current_3', 'A', 'I3s', ('current', 'position'), _of_phase(3)),
+    Channel('motor_torque', 'N m', "K_m times the true current in the motor's winding", ('motor_current',), _torque),
+    Channel('encoder_position', 'rad', 'of the last period of the speed loop, on the grid of increments',
+            ('increments',), _angle),
+    Channel('encoder_increments', 'increments', 'the same as the encoder counts it', ('increments',)),
+    Channel('position', 'rad', 'motor shaft between exchanges', ('position',)),
+    Channel('speed', 'rad/s', 'motor shaft between exchanges', ('speed',)),
+    Channel('coupling_torque', 'N m', 'd (4.31), as the plant told at the last exchange', ('coupling',)),
+    Channel('overload', 's', 'integral of the I2t monitoring, once in a bus cycle', ('overload',)),
+    Channel('dc_link', 'V', 'voltage of the DC link', ('dc_link',)),
+    Channel('brake_release', ONE, 'brake output, 1 = release', ('brake_release',)),
+    Channel('state', ONE, 'state of the drive, as P-0-0081', ('state',)),
+    Channel('status', 'bits', 'status word S-0-0135', ('status',)),
+    Channel('control', 'bits', 'control word S-0-0134 that is valid', ('control',)),
+    Channel('fault', ONE, 'latched cause of a fault, 0 without one', ('fault',)),
+    Channel('warning', 'bits', 'what the drive warns of', ('warning',)),
+    Channel('lost_telegrams', ONE, 'MDT that did not come', ('mdt_losses',)),
+    Channel('program', ONE, 'whether the master says that a program is driven, S-0-0302', ('program',)),
+)
+# fmt: on
+CHANNELS = {row.name: row for row in _ROWS}
+FAULT, PROGRAM = CHANNELS['fault'], CHANNELS['program']
+
+
+def _of_operation_data(row: OperationData) -> Channel:
+    """Return the channel that shows operation data; what parameters say is as it was when the sample was taken."""
+    # where no field is shown, one tells how many samples there are
+    fields = tuple(source for source in row.sources if '.' not in source) or ('state',)
+
+    def value(parameters: Parameters, _: Any, *columns: Floats) -> Floats:
+        def told(source: str, of: dict[str, float]) -> Any:
+            group, dot, name = source.partition('.')
+            return getattr(getattr(parameters, group), name) if dot else of[source]
+
+        samples = zip(*(column.tolist() for column in columns), strict=True)
+        named = [dict(zip(fields, sample, strict=True)) for sample in samples]
+        return np.array([float(row.formula(*(told(source, of) for source in row.sources))) for of in named])
+
+    return Channel(format_idn(row.idn), row.unit, row.name, fields, value)
+
+
+@cache
+def channel_named(name: str) -> Channel:
+    """Return a channel of the table, or that of an IDN; raises ParameterError."""
+    if name in CHANNELS:
+        return CHANNELS[name]
+    if _IDN.fullmatch(name):
+        row = TABLE.get(parse_idn(name.upper()))
+        if row is None or PHASE in row.sources:
+            raise ParameterError(f'an oscilloscope cannot show {name.upper()}: see delta3 drive list')
+        return _of_operation_data(row)
+    raise ParameterError(
+        f'a drive has no channel {shown(name)}{nearest_of(name, CHANNELS)}: see delta3 scope list'
+    )
+
+
+def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
+    """Return axis (0 to 2) and channel of texts such as ``axis1.current_reference``, at most eight.
+
+    Raises
+    ------
+    ParameterError
+        An axis or a channel is unknown, or there are too many, none, or one twice.
+
+    """
+    found = []
+    for text in texts:
+        axis, _, name = text.partition('.')
+        if axis not in DRIVES:
+            names = f'{", ".join(DRIVES)}, a point, and a channel'
+            raise ParameterError(
+                f'{shown(text)} is no channel: expected {names}, such as axis1.current_reference'
+            )
+        found.append((DRIVES.index(axis), channel_named(name)))
+    for place, (one, text) in enumerate(zip(found, texts, strict=True)):
+        if one in found[:place]:
+            raise ParameterError(f'{text} is asked for twice')
+    if not 1 <= len(found) <= SCOPE_CHANNELS_MAX:
+        raise ParameterError(f'an oscilloscope shows 1 to {SCOPE_CHANNELS_MAX} channels, not {len(found)}')
+    return tuple(found)
+
+
+def full_name(axis: int, channel: Channel) -> str:
+    """Return the name of a channel of an axis, 0 to 2."""
+    return f'{DRIVES[axis]}.{channel.name}'

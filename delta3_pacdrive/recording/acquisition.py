@@ -1,0 +1,393 @@
+"""The acquisition of an oscilloscope: streams of samples of one or more drives become records.
+
+As on any oscilloscope, a record begins some time before the event that triggers it (pre-trigger). ``single`` keeps the
+first record, ``normal`` is armed again after each, ``rolling`` waits for no event and keeps the newest samples. Nothing
+is lost silently: samples that do not come are counted, and a record that lacks any is refused.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from delta3_pacdrive.drive.channels import FAULT, PROGRAM, Channel, chosen, full_name
+from delta3_pacdrive.drive.scope import Block, decimation_of
+from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+SAMPLES_MAX = 1_000_000  # of a record: a minute at 16 kHz
+RATE_MAX_HZ, RATE_MIN_HZ = 16_000.0, 1.0
+TIME_DIGITS = 9  # of a second
+ON_FAULT, ON_PROGRAM = 'fault', 'program'
+
+
+class Edge(StrEnum):
+    """A trigger looks for one of these."""
+
+    RISING = 'rising'
+    FALLING = 'falling'
+    BOTH = 'both'
+    CHANGE = 'change'  # of the value, whatever it is
+
+
+class Mode(StrEnum):
+    """An acquisition goes on in one of these ways."""
+
+    SINGLE = 'single'
+    NORMAL = 'normal'
+    ROLLING = 'rolling'
+
+
+Source = tuple[int, Channel]  # axis 0 to 2
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """A trigger is the event that a record is taken around: any of its sources crosses the level."""
+
+    text: str
+    sources: tuple[Source, ...]
+    level: float
+    edge: Edge
+
+    @property
+    def sentence(self) -> str:
+        """What it waits for."""
+        if self.text == ON_FAULT:
+            return 'a fault of a drive'
+        if self.text == ON_PROGRAM:
+            return 'the start of a program'
+        if self.edge is Edge.CHANGE:
+            return f'a change of {self.text}'
+        unit = self.sources[0][1].unit
+        how = 'through' if self.edge is Edge.BOTH else f'{self.edge} through'
+        return f'{self.text} {how} {self.level:g} {unit}'.rstrip(' 1')
+
+    def places(self, before: Floats | None, columns: Floats) -> int | None:
+        """Return the first row at which an event is over, None if there is none.
+
+        Parameters
+        ----------
+        before
+            Row of the sources before these, None at the very begin.
+        columns
+            A column for each source, shape (rows, sources).
+
+        """
+        rows = columns if before is None else np.vstack([before, columns])
+        old, new = rows[:-1], rows[1:]
+        rising, falling = (old < self.level) & (new >= self.level), (old > self.level) & (new <= self.level)
+        found = {
+            Edge.RISING: rising, Edge.FALLING: falling, Edge.BOTH: rising | falling, Edge.CHANGE: new != old,
+        }[self.edge]  # fmt: skip
+        where = np.flatnonzero(found.any(axis=1))
+        return int(where[0]) + (before is None) if len(where) else None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting says what an oscilloscope records.
+
+    Attributes
+    ----------
+    channels
+        Axis (0 to 2) and channel of each.
+    decimation
+        Periods of the current loop from sample to sample.
+    sample_time_s
+        The same as a time.
+    samples, pre_samples
+        Of a record, and how many of them lie before its trigger.
+    trigger
+        None: it begins at once.
+    records
+        After how many records ``normal`` ends; 0: never.
+
+    """
+
+    channels: tuple[Source, ...]
+    decimation: int
+    sample_time_s: float
+    samples: int
+    pre_samples: int = 0
+    trigger: Trigger | None = None
+    mode: Mode = Mode.SINGLE
+    records: int = 0
+
+    def of_axis(self, axis: int) -> tuple[Channel, ...]:
+        """Channels that a drive has to tell: those that are shown, and those that trigger; none if it has none."""
+        sources = self.trigger.sources if self.trigger else ()
+        return tuple(dict.fromkeys(channel for of, channel in (*self.channels, *sources) if of == axis))
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Drives that have to tell something."""
+        return tuple(axis for axis in range(len(DRIVES)) if self.of_axis(axis))
+
+
+def setting(
+    parameters: Parameters,
+    channels: Sequence[str],
+    rate_hz: float,
+    duration_s: float,
+    trigger: str | None = None,
+    level: float = 0.0,
+    edge: str | None = None,
+    pre_trigger_s: float = 0.0,
+    mode: str = Mode.SINGLE,
+    records: int = 0,
+) -> Setting:
+    """Return what an oscilloscope is to record; raises ParameterError with what cannot be done."""
+    shown = chosen(channels)
+    decimation = decimation_of(rate_hz, parameters)
+    step = decimation * parameters.drive.current_period_s
+    samples, before = round(duration_s / step), round(pre_trigger_s / step)
+    if samples > SAMPLES_MAX:
+        raise ParameterError(
+            f'a record of {duration_s:g} s has {samples} samples at {1.0 / step:g} Hz, the limit is {SAMPLES_MAX}: '
+            'choose a lower rate or a shorter time'
+        )
+    if samples < 1:
+        raise ParameterError(f'a record of {duration_s:g} s holds no sample at {1.0 / step:g} Hz')
+    if before >= samples:
+        raise ParameterError(
+            f'the pre-trigger of {pre_trigger_s:g} s must be shorter than the record of {duration_s:g} s'
+        )
+    found = None if trigger is None else _trigger(trigger, shown, level, edge)
+    if found is None and before:
+        raise ParameterError('a pre-trigger needs a trigger')
+    if found is not None and mode == Mode.ROLLING:
+        raise ParameterError('a rolling oscilloscope waits for no trigger')
+    if found is None and mode == Mode.NORMAL:
+        raise ParameterError('the mode normal needs a trigger')
+    return Setting(shown, decimation, step, samples, before, found, Mode(mode), records)
+
+
+def _trigger(text: str, shown: Sequence[Source], level: float, edge: str | None) -> Trigger:
+    axes = sorted({axis for axis, _ in shown})
+    if text in (ON_FAULT, ON_PROGRAM):
+        channel = FAULT if text == ON_FAULT else PROGRAM
+        return Trigger(text, tuple((axis, channel) for axis in axes), 0.5, Edge.RISING)
+    (source,) = chosen([text])
+    # operation data is written, it does not swing
+    usual = Edge.CHANGE if '-' in source[1].name else Edge.RISING
+    return Trigger(full_name(*source), (source,), level, Edge(edge) if edge else usual)
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record holds what an oscilloscope has shown.
+
+    Attributes
+    ----------
+    first
+        Number of the first sample; sample n has the bus time n times ``setting.sample_time_s``.
+    values
+        A column for each channel, shape (samples, channels).
+    trigger
+        Row of the sample in which the trigger was seen, None without one.
+
+    """
+
+    setting: Setting
+    first: int
+    values: Floats
+    trigger: int | None = None
+
+    @property
+    def time_s(self) -> Floats:
+        """Bus time of each sample [s]."""
+        numbers = np.arange(self.first, self.first + len(self.values))
+        return np.round(numbers * self.setting.sample_time_s, TIME_DIGITS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(full_name(axis, channel) for axis, channel in self.setting.channels)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the columns."""
+        return tuple(channel.unit for _, channel in self.setting.channels)
+
+
+class Acquisition:
+    """The acquisition takes blocks of all drives and makes records of them.
+
+    Parameters
+    ----------
+    setting
+        What is recorded.
+    take
+        Called with each record.
+
+    Attributes
+    ----------
+    lost
+        Samples that did not come.
+    done
+        Whether everything is recorded that was asked for.
+    triggered
+        Whether a record is under way.
+
+    """
+
+    def __init__(self, setting: Setting, take: Callable[[Record], None]) -> None:
+        self.setting, self._take = setting, take
+        self._blocks: dict[int, list[Block]] = {axis: [] for axis in setting.axes}
+        self._expected: dict[int, int | None] = dict.fromkeys(setting.axes)
+        self._place = {
+            (axis, channel): place for axis in setting.axes for place, channel in enumerate(setting.of_axis(axis))
+        }  # fmt: skip
+        self._next: int | None = None  # sample that follows those that all drives have told
+        self._first = 0  # sample in the first row that is kept
+        self._kept: list[Floats] = []  # rows of the channels that are shown
+        self._count = 0  # rows that are kept
+        self._before: Floats | None = None  # last row of the trigger's sources
+        self._trigger: int | None = None  # sample
+        self._gap = False  # the rows that are kept begin behind a gap
+        self._records = 0
+        self.lost = 0
+        self.done = False
+
+    @property
+    def triggered(self) -> bool:
+        """Whether a record is under way."""
+        return self._trigger is not None or self.setting.trigger is None
+
+    def add(self, axis: int, block: Block) -> None:
+        """Take a block of a drive, 0 to 2.
+
+        Raises
+        ------
+        RunError
+            Samples are missing in a record that is under way.
+
+        """
+        if self.done or axis not in self._blocks:
+            return
+        expected = self._expected[axis]
+        if expected is not None and block.first != expected:
+            self._lose(axis, block.first - expected)
+        self._expected[axis] = block.first + len(block.values)
+        self._blocks[axis].append(block)
+        self._join()
+
+    def _lose(self, axis: int, count: int) -> None:
+        """Begin anew behind a gap."""
+        began_anew = count < 0
+        self.lost += max(count, 0)
+        if self.triggered and self._next is not None:
+            if began_anew:
+                raise RunError(f'the bus has begun anew while {DRIVES[axis]} was recorded')
+            raise RunError(
+                f'{count} samples of {DRIVES[axis]} were lost while they were recorded: a record with gaps is none. '
+                'Choose fewer channels or a lower rate'
+            )
+        for of in self._blocks:
+            self._blocks[of] = []
+        self._expected = {of: None if of != axis else self._expected[of] for of in self._blocks}
+        self._next, self._gap = None, not began_anew
+        self._forget()
+
+    def _forget(self) -> None:
+        self._kept, self._count, self._before = [], 0, None
+
+    def _join(self) -> None:
+        """Take the samples that all drives have told by now."""
+        if not all(self._blocks.values()):
+            return
+        begin = max(blocks[0].first for blocks in self._blocks.values())
+        begin = begin if self._next is None else max(begin, self._next)
+        end = min(blocks[-1].first + len(blocks[-1].values) for blocks in self._blocks.values())
+        if end <= begin:
+            return
+        if self._count == 0:
+            self._first = begin
+        tables = {axis: _rows(blocks, begin, end) for axis, blocks in self._blocks.items()}
+        for axis, blocks in self._blocks.items():
+            self._blocks[axis] = [block for block in blocks if block.first + len(block.values) > end]
+        self._next = end
+        self._go_on(self._columns(tables, self.setting.channels), tables, begin)
+
+    def _columns(self, tables: dict[int, Floats], sources: Iterable[Source]) -> Floats:
+        return np.column_stack([tables[axis][:, self._place[axis, channel]] for axis, channel in sources])
+
+    def _go_on(self, shown: Floats, tables: dict[int, Floats], begin: int) -> None:
+        self._kept.append(shown)
+        self._count += len(shown)
+        trigger = self.setting.trigger
+        watched = None if trigger is None else self._columns(tables, trigger.sources)
+        while not self.done:
+            if trigger is not None and watched is not None and self._trigger is None:
+                row = trigger.places(self._before, watched) if len(watched) else None
+                if row is None:
+                    self._before = watched[-1] if len(watched) else self._before
+                    self._drop(self.setting.pre_samples)
+                    return
+                self._trigger = begin + row
+                self._before = watched[row]
+                if self._gap and self._trigger - self._first < self.setting.pre_samples:
+                    raise RunError(
+                        f'{self.lost} samples were lost just before the trigger: a record with gaps is none. '
+                        'Choose fewer channels or a lower rate'
+                    )
+            if self.setting.mode is Mode.ROLLING:
+                self._drop(self.setting.samples)
+                return
+            start = self._start()
+            end = start + self.setting.samples
+            if self._first + self._count < end:
+                return
+            self._hand_over(start, end)
+            if watched is not None:
+                behind = min(max(end - begin, 0), len(watched))
+                self._before = watched[behind - 1] if behind else self._before
+                watched, begin = watched[behind:], begin + behind
+
+    def _start(self) -> int:
+        if self._trigger is None:
+            return self._first
+        # one that comes soon after the begin has less before it
+        return max(self._first, self._trigger - self.setting.pre_samples)
+
+    def _drop(self, keep: int) -> None:
+        """Forget what is too old for any record, in large pieces."""
+        while self._kept and self._count - len(self._kept[0]) >= keep:
+            self._first += len(self._kept[0])
+            self._count -= len(self._kept[0])
+            del self._kept[0]
+
+    def _hand_over(self, start: int, end: int) -> None:
+        rows = np.concatenate(self._kept)[start - self._first : end - self._first]
+        mark = None if self._trigger is None else self._trigger - start
+        self._records += 1
+        single = self.setting.mode is Mode.SINGLE
+        self.done = single or self._records == self.setting.records
+        rest = np.concatenate(self._kept)[end - self._first :]
+        self._kept, self._count, self._first = [rest], len(rest), end
+        self._trigger, self._gap = None, False
+        self._take(Record(self.setting, start, rows, mark))
+
+    def finish(self) -> None:
+        """Take what is there as the last record: a rolling one, or one that the end of a run has cut short."""
+        if self.done or not self._count or not self.triggered:
+            return
+        end = self._first + self._count
+        if self.setting.mode is Mode.ROLLING:
+            self._hand_over(max(self._first, end - self.setting.samples), end)
+        else:
+            self._hand_over(self._start(), end)
+        self.done = True
+
+
+def _rows(blocks: Sequence[Block], begin: int, end: int) -> Floats:
+    parts = [
+        block.values[max(begin - block.first, 0) : max(end - block.first, 0)]
+        for block in blocks
+        if block.first < end
+    ]
+    return np.concatenate(parts)

@@ -1,0 +1,132 @@
+"""Facts about ``simulate --scope`` and ``scope list``: what is asked for is recorded, what is wrong is said."""
+
+import json
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.drive.channels import CHANNELS
+from delta3_pacdrive.recording.trace import Trace
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def simulated(capsys, *options, status=0):
+    assert main(['simulate', 'experiment3', '--json', *options]) == status
+    return json.loads(capsys.readouterr().out)
+
+
+def columns(name):
+    with np.load(name, allow_pickle=False) as file:
+        return {key: file[key] for key in file.files}
+
+
+def test_a_run_that_is_looked_into_is_the_same_and_agrees_with_its_trace(capsys):
+    plain = simulated(capsys, '--trace', 'plain.npz')
+    asked = 'axis2.current,axis1.motor_current', '--scope-output', 'scope.npz'
+    looked = simulated(capsys, '--trace', 'looked.npz', '--scope', *asked)
+    (record,) = looked.pop('scope')
+    same = plain.keys() - {'wall_time_s', 'provenance'}
+    assert {key: plain[key] for key in same} == {key: looked[key] for key in same}
+    one, other = Trace.load('plain.npz'), Trace.load('looked.npz')
+    for name, values in one.signals.items():
+        assert np.array_equal(values, other[name], equal_nan=True), name
+    found = columns('scope.npz')
+    # the first AT was formed before the first sample
+    assert found['axis2.current'][15:-1:16].tolist() == pytest.approx(
+        one['current'][1:, 1].tolist(), rel=1e-14
+    )
+    by_cycle = found['axis1.motor_current'].reshape(-1, 16)
+    assert np.array_equal(by_cycle.max(axis=1), one['current_max'][:, 0])
+    assert record['samples'] == 16 * len(one.time_s)
+    assert found['time'][0] == 62.5e-6
+
+
+def test_a_program_triggers_with_what_was_before_it(capsys):
+    result = simulated(
+        capsys, '--scope', 'axis1.program,axis3.speed', '--trigger', 'program', '--pre-trigger', '0.02',
+        '--duration', '0.1', '--scope-output', 'scope.csv', '--plot', 'scope.png',
+    )  # fmt: skip
+    (record,) = result['scope']
+    assert (record['samples'], record['trigger_sample']) == (1600, 320)
+    assert record['trigger_time_s'] == pytest.approx(0.12 + 62.5e-6)
+    assert record['files'] == ['scope.csv', 'scope.png']
+    table = np.loadtxt('scope.csv', delimiter=',', skiprows=2)
+    assert table[:320, 1].max() == 0.0
+    assert table[320:, 1].min() == 1.0
+    with open('scope.png', 'rb') as file:
+        assert file.read(4) == b'\x89PNG'
+
+
+def test_a_fault_triggers_and_is_recorded_although_the_run_fails(tmp_path, capsys):
+    text = 'moves:\n- dwell: {time_s: 0.5}\nfaults:\n- {fault: winding_short, axis: axis2, after_s: 0.1}\n'
+    (tmp_path / 'fault.yaml').write_text(text)
+    options = '--trigger', 'fault', '--pre-trigger', '0.01', '--duration', '0.05', '--scope-output', 'f.npz'
+    status = main(['simulate', 'fault.yaml', '--scope', 'axis2.current,axis2.fault', *options])
+    told = capsys.readouterr()
+    assert status == 1, told
+    found = columns('f.npz')
+    assert found['axis2.fault'][:160].max() == 0.0 < found['axis2.fault'][160:].min()
+
+
+def test_normal_numbers_its_records_and_old_ones_are_replaced_only_on_request(capsys):
+    options = ('--scope', 'axis1.current', '--trigger', 'axis1.speed', '--edge', 'both', '--mode', 'normal',
+               '--records', '2', '--duration', '0.01', '--scope-output', 's.csv', '--rate', '4000')  # fmt: skip
+    result = simulated(capsys, *options)
+    assert [row['files'] for row in result['scope']] == [['s_1.csv'], ['s_2.csv']]
+    assert {row['decimation'] for row in result['scope']} == {4}
+    assert (
+        's_1.csv: it exists already, --overwrite replaces it'
+        in simulated(capsys, *options, status=1)['error']
+    )
+    assert len(simulated(capsys, *options, '--overwrite')['scope']) == 2
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (
+            ('--scope', 'axis1.curent'),
+            "a drive has no channel 'curent': did you mean current?: see delta3 scope list",
+        ),
+        (('--scope', 'axis1.current', '--scope-output', 'none/a.csv'), 'there is no folder none'),
+        (('--scope', 'axis1.current', '--duration', '100'), 'the limit is 1000000: choose a lower rate'),
+        (
+            ('--scope', 'axis1.current', '--trigger', 'fault'),
+            'the trigger never came: a fault of a drive was awaited until the end of the run',
+        ),
+    ],
+)
+def test_what_cannot_be_recorded_gets_one_sentence(options, sentence, capsys):
+    assert sentence in simulated(capsys, *options, status=1)['error']
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (('--trigger', 'fault'), '--trigger is for --scope, which is not given'),
+        (('--scope-output', 'a.csv'), '--scope-output is for --scope, which is not given'),
+        (('--scope', 'axis1.current', '--level', '2'), '--level is for --trigger, which is not given'),
+        (('--scope', 'axis1.current', '--records', '2'), '--records is for --mode normal, not for single'),
+        (('--scope', 'axis1.current', '--scope-output', 'a.txt'), 'must end in .parquet, .csv or .npz'),
+        (('--scope', 'axis1.current', '--plot', 'a.pdf'), 'the name of a figure must end in .png'),
+        (('--scope', 'axis1.current', '--rate', '20000'), 'must be a number between 1 and 16000 Hz'),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_at_once(options, sentence, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(['simulate', 'experiment3', *options])
+    assert end.value.code == 2
+    assert sentence in ' '.join(capsys.readouterr().err.split())
+
+
+def test_the_channels_are_listed(capsys):
+    assert main(['scope', 'list', '--json']) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row['channel'] for row in rows] == list(CHANNELS)
+    assert main(['scope', 'list']) == 0
+    assert 'phase_current_1             A           I1s, instantaneous' in capsys.readouterr().out
