@@ -102,6 +102,19 @@ def phase_currents(current, shaft_position, m):
 
 @kernel
 def phase_columns(effective, shaft_position, m, phases):
-    """Fill rows of instantaneous currents (or voltages) of the three phases for columns of effective values."""
+    """Fill rows of instantaneous currents (or voltages) of the three phases for columns of effective values.
+
+    Parameters
+    ----------
+    effective
+        I_eff [A], shape (n,).
+    shaft_position
+        Of the motor [rad], shape (n,).
+    m
+        Record ``MOTOR``.
+    phases
+        Takes I1s, I2s, I3s [A], shape (n, 3).
+
+    """
     for n in range(effective.shape[0]):
         phases[n, 0], phases[n, 1], phases[n, 2] = phase_currents(effective[n], shaft_position[n], m)

@@ -12,7 +12,7 @@ for interpolation in ('linear', 'cubic'):
         robot, CHANNELS, rate_hz=16_000, duration_s=12e-3, trigger='axis1.speed', level=50.0, edge='rising'
     )
     records = []
-    simulation.run(d3.load_program('experiment1'), robot, Acquisition(asked, records.append))
+    simulation.run(d3.load_program('experiment1', robot), robot, Acquisition(asked, records.append))
     speed, _, current = records[0].values.T
     print(
         f'{interpolation:6}: from {records[0].time_s[0]:.3f} s on the speed reference steps by up to '

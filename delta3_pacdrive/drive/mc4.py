@@ -103,7 +103,18 @@ def _end_stage(s, c, m):
 
 @kernel
 def _run_sample(n, start_speed, drives, i, currents):
-    """Close the loops through one current-loop period, the ``n``-th of an exchange, whose shaft began with a speed."""
+    """Close the loops through one current-loop period.
+
+    Parameters
+    ----------
+    n
+        Its number in the exchange period.
+    start_speed
+        Of the true shaft at the start of the exchange [rad/s].
+    drives, i, currents
+        As in ``mc4_run_period``.
+
+    """
     s, c = drives[i].state, drives[i].constants
     m = c.motor
     powered = state_machine.is_powered(s) and s.blocked == 0
