@@ -119,15 +119,19 @@ def _measure_machine(seconds: float) -> dict[str, Any]:
 def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.bringup.bringup import Bringup
     from delta3_pacdrive.bringup.options import Options
+    from delta3_pacdrive.bringup.page import started
 
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder, ExitStack() as stack:
-        port = stack.enter_context(serving.port_for(serving.HOST, None)) if case == 'viewed' else None
+        page = port = None
+        if case == 'viewed':
+            place = stack.enter_context(serving.held(serving.HOST, None))
+            port, page = place.port, stack.enter_context(started(place, '/', Path(folder)))
         bringup = Bringup(
             Options(
                 program=program_file(seconds, folder),
                 real_time_factor=0.0 if case == 'fast' else 1.0,
                 single_process=case in ('single', 'fast'),
-                view_port=port,
+                view=page,
             )
         )
         meters: list[_Meter] = []
@@ -139,8 +143,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
             if not meters:
                 first_cycle = progress['cycles']
                 meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
-                if port is not None:
-                    (page,) = (child for child in bringup.processes() if child.name == 'view')
+                if page is not None and port is not None:
                     watchers.append(PageWatcher(serving.HOST, port, page.pid))
                     stack.callback(watchers[0].close)
             if progress['finished']:

@@ -8,6 +8,7 @@ from rclpy.validate_namespace import validate_namespace
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
+from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
@@ -28,7 +29,7 @@ class Options:
     real_time_priority: bool = True
     markers: bool = False  # whether the robot is shown in RViz and Foxglove by markers as well
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
-    view_port: int | None = None  # of the page that shows the robot; None: there is none
+    view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
 
 
 def check_options(

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,11 +91,19 @@ def spawn(
         os._exit(status)
 
 
-def respawn(name: str, module: str, arguments: list[str], log: Path, schedule: Schedule) -> ManagedProcess:
-    """Start a child whose main function is that of a module."""
+def respawn(
+    name: str,
+    module: str,
+    arguments: list[str],
+    log: Path,
+    schedule: Schedule,
+    environment: Mapping[str, str] | None = None,
+) -> ManagedProcess:
+    """Start a child whose main function is that of a module, with some more in its environment."""
     me = [sys.executable, '-P', '-m', 'delta3_pacdrive.bringup.processes']
     own = [name, str(os.getpid()), str(log), schedule.name, module]
-    return ManagedProcess(name, os.posix_spawn(sys.executable, [*me, *own, *arguments], os.environ), log)
+    everything = os.environ | (environment or {})
+    return ManagedProcess(name, os.posix_spawn(sys.executable, [*me, *own, *arguments], everything), log)
 
 
 def main() -> int:

@@ -82,8 +82,8 @@ class RobotProcesses:
         }
         planner = UnitRobotNode, {'program': str(program)} if program else {}
         shown: Nodes = {VISUALIZATION: (RobotVisualizationNode, {})}
-        if options.view_port is not None:
-            self._start_view(options.view_port)  # first: it takes longest until it shows something
+        if options.view is not None:
+            self.running.append(options.view)
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program}
             self._spawn('recorder', {'recorder': (RecorderNode, bag)}, Schedule.PREFERRED)
@@ -129,12 +129,6 @@ class RobotProcesses:
             return node_process.run(factories, [])
 
         self.running.append(spawn(name, main, self._log(name), schedule))
-
-    def _start_view(self, port: int) -> None:
-        """Start the page as a command of its own, so that nothing of it is loaded into the robot's processes."""
-        arguments = ['view', '--wait', '--port', str(port), '--namespace', self._options.namespace]
-        command = 'delta3_pacdrive.cli.main'
-        self.running.append(respawn('view', command, arguments, self._log('view'), Schedule.ORDINARY))
 
     def _log(self, name: str) -> Path:
         return self._logs / f'{name}.log'

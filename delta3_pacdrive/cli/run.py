@@ -71,20 +71,25 @@ def bring_up(
     """
     started_s = time.monotonic()
     namespace = '/' + options.namespace.strip('/')
-    from delta3_pacdrive.bringup.environment import only_one
+    from delta3_pacdrive.bringup.environment import log_folder, only_one
+    from delta3_pacdrive.bringup.page import started
 
     with only_one(namespace):  # a second robot is refused before anything that takes long is loaded
         pass
-    # ROS and numba are imported after the options are known to be good
-    from delta3_pacdrive.bringup.bringup import Bringup
-    from delta3_pacdrive.bringup.options import Options as BringupOptions
-    from delta3_pacdrive.motion import program_file as programs
-
-    announce_compilation(options.parameters)
     with ExitStack() as stack:
-        port = None
+        logs = Path(options.logs).absolute() if options.logs else None
+        page = None
         if options.view or options.view_port:
-            port = stack.enter_context(serving.port_for(serving.HOST, options.view_port))
+            place = stack.enter_context(serving.held(serving.HOST, options.view_port))
+            logs = stack.enter_context(log_folder(logs))
+            page = stack.enter_context(started(place, namespace, logs))
+            print(f'the page comes up at {place.url}', file=sys.stderr, flush=True)
+        # ROS and numba are imported after the options are known to be good
+        from delta3_pacdrive.bringup.bringup import Bringup
+        from delta3_pacdrive.bringup.options import Options as BringupOptions
+        from delta3_pacdrive.motion import program_file as programs
+
+        announce_compilation(options.parameters)
         asked = BringupOptions(
             program=programs.find(program).absolute() if program is not None else None,
             parameters=Path(options.parameters) if options.parameters else None,
@@ -95,13 +100,10 @@ def bring_up(
             exchange_period_s=options.exchange_period,
             real_time_priority=not options.ordinary_priority,
             markers=options.markers,
-            logs=Path(options.logs).absolute() if options.logs else None,
-            view_port=port,
+            logs=logs,
+            view=page,
         )
         bringup = Bringup(asked, started_s)
-        if port is not None:
-            page = serving.address(serving.HOST, port)
-            print(f'the page comes up at {page}', file=sys.stderr, flush=True)
         display = stack.enter_context(Progress(quiet=options.json))
         return bringup, bringup.run(shown(display, bringup))
 

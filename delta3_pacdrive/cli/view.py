@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from delta3_pacdrive import interrupts
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.run_options import require_obeyed
@@ -61,77 +62,92 @@ class Options(NodeOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    with serving.port_for(options.host, options.port) as options.port:
-        return _watch(options) if options.run is None else _play(options, options.run)
+    with serving.held(options.host, options.port) as place:
+        return _watch(options, place) if options.run is None else _play(options, options.run, place)
 
 
-def _watch(options: Options) -> int:
+def _watch(options: Options, place: serving.Place) -> int:
     """Show a robot that is up."""
     import os
 
     from delta3_pacdrive import parameters as core
 
-    parameters = core.load()
-    with _served(options, parameters, f'Delta-3 in {options.namespace}') as page:
-        from delta3_pacdrive.ros import live_view
+    with _announced(options, place):
+        parameters = core.load()
+        with _served(options, parameters, f'Delta-3 in {options.namespace}', place) as page:
+            page.wait(f'waiting for a robot in namespace {options.namespace}')
+            if serving.is_here(options.host) or options.control:
+                page.add_controls()
+            else:
+                page.note(
+                    'This page only shows the robot: `--control` lets people operate it from other machines.'
+                )
+            from delta3_pacdrive.ros import live_view
 
-        if serving.is_here(options.host) or options.control:
-            page.add_controls()
-        else:
-            page.note(
-                'This page only shows the robot: `--control` lets people operate it from other machines.'
-            )
-        os.nice(NICENESS)  # not before: people wait for the first picture
-        patience_s = float('inf') if options.wait else live_view.APPEAR_S
-        live_view.run(page, parameters, options.namespace, patience_s)
+            os.nice(NICENESS)  # not before: people wait for the first picture
+            patience_s = float('inf') if options.wait else live_view.APPEAR_S
+            live_view.run(page, parameters, options.namespace, patience_s)
     return 0
 
 
-def _play(options: Options, name: str) -> int:
+def _play(options: Options, name: str, place: serving.Place) -> int:
     """Show a run."""
     from delta3_pacdrive.analysis import runs
     from delta3_pacdrive.analysis.inputs import is_recording
-    from delta3_pacdrive.view import playback, workspace
+    from delta3_pacdrive.view import workspace
 
     if workspace.Volume.is_one(Path(name)):
-        return _show_volume(options, Path(name))
+        return _show_volume(options, Path(name), place)
     if not is_recording(name):
         announce_compilation(options.parameters)
     found = runs.load(name, options.parameters)
     require_obeyed(found, options.parameters)
+    from delta3_pacdrive.view import playback
+
     film = playback.Film(found)
     if film.run.robot_note:
         print(f'note: {film.run.robot_note}', file=sys.stderr)
-    with _served(options, film.robot, Path(name).name) as page:
+    with _announced(options, place), _served(options, film.robot, Path(name).name, place) as page:
         playback.run(page, film)
     return 0
 
 
-def _show_volume(options: Options, path: Path) -> int:
+def _show_volume(options: Options, path: Path, place: serving.Place) -> int:
     """Show the volume of a workspace around the robot."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.view import workspace
 
     robot, volume = core.load(options.parameters), workspace.Volume.load(path)
-    with _served(options, robot, path.name) as page:
+    with _announced(options, place), _served(options, robot, path.name, place) as page:
         workspace.run(page, robot, volume, path.name)
     return 0
 
 
 @contextmanager
-def _served(options: Options, parameters: 'Parameters', title: str) -> Iterator['Page']:
-    """Serve the page, and say where; who asks for its end before the first picture has it, too."""
-    from delta3_pacdrive.view.page import Page
-
-    page = Page(parameters, options.host, options.port or 0, title)
+def _announced(options: Options, place: serving.Place) -> Iterator[None]:
+    """Say where the page is, before it is made: browsers take as long to load it. Ctrl-C ends what follows."""
     try:
-        page.darken(options.dark)
-        print(f'the page is at {page.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
+        place.greet()
+        print(f'the page is at {place.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
         if options.open:
-            _open(page.url)
-        yield page
+            _open(place.url)
+        yield
     except KeyboardInterrupt:
         pass
+
+
+@contextmanager
+def _served(options: Options, parameters: 'Parameters', title: str, place: serving.Place) -> Iterator['Page']:
+    """Serve the page."""
+    with interrupts.answered_by(lambda: None):  # half a page would swallow a signal, or talk at its end
+        from delta3_pacdrive.view.page import Page
+
+        page = Page(parameters, place, title)
+    try:
+        if interrupts.asked():
+            raise KeyboardInterrupt
+        page.darken(options.dark)
+        yield page
     finally:
         page.close()
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.view import readout
@@ -19,7 +20,7 @@ from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
 from delta3_pacdrive.view.history import History
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
-from delta3_pacdrive.view.serving import address, own_pages_only, require_free, require_viser, taken
+from delta3_pacdrive.view.serving import Place, own_pages_only
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
 PICTURES_HZ = 30.5
@@ -40,7 +41,7 @@ class Page:
     ----------
     parameters
         Of the robot.
-    host, port
+    place
         Where it is served.
     title
         Above everything that is read.
@@ -57,17 +58,12 @@ class Page:
 
     """
 
-    def __init__(self, parameters: Parameters, host: str, port: int, title: str) -> None:
-        require_viser()
-        require_free(host, port)
+    def __init__(self, parameters: Parameters, place: Place, title: str) -> None:
         import viser
 
-        with own_pages_only(host), contextlib.redirect_stdout(io.StringIO()):  # it greets
-            self.server: Any = viser.ViserServer(host=host, port=port, label=title, verbose=False)
-        if port and self.server.get_port() != port:  # somebody was quicker
-            self.server.stop()
-            raise taken(host, port, 'Address already in use')
-        self.url = address(host, self.server.get_port())
+        with own_pages_only(place.host, place.take()), contextlib.redirect_stdout(io.StringIO()):  # it greets
+            self.server: Any = viser.ViserServer(host=place.host, port=place.port, label=title, verbose=False)
+        self.url = place.url
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
         self._tcp_m: Floats | None = None
@@ -112,6 +108,8 @@ class Page:
         # shadows cost as much as all the rest where there is no graphics processor
         scene.configure_default_lights(cast_shadow=False)
         self._figure = Figure(scene, parameters)
+        home = np.array(parameters.motion.home_m)  # until it is known where the robot is
+        self._figure.place(kinematics.inverse(home, parameters), home, None)
         self.forget()
         self._apply_looks()
 
@@ -161,6 +159,11 @@ class Page:
         paths = (self._boxes[name] for name in ('planned path', 'travelled path'))
         for handle in (self._bars, self._ghost, self._magnified, self._window, *paths):
             handle.visible = False
+
+    def wait(self, sentence: str) -> None:
+        """Say for what the page waits, until there is something to read."""
+        self._facts = Facts(waiting=sentence)
+        self._write()
 
     def note(self, sentence: str) -> None:
         """Show a sentence for good."""

@@ -2,9 +2,15 @@
 
 import contextlib
 import http
+import importlib
+import importlib.util
 import ipaddress
+import os
+import selectors
 import socket
+import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -14,6 +20,10 @@ HOST, PORT = '127.0.0.1', 8642
 EVERYWHERE = ('0.0.0.0', '::', '')  # noqa: S104 (what somebody may ask for)
 PORT_MAX = 65535
 PORTS = 20  # that are tried if none is asked for
+BACKLOG = 100
+LISTENING = 'DELTA3_LISTENING'  # number of the socket on which a process finds that others listen for it
+REQUEST_BYTES, GREETING_S = 65536, 2.0
+REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\nContent-Length: %d\r\n\r\n'
 
 
 def refusal(name: str, port: int | None) -> str:
@@ -54,29 +64,57 @@ def _is_ours(name: str, host: str, names: frozenset[str]) -> bool:
 
 def require_viser() -> None:
     """Raise RunError if the library of the page is not installed."""
-    import importlib.util
-
     if importlib.util.find_spec('viser') is None:
         raise RunError("the page needs viser: pip install '.[view]' in the folder of the sources")
 
 
-def require_free(host: str, port: int) -> None:
-    """Raise RunError if no page can be served there."""
+def _bound(host: str, port: int) -> socket.socket:
+    """Return a socket that listens there; raises RunError if no page can be served there."""
     try:
-        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, socket.SOCK_STREAM) as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind(address)
+        family, _, _, _, place = socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(place)
+            listener.listen(BACKLOG)
+        except OSError:
+            listener.close()
+            raise
     except OSError as error:
         raise taken(host, port, error.strerror or str(error)) from None
+    return listener
+
+
+def _first_free(host: str) -> socket.socket:
+    """Return a socket that listens on the first port that is free; raises RunError."""
+    for candidate in range(PORT, PORT + PORTS):
+        try:
+            return _bound(host, candidate)
+        except RunError as error:
+            last = error
+    raise last
+
+
+def _handed_over(port: int | None) -> socket.socket | None:
+    """Return the socket on which whoever has started this process listens for it, None if nobody does."""
+    given = os.environ.pop(LISTENING, '')
+    if not given:
+        return None
+    listener = socket.socket(fileno=int(given))
+    listener.set_inheritable(False)
+    if listener.getsockname()[1] == port:
+        return listener
+    listener.close()
+    return None
 
 
 @contextlib.contextmanager
-def port_for(host: str, port: int | None) -> Iterator[int]:
-    """Give the port of a page: the one that is asked for, else the first that is free.
+def held(host: str, port: int | None) -> Iterator['Place']:
+    """Hold the place of a page: the port that is asked for, else the first that is free.
 
-    The latter is held within the context: what comes before a page is served, such as compiling, may take long, and
-    other pages that look for a port meanwhile take another one.
+    It is held from here on: what comes before a page is served, such as compiling, may take long.
 
     Raises
     ------
@@ -85,23 +123,149 @@ def port_for(host: str, port: int | None) -> Iterator[int]:
 
     """
     require_viser()
-    if port is not None:
-        require_free(host, port)
-        yield port
-        return
-    for candidate in range(PORT, PORT + PORTS):
-        with socket.socket(socket.AF_UNIX) as claim:
-            try:
-                claim.bind(f'\0delta3_page_{candidate}')  # no file: it ends with the process
-                require_free(host, candidate)
-            except (RunError, OSError) as error:
-                last = (
-                    error if isinstance(error, RunError) else taken(host, candidate, 'Address already in use')
-                )
+    listener = _handed_over(port) or (_first_free(host) if port is None else _bound(host, port))
+    place = Place(host, listener)
+    try:
+        yield place
+    finally:
+        place.close()
+
+
+class Place:
+    """A port that is held for a page. Browsers that come before the page is there get the client, and wait.
+
+    To load the client takes a browser as long as it takes the page to be made; so both happen at once.
+
+    Parameters
+    ----------
+    host
+        Where the page is served.
+    listener
+        Listens there.
+
+    Attributes
+    ----------
+    port, url
+        Its port, and what a browser is told.
+
+    """
+
+    def __init__(self, host: str, listener: socket.socket) -> None:
+        self.host, self.port = host, int(listener.getsockname()[1])
+        self.url = address(host, self.port)
+        self._listener, self._is_held = listener, True
+        self._waiting: list[socket.socket] = []
+        self._greeter: threading.Thread | None = None
+        self._over, self._is_over = socket.socketpair()
+
+    def greet(self) -> None:
+        """Give browsers the client from now on, in a thread, until the page takes the listener over."""
+        client = client_file()
+        if client is not None and self._greeter is None:
+            self._greeter = threading.Thread(target=self._greet, args=(client,), daemon=True)
+            self._greeter.start()
+
+    def _greet(self, client: Path) -> None:
+        listener = self._listener
+        with selectors.DefaultSelector() as selector:
+            selector.register(listener, selectors.EVENT_READ)
+            selector.register(self._is_over, selectors.EVENT_READ)
+            while True:
+                for key, _ in selector.select():
+                    if key.fileobj is self._is_over:
+                        own = listener, self._is_over
+                        known = [registered.fileobj for registered in selector.get_map().values()]
+                        self._waiting += [
+                            one for one in known if isinstance(one, socket.socket) and one not in own
+                        ]
+                        return
+                    if key.fileobj is listener:
+                        with contextlib.suppress(OSError):
+                            selector.register(listener.accept()[0], selectors.EVENT_READ)
+                    elif isinstance(key.fileobj, socket.socket):
+                        selector.unregister(key.fileobj)
+                        self._answer(key.fileobj, client)
+
+    def _answer(self, connection: socket.socket, client: Path) -> None:
+        """Send the client if that is what a browser asks for; whatever else it wants waits for the page."""
+        try:
+            connection.settimeout(GREETING_S)
+            if asks_for_client(connection.recv(REQUEST_BYTES, socket.MSG_PEEK)):
+                connection.recv(REQUEST_BYTES)
+                content = client.read_bytes()
+                connection.sendall(REPLY % len(content) + content)
+                connection.close()
             else:
-                yield candidate
-                return
-    raise last
+                self._waiting.append(connection)
+        except OSError:  # the browser is gone
+            connection.close()
+
+    def inheritable(self) -> int:
+        """Return the number of the listener for a process that is started now, which ``held`` finds in LISTENING."""
+        self._listener.set_inheritable(True)
+        return self._listener.fileno()
+
+    def take(self) -> socket.socket:
+        """Return the listener for a server; who waits already is the first that it accepts."""
+        self._stop()
+        listener = _Listener(self._listener, self._waiting)
+        self._is_held, self._waiting = False, []
+        return listener
+
+    def _stop(self) -> None:
+        self._over.close()
+        if self._greeter is not None:
+            self._greeter.join()
+        self._is_over.close()
+
+    def close(self) -> None:
+        """Hold it no longer, unless a server has it."""
+        self._stop()
+        if self._is_held:
+            for one in (*self._waiting, self._listener):
+                one.close()
+            self._is_held, self._waiting = False, []
+
+
+class _Listener(socket.socket):
+    """A socket that listens, of which some connections are accepted already: they come first."""
+
+    def __init__(self, listener: socket.socket, waiting: list[socket.socket]) -> None:
+        super().__init__(listener.family, listener.type, listener.proto, fileno=listener.detach())
+        self._accepted = waiting
+        self._knock: Any = None
+        if waiting:  # a server looks at its listener only when somebody comes
+            with socket.socket(self.family, self.type) as knock:
+                knock.connect(self.getsockname())
+                self._knock = knock.getsockname()
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        if self._accepted:
+            return self._accepted.pop(0), ()
+        connection, address = super().accept()
+        if address == self._knock:
+            self._knock = None
+            connection.close()
+            raise BlockingIOError
+        return connection, address
+
+
+def client_file() -> Path | None:
+    """Return the client that viser serves, None where this viser has none in one file."""
+    found = importlib.util.find_spec('viser')
+    for folder in (found and found.submodule_search_locations) or ():
+        client = Path(folder) / 'client' / 'build' / 'index.html'
+        if client.is_file():
+            return client
+    return None
+
+
+def asks_for_client(request: bytes) -> bool:
+    """Whether a request is that of a browser for the page itself, and a whole one."""
+    line, _, headers = request.partition(b'\r\n')
+    method, _, target = line.partition(b' ')
+    asked = method == b'GET' and target.partition(b' ')[0].partition(b'?')[0] == b'/'
+    return asked and headers.endswith(b'\r\n\r\n') and b'upgrade: websocket' not in headers.lower()
 
 
 def taken(host: str, port: int, reason: str) -> RunError:
@@ -137,21 +301,19 @@ def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str])
 
 
 @contextlib.contextmanager
-def own_pages_only(host: str) -> Iterator[None]:
-    """Let the servers that viser starts meanwhile turn away the pages of others; viser asks nobody where he is from."""
-    import importlib
-
+def own_pages_only(host: str, listener: socket.socket) -> Iterator[None]:
+    """Let the server that viser starts meanwhile listen there, and turn away the pages of others; viser asks nobody."""
     server: Any = importlib.import_module('websockets.asyncio.server')
     plain, names = server.serve, own_names(host)
 
-    def serve(*arguments: Any, process_request: Any, **options: Any) -> Any:
+    def serve(handler: Any, *_: Any, process_request: Any, **options: Any) -> Any:
         def judged(connection: Any, request: Any) -> Any:
             headers = request.headers
             if is_foreign(headers.get('Origin'), headers.get('Host', ''), host, names):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
             return process_request(connection, request)
 
-        return plain(*arguments, process_request=judged, **options)
+        return plain(handler, sock=listener, process_request=judged, **options)
 
     server.serve = serve
     try:

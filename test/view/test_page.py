@@ -17,7 +17,7 @@ from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
 from delta3_pacdrive.view.page import Page  # it needs no viser before it is made
-from delta3_pacdrive.view.serving import HOST, port_for
+from delta3_pacdrive.view.serving import HOST, held
 
 WAIT_S = 60.0  # a browser without a graphics card, on a machine that has other things to do
 WIDTH, HEIGHT = 1280, 800
@@ -40,8 +40,8 @@ def wait_for(condition, what, seconds=WAIT_S):
 @pytest.fixture(scope='module')
 def page(robot):
     """Return a page with controls."""
-    with port_for(HOST, None) as port:
-        made = Page(robot, HOST, port, 'a robot of the tests')
+    with held(HOST, None) as place:
+        made = Page(robot, place, 'a robot of the tests')
     made.add_controls()
     try:
         yield made
@@ -166,12 +166,13 @@ def test_two_browsers_see_the_same_and_one_may_go(page, visit, browser, robot):
 
 
 def test_the_page_connects_again_when_it_is_served_again(robot, browser):
-    with port_for(HOST, None) as port:
-        first = Page(robot, HOST, port, 'one')
+    with held(HOST, None) as place:
+        first = Page(robot, place, 'one')
     with Visit(browser, first.url, WIDTH, HEIGHT) as visit:
         wait_for(lambda: first.watched, 'the browser connects')
         first.close()
-        again = Page(robot, HOST, int(first.url.rpartition(':')[2]), 'another one')
+        with held(HOST, int(first.url.rpartition(':')[2])) as place:
+            again = Page(robot, place, 'another one')
         try:
             wait_for(lambda: again.watched, 'the browser has found the new page')
             again.read(Facts(state='idle', phase='CP4', cycle=77))
@@ -182,8 +183,8 @@ def test_the_page_connects_again_when_it_is_served_again(robot, browser):
 
 
 def test_a_page_that_nobody_may_operate_has_no_buttons(robot, browser):
-    with port_for(HOST, None) as port:
-        page = Page(robot, HOST, port, 'only to look at')
+    with held(HOST, None) as place:
+        page = Page(robot, place, 'only to look at')
     try:
         page.note('This page only shows the robot.')
         with Visit(browser, page.url, WIDTH, HEIGHT) as visit:

@@ -1,8 +1,11 @@
 """Facts about where the page is served."""
 
+import os
 import socket
 import subprocess
 import sys
+import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
 import pytest
@@ -10,6 +13,8 @@ import pytest
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
 from delta3_pacdrive.view.page import Page
+
+WAIT_S = 30.0
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
@@ -29,8 +34,8 @@ def taken():
 
 
 def chosen(host, port=None):
-    with serving.port_for(host, port) as found:
-        return found
+    with serving.held(host, port) as place:
+        return place.port
 
 
 def test_a_port_that_is_taken_is_refused_in_one_sentence(taken):
@@ -53,18 +58,71 @@ def test_a_port_that_nobody_asked_for_is_one_that_is_free():
 def test_a_port_is_held_until_its_page_is_served():
     look = (
         f'from delta3_pacdrive.view import serving; serving.PORT = {serving.PORT};'
-        f'print(serving.port_for({serving.HOST!r}, None).__enter__())'
+        f'print(serving.held({serving.HOST!r}, None).__enter__().port)'
     )
-    with serving.port_for(serving.HOST, None) as first:
+    with serving.held(serving.HOST, None) as place:
+        first = place.port
         other = subprocess.run([sys.executable, '-c', look], capture_output=True, text=True, check=True)
         assert first < int(other.stdout) < serving.PORT + serving.PORTS
     assert chosen(serving.HOST) == first
 
 
+def test_a_port_that_is_asked_for_is_held_as_well():
+    with serving.held(serving.HOST, None) as place:
+        port = place.port
+    with serving.held(serving.HOST, port), pytest.raises(RunError, match='Address already in use'):
+        chosen(serving.HOST, port)
+    assert chosen(serving.HOST, port) == port
+
+
+def test_a_browser_that_comes_before_the_page_has_its_client_at_once_and_then_the_page(robot):
+    from websockets.sync.client import connect
+
+    with serving.held(serving.HOST, None) as place, ThreadPoolExecutor(1) as other:
+        place.greet()
+        with urllib.request.urlopen(f'{place.url}/', timeout=WAIT_S) as client:
+            assert client.read() == serving.client_file().read_bytes()
+        early = other.submit(connect, place.url.replace('http', 'ws'), open_timeout=WAIT_S)
+        with pytest.raises(TimeoutError):
+            early.result(0.5)
+        page = Page(robot, place, 'a robot of the tests')
+        try:
+            with early.result(WAIT_S):
+                pass
+            with connect(place.url.replace('http', 'ws'), open_timeout=WAIT_S):  # and whoever comes later
+                pass
+        finally:
+            page.close()
+
+
+def test_a_process_finds_the_listener_that_it_was_handed(monkeypatch):
+    with serving.held(serving.HOST, None) as place:
+        monkeypatch.setenv(serving.LISTENING, str(os.dup(place.inheritable())))
+        with serving.held(serving.HOST, place.port) as handed:
+            assert handed.port == place.port
+        assert serving.LISTENING not in os.environ
+
+
+@pytest.mark.parametrize(
+    ('request_of', 'asked'),
+    [
+        (b'GET / HTTP/1.1\r\nHost: a\r\n\r\n', True),
+        (b'GET /?dark HTTP/1.1\r\nHost: a\r\n\r\n', True),
+        (b'GET / HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\n\r\n', False),
+        (b'GET / HTTP/1.1\r\nHos', False),
+        (b'GET /other HTTP/1.1\r\nHost: a\r\n\r\n', False),
+        (b'POST / HTTP/1.1\r\nHost: a\r\n\r\n', False),
+        (b'', False),
+    ],
+)
+def test_only_who_asks_for_the_page_itself_has_the_client(request_of, asked):
+    assert serving.asks_for_client(request_of) is asked
+
+
 def test_where_every_port_is_taken_one_sentence_says_so():
     with ExitStack() as stack:
         for _ in range(serving.PORTS):
-            stack.enter_context(serving.port_for(serving.HOST, None))
+            stack.enter_context(serving.held(serving.HOST, None))
         last = serving.PORT + serving.PORTS - 1
         with pytest.raises(
             RunError, match=f'^cannot serve the page on port {last} of .*: Address already in use$'
@@ -142,8 +200,8 @@ def test_a_page_of_others_cannot_connect(robot):
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    with serving.port_for(serving.HOST, None) as port:
-        page = Page(robot, serving.HOST, port, 'a robot of the tests')
+    with serving.held(serving.HOST, None) as place:
+        page = Page(robot, place, 'a robot of the tests')
     try:
         there = page.url.replace('http', 'ws')
         with connect(there, origin=page.url):

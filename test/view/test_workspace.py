@@ -8,7 +8,7 @@ from delta3_pacdrive.analysis.workspace import evaluation, report
 from delta3_pacdrive.analysis.workspace.study import Settings
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion.capability import REACHED
-from delta3_pacdrive.view.serving import HOST, port_for
+from delta3_pacdrive.view.serving import HOST, held
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
@@ -78,8 +78,8 @@ def test_the_legend_tells_the_values_of_its_colours(scale):
 
 
 def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
-    with port_for(HOST, None) as port:
-        page = Page(robot, HOST, port, 'volume')
+    with held(HOST, None) as place:
+        page = Page(robot, place, 'volume')
     try:
         Slices(page, volume)
         with Visit(browser, page.url) as visit:
