@@ -44,11 +44,16 @@ class Oscilloscope:
         self.per_exchange = len(robot.drives[0].currents)
         self._row = 0
 
-    def begin_cycle(self, commands: Iterable[float], control: int) -> list[int]:
+    def begin_cycle(
+        self, commands: Iterable[float], control: int, torques: Iterable[float] = (0.0, 0.0, 0.0)
+    ) -> list[int]:
         """Begin a bus cycle of the drives; return their status words S-0-0135."""
         shafts = np.reshape(self._robot.plant.shafts(), (3, 3)).T.tolist()
-        told = zip(self._robot.drives, commands, shafts, strict=True)
-        return [drive.begin_cycle(command, control, *shaft) for drive, command, shaft in told]
+        told = zip(self._robot.drives, commands, torques, shafts, strict=True)
+        return [
+            drive.begin_cycle(command, control, position, speed, coupling, torque=torque)
+            for drive, command, torque, (position, speed, coupling) in told
+        ]
 
     def exchange(self, payload_kg: float | None = None, add: Add = lambda i, row, state: ()) -> None:
         """Run drives and plant from one exchange to the next.

@@ -16,10 +16,10 @@ from delta3_pacdrive.analysis.run_signals import currents_of, derivatives
 from delta3_pacdrive.analysis.runs import DrivenMove, Run, differing
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
-QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
+QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     DERIVED_SIGNALS,
     SIGNALS,
+    TORQUE_SIGNALS,
     TRUE_SIGNALS,
     columns_of,
 )
@@ -232,7 +233,8 @@ def tcp_speed(trace: Trace) -> Figure:
 
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
-    unit, meaning = (SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS)[signal]
+    known = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
+    unit, meaning = known[signal]
     labels = [f'{name} ({of_column})' for name, of_column in columns_of(signal, unit)]
     run = program_part(trace)
     return _three_panels(run, meaning, labels, run[signal])

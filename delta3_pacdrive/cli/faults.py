@@ -32,6 +32,9 @@ class Options(JsonOptions):
     only: str | None = option('run: only lines that hold this text', 'TEXT', only=('run',))
     csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
     logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=folder, only=('run',))
+    parameters: str | None = option(
+        'run: parameter file of the robot instead of the packaged one', 'FILE', only=('run',)
+    )
     namespace: str = option('inject: ROS namespace of the robot', default='/', only=('inject',))
 
     def check(self) -> str:
@@ -93,8 +96,9 @@ def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive.verification.fault_catalogue.cases import Outcome, cases
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
+    robot = core.load(options.parameters)
     todo = cases(options.short, options.only or '')
-    announce_compilation()
+    announce_compilation(options.parameters)
     if not options.json:
         print(columns(HEADINGS), flush=True)
     outcomes: list[Outcome] = []
@@ -109,7 +113,13 @@ def _run_catalogue(options: Options) -> int:
                     print(line_of(outcome.to_row()), flush=True)
                 progress.show(f'{len(outcomes)} of {len(todo)} cases', len(outcomes), len(todo))
 
-            run_catalogue(todo, options.logs, outcomes, show)
+            run_catalogue(
+                todo,
+                options.logs,
+                outcomes,
+                show,
+                core.find(options.parameters) if options.parameters else None,
+            )
     except KeyboardInterrupt:
         ended = 'interrupted'
     except RunError as error:
@@ -117,11 +127,11 @@ def _run_catalogue(options: Options) -> int:
     rows = [outcome.to_row() for outcome in outcomes]
     bad = [row for row in rows if not row['ok']]
     if options.csv and rows:
-        origin = Provenance.of(options.command_line, core.load())
+        origin = Provenance.of(options.command_line, robot)
         write_table(options.csv, list(rows[0]), (list(row.values()) for row in rows), origin)
     if options.json:
         result = {'ok': not bad and not ended, 'ended': ended, 'cases': rows}
-        print_json(result, options, core.load())
+        print_json(result, options, robot)
     else:
         print(f'{len(rows)} of {len(todo)} cases, {len(rows) - len(bad)} as expected; * in the exercise')
     if ended:

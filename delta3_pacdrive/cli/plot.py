@@ -10,12 +10,18 @@ from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, argument, option
 from delta3_pacdrive.cli.run_options import WindowOptions
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, DERIVED_SIGNALS, SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    DERIVED_SIGNALS,
+    SIGNALS,
+    TORQUE_SIGNALS,
+    TRUE_SIGNALS,
+)
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
 
-KNOWN = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
+KNOWN = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
 
 
 def _signals(text: str) -> list[str]:

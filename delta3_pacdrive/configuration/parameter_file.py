@@ -61,9 +61,11 @@ def checked_groups(tree: Tree, groups: Mapping[str, Any], errors: Errors) -> dic
 
 def _checked_group(given: Any, group: str, cls: Any, errors: Errors) -> dict[str, Any]:
     """Return the values of a group that are good."""
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    if given is None and all(f.default is not dataclasses.MISSING for f in fields.values()):
+        given = {}
     if not isinstance(given, dict):
         refuse(f'missing parameter group {group}')
-    fields = {f.name: f for f in dataclasses.fields(cls)}
     values = {}
     for key, f in fields.items():
         name = f'{group}.{key}'

@@ -20,6 +20,7 @@ class Command(NamedTuple):
     """What the MDT of a bus cycle says to the drives."""
 
     motors: Floats  # (3,) motor shafts [rad], on the increment grid; the next command overwrites them
+    torques: Floats  # (3,) of the motors [N m], S-0-0081, where the robot's parameters ask for them; else 0
     control: int  # S-0-0134
     payload: float  # [kg], gripped
 
@@ -74,7 +75,7 @@ class ControllerCycle:
     def command(self, cycle: int) -> Command:
         """Return the command of the next cycle."""
         motors = self._task.command(cycle)
-        return Command(motors, self._task.control(cycle), self._task.payload)
+        return Command(motors, self._task.torques, self._task.control(cycle), self._task.payload)
 
     def evaluate(
         self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool

@@ -21,12 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.dynamics import INERTIA, motion_terms, multiply
 from delta3_pacdrive.kinematics import GEOMETRY, arm_angles, plate_position
 from delta3_pacdrive.motion.execution import profile_at
-from delta3_pacdrive.motion.plan import plan_path_at
+from delta3_pacdrive.motion.path_dynamics import arm_motion
+from delta3_pacdrive.motion.plan import plan_motion_at, plan_path_at
+from delta3_pacdrive.motor import MOTOR, friction_torque
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.numerics.vector3 import triple
+from delta3_pacdrive.numerics.vector3 import combine, triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.increments import on_grid
 
@@ -69,6 +72,10 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'extrapolation': lambda p: p.following_error_delay_cycles,  # [cycles], of the actual value (7.3)
     'set_point_delay': lambda p: p.set_point_delay_cycles,  # [cycles], of the actual TCP behind the command
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
+    'sends_torque': lambda p: p.sends_torque,
+    'torque_lead': lambda p: p.drive.position_period_s + p.torque_dead_time_s,  # [s]: see feed_forward
+    # m_nt [kg] without payload
+    'empty_plate': lambda p: p.dynamics.plate_total_mass_kg - p.dynamics.payload_mass_kg,
 }
 CONSTANTS = np.dtype([(name, 'f8') for name in _CONSTANTS], align=True)
 
@@ -89,7 +96,10 @@ TASK = np.dtype(
         ('state', STATE),
         ('constants', CONSTANTS),
         ('geometry', GEOMETRY),
+        ('inertia', INERTIA),  # with the payload of the feed-forward
+        ('motor', MOTOR),
         ('motors', 'f8', (3,)),  # motor commands [rad]
+        ('torques', 'f8', (3,)),  # that the motors are to have beside them [N m], else 0
         ('answer', ANSWER),  # of the last cycle that was evaluated
     ],
     align=True,
@@ -120,7 +130,7 @@ def command_cycle(cycle, task, timeline):
     if cycle >= s.start_cycle:
         time = (cycle - profile.cycle) * c.cycle_time
         number, s.master, s.master_speed, _ = profile_at(time, s.move, timeline)
-        _switch_outputs(number, cycle >= s.end_cycle and profile.held == 0, tables, s)
+        _switch_outputs(number, _is_over(cycle, s, profile), tables, s)
         p = plan_path_at(s.master, number, tables)
         has_angles = tables.moves[tables.order[number]].joints == 1
         if has_angles:
@@ -135,6 +145,69 @@ def command_cycle(cycle, task, timeline):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
         task[0].motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
+    if c.sends_torque != 0.0:
+        feed_forward(cycle, task, timeline)
+
+
+@kernel
+def _is_over(cycle, s, profile):
+    """Whether a program has come to its end in a cycle, and not to a stop; ``profile`` is that of the timeline."""
+    return cycle >= s.end_cycle and profile.held == 0
+
+
+@kernel
+def feed_forward(cycle, task, timeline):
+    """Fill the ``torques`` of the task [N m]: what moves the motors as the set points ask for.
+
+    The torque of MDT(k) is reached at the start of cycle k + 2, and works a dead time later. The set points are one
+    step of the fine interpolation ahead of their cycle: of that instant of the motion the torque has to be. What is
+    gripped then is what MDT(k + 1) tells.
+    """
+    s, c, tables = task[0].state, task[0].constants, timeline.tables
+    n, g, m = task[0].inertia, task[0].geometry, task[0].motor
+    payload = s.payload
+    place, speed, acceleration = triple(s.tcp), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    theta = triple(s.theta_history[cycle % HISTORY])
+    if (s.start_cycle - cycle) * c.cycle_time <= c.torque_lead:
+        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + c.torque_lead
+        number, distance, v, a = profile_at(time, s.move, timeline)
+        place, first, second = plan_motion_at(distance, number, tables)
+        if tables.moves[tables.order[number]].joints == 1:
+            theta = place
+            speed = (first[0] * v, first[1] * v, first[2] * v)
+            acceleration = combine(a, first, v * v, second, 0.0, second)
+        else:
+            theta = arm_angles(place, g)
+            speed, acceleration = arm_motion(theta, (place, first, second), v, a, g)
+    if s.start_cycle <= cycle + 1:
+        payload = _payload_at(cycle + 1, task, timeline)
+    n.plate = c.empty_plate + payload
+    mass, bias = motion_terms(theta, speed, g, n)
+    inertial = multiply(mass, acceleration)
+    for i in range(3):
+        friction = friction_torque(c.gear_ratio * speed[i], m)
+        task[0].torques[i] = (inertial[i] + bias[i]) / c.gear_ratio + friction
+
+
+@kernel
+def _payload_at(cycle, task, timeline):
+    """Payload [kg] once the events of a coming cycle have happened; none of them happens here."""
+    s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
+    time = (cycle - profile.cycle) * c.cycle_time
+    number, master, _, _ = profile_at(time, s.move, timeline)
+    over = _is_over(cycle, s, profile)
+    payload, event = s.payload, s.event
+    for driven in range(s.move, number + 1):
+        move = tables.moves[tables.order[driven]]
+        while event < move.events:
+            row = move.first_event + event
+            if driven == number and not over and tables.events[row, 0] > master:
+                return payload
+            if tables.events[row, 3] >= 0.0:
+                payload = tables.events[row, 3]
+            event += 1
+        event = 0
+    return payload
 
 
 @kernel

@@ -20,12 +20,14 @@ from delta3_pacdrive.controller.task_arrays import (
     stand_at,
     task_constants,
 )
+from delta3_pacdrive.dynamics import inertia
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import rest
+from delta3_pacdrive.motor import motor
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -68,9 +70,9 @@ class Transformation:
 
     Attributes
     ----------
-    record, state, motors, answer
-        Arrays of the compiled code: one record ``TASK``, its state, its commands [rad], what the answers of a cycle
-        give (``ANSWER``).
+    record, state, motors, torques, answer
+        Arrays of the compiled code: one record ``TASK``, its state, its commands [rad] and [N m], what the answers of a
+        cycle give (``ANSWER``).
     timeline, loaded
         The program in bus time, and whether it is loaded.
     next_cycle
@@ -88,8 +90,10 @@ class Transformation:
         self._parameters = parameters
         self.record = record = np.zeros(1, TASK)
         record['constants'], record['geometry'] = task_constants(parameters), geometry(parameters.kinematics)
+        record['inertia'], record['motor'] = inertia(parameters), motor(parameters)
         self.state: NDArray[Any] = record['state']
         self.motors: Floats = record['motors'][0]
+        self.torques: Floats = record['torques'][0]
         self.answer: np.void = record['answer'][0]
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)

@@ -12,6 +12,10 @@ Arguments of the kernels of this room:
     Of the motor shaft [rad], [rad/s].
 ``command``, ``control``
     Motor shaft [rad] and control word S-0-0134 of an MDT.
+``torque``
+    Additive torque command of an MDT [N m].
+``follows``
+    Whether the drive follows its commands.
 ``current``, ``mean_current``, ``feedforward``
     I_eff [A]: of the end stage, the mean of a period, what is added to the reference.
 ``voltage_max``
@@ -93,6 +97,12 @@ STATE = np.dtype(
         ('command', 'f8'),
         ('command_before', 'f8'),
         ('command_before_that', 'f8'),
+        # additive torque commands [N m], which work as commands do
+        ('next_torque', 'f8'),
+        ('torque', 'f8'),
+        ('torque_before', 'f8'),
+        ('torque_before_that', 'f8'),
+        ('torque_works', 'i8'),  # whether it is in the current reference, beside the integrator
         # loops
         ('step', 'i8'),  # current-loop period within the bus cycle
         ('reference', 'f8'),  # interpolated set point [rad]
@@ -174,6 +184,7 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('steps_per_position', 'i8', lambda p: round(p.drive.position_period_s / p.drive.current_period_s)),
     ('steps_per_velocity', 'i8', lambda p: round(p.drive.velocity_period_s / p.drive.current_period_s)),
     ('positions_per_cycle', 'f8', lambda p: round(p.bus.cycle_time_s / p.drive.position_period_s)),
+    ('takes_torque', 'i8', lambda p: p.sends_torque),  # whether an MDT has an additive torque command
     ('cubic', 'i8', lambda p: p.drive.interpolation == CUBIC),  # fine interpolation
     ('position_gain', 'f8', lambda p: p.drive.position_gain_rad_s_rad),
     ('velocity_gain', 'f8', lambda p: p.drive.velocity_gain_a_s_rad),

@@ -105,6 +105,29 @@ def current_feedforward(s, c):
 
 
 @kernel
+def torque_feedforward(follows, s, c):
+    """Current [A] of the additive torque command beyond that of the drive's own feed-forward.
+
+    Whether a drive follows commands or not, the torque stays where it is: what the command has held so far the
+    integrator takes over when a stop begins, and gives back when the drive follows again.
+    """
+    if not follows and s.torque_works == 0:
+        return 0.0
+    passed = (s.step + 0.5 * c.steps_per_velocity) / c.steps_per_cycle
+    way = passed * (s.torque - s.torque_before)
+    if c.cubic != 0:
+        now = s.torque - s.torque_before
+        way = cubic_way(s.torque_before - s.torque_before_that, now, s.next_torque - s.torque, passed)
+    current = (s.torque_before + way) / c.torque_constant - current_feedforward(s, c)
+    if follows and s.torque_works == 0:
+        s.velocity_integral -= current
+    elif not follows:
+        s.velocity_integral += current
+    s.torque_works = 1 if follows else 0
+    return current if follows else 0.0
+
+
+@kernel
 def current_loop(voltage_max, s, c):
     """Form the voltage for the next period (one period of computing delay)."""
     s.current_reference_filtered += c.current_reference_smoothing * (

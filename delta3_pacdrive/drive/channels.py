@@ -78,6 +78,7 @@ class Channel:
 # fmt: off
 _ROWS = (
     Channel('position_command', 'rad', 'set point that is valid in this bus cycle', ('command',)),
+    Channel('torque_command', 'N m', 'additive torque command that is valid in this bus cycle', ('torque',)),
     Channel('position_reference', 'rad', 'set point of the position loop, interpolated every 250 us', ('reference',)),
     Channel('following_error', 'rad', 'that is supervised, once in a bus cycle', ('following_error',)),
     Channel('speed_reference', 'rad/s', 'of the position loop, with feed-forward', ('speed_reference',)),

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from enum import Enum, auto
+from typing import NamedTuple
 
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.faults.effects import apply_to_drive
@@ -12,8 +13,17 @@ from delta3_pacdrive.sercos.service_channel import Access, Answer
 from delta3_pacdrive.sercos.service_slave import ServiceSlave
 
 PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
-Command = tuple[float, int, int, float]  # position, control word, word of the service channel, payload
 Shaft = tuple[float, float, float]  # position, speed, coupling torque
+
+
+class Command(NamedTuple):
+    """An MDT says this to a drive: shaft [rad], S-0-0134, word of the service channel, payload [kg], torque [N m]."""
+
+    position: float
+    control: int
+    service: int
+    payload: float
+    torque: float = 0.0
 
 
 class Taken(Enum):
@@ -160,10 +170,10 @@ class DriveClock:
                     apply_to_drive(drive.state[0], self._axis, changes, self._faults.active, self._dc_link_v)
                 command = self._commands.pop(cycle, None)
                 if command is not None:
-                    position, control, service, payload = command
+                    position, control, service, payload, torque = command
                     self._last_taken = cycle, command
                     self.service.received(service)
-                    status = drive.begin_cycle(position, control, *shaft, payload)
+                    status = drive.begin_cycle(position, control, *shaft, payload, torque)
                 elif cycle in self._lost or self._newest > cycle or self._parting:
                     self._lost.discard(cycle)
                     status = drive.extrapolate_cycle(*shaft)

@@ -43,7 +43,7 @@ def _encoder(position, s, c):
 
 
 @kernel
-def mc4_begin_cycle(received, command, control, shaft, drives, i):
+def mc4_begin_cycle(received, command, torque, control, shaft, drives, i):
     """Synchronise to a bus cycle: telegram (or its loss), encoder sample, state machine.
 
     Parameters
@@ -52,6 +52,8 @@ def mc4_begin_cycle(received, command, control, shaft, drives, i):
         Whether the MDT is there.
     command
         Motor shaft that it commands [rad].
+    torque
+        Torque that it commands beside it [N m].
     control
         Its control word S-0-0134.
     shaft
@@ -77,7 +79,7 @@ def mc4_begin_cycle(received, command, control, shaft, drives, i):
     if s.started == 0:
         s.last_sampled = s.sampled_position
     if received:
-        state_machine.accept_telegram(command, control, s)
+        state_machine.accept_telegram(command, torque, control, s)
     else:
         state_machine.extrapolate_telegram(s)
     state_machine.advance_state(s, c)
@@ -127,8 +129,12 @@ def _run_sample(n, start_speed, drives, i, currents):
                 # the difference would span the observer's reset
                 actual = start_speed
             feedforward = 0.0
-            if state_machine.follows(s):
+            follows = state_machine.follows(s)
+            if follows:
                 feedforward = cascade.current_feedforward(s, c)
+            if c.takes_torque != 0:
+                feedforward += cascade.torque_feedforward(follows, s, c)
+            if follows:
                 if s.step % c.steps_per_position == 0:
                     cascade.position_loop(s, c)
             elif s.halt_done != 0:
@@ -269,12 +275,13 @@ class MC4:
         speed: float,
         coupling: float,
         payload: float | None = None,
+        torque: float = 0.0,
     ) -> int:
         """Synchronise to the MDT of a cycle, fill ``answer`` and return the status word S-0-0135.
 
         Parameters
         ----------
-        command, control, payload
+        command, control, payload, torque
             Of the MDT of this cycle; they take effect in the next one. No payload: it stays as it is.
         position, speed, coupling
             True shaft at the start of the cycle: [rad], [rad/s], d [N m].
@@ -284,13 +291,17 @@ class MC4:
         if payload is not None:
             self._next_payload = payload
         return int(
-            mc4_begin_cycle(True, command, control, (position, speed, coupling), self._drives, self._place)
+            mc4_begin_cycle(
+                True, command, torque, control, (position, speed, coupling), self._drives, self._place
+            )
         )
 
     def extrapolate_cycle(self, position: float, speed: float, coupling: float) -> int:
         """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
-        return int(mc4_begin_cycle(False, 0.0, 0, (position, speed, coupling), self._drives, self._place))
+        return int(
+            mc4_begin_cycle(False, 0.0, 0.0, 0, (position, speed, coupling), self._drives, self._place)
+        )
 
     def configure(self, parameters: Parameters) -> None:
         """Take over other gains, feed-forwards, filters and limits from the next cycle on."""

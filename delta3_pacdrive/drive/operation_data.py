@@ -27,7 +27,7 @@ from delta3_pacdrive.drive.diagnostics import (
     class_2_diagnostic,
 )
 from delta3_pacdrive.errors import shown
-from delta3_pacdrive.parameters import INTERPOLATIONS, groups
+from delta3_pacdrive.parameters import FEED_FORWARDS, INTERPOLATIONS, groups
 from delta3_pacdrive.sercos.service_channel import (
     ERROR_TEXTS,
     Access,
@@ -222,6 +222,8 @@ _GROUPS = {
         _row('P-0-0004', 'Exchange period with the plant', 's', 'bus.exchange_period_s'),
         _row('P-0-0005', 'Fine interpolation (0 linear, 1 cubic)', ONE, 'drive.interpolation',
              formula=INTERPOLATIONS.index),
+        _row('P-0-0006', 'Torque feed-forward (0 inertia, 1 model)', ONE, 'control.feed_forward',
+             formula=FEED_FORWARDS.index),
     ),
     Group.ENCODER: (
         _row('S-0-0079', 'Rotational position resolution', 'increments', 'bus.increments_per_rev'),
@@ -257,6 +259,7 @@ _GROUPS = {
         _row('S-0-0051', 'Position feedback value 1 (motor feedback)', 'rad', 'sampled_position'),
         _row('S-0-0080', 'Torque command value', 'N m',
              'motor.torque_constant_n_m_a', 'current_reference', formula=operator.mul),
+        _row('S-0-0081', 'Additive torque command value', 'N m', 'torque'),
         _row('S-0-0084', 'Torque feedback value', 'N m',
              'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
         _row('S-0-0189', 'Following distance', 'rad', 'following_error'),

@@ -34,16 +34,19 @@ STILL_CYCLES = 20  # without a change of the command, after which the master has
 
 
 @kernel
-def accept_telegram(command, control, s):
+def accept_telegram(command, torque, control, s):
     """Store the MDT of this cycle and make that of the last one valid, in this drive as in all."""
     if s.started == 0:
         s.started = 1
         first = command if math.isfinite(command) else s.sampled_position
         s.next_command = s.command = s.command_before = first
+        s.next_torque = s.torque = s.torque_before = torque if math.isfinite(torque) else 0.0
         s.next_control = 0
         s.state = READY if s.fault == NO_FAULT else FAULT
     _validate_last(s)
     s.next_command = command
+    if math.isfinite(torque):
+        s.next_torque = torque
     s.next_control = control
     count_telegram(s)
 
@@ -55,6 +58,9 @@ def _validate_last(s):
     s.command_before = s.command
     if math.isfinite(s.next_command):
         s.command = s.next_command
+    s.torque_before_that = s.torque_before
+    s.torque_before = s.torque
+    s.torque = s.next_torque
     s.control = s.next_control
 
 
@@ -62,11 +68,12 @@ def _validate_last(s):
 def extrapolate_telegram(s):
     """Go on without the MDT of this cycle: the command that is due is extrapolated at constant speed.
 
-    Control words stay as they are. Two losses in a row or ten in a window are a fault (8112).
+    Additive torque and control words stay as they are. Two losses in a row or ten in a window are a fault (8112).
     """
     if s.started == 0:
         s.started = 1
         s.next_command = s.command = s.command_before = s.sampled_position
+        s.next_torque = s.torque = s.torque_before = 0.0
         s.next_control = 0
         s.state = READY if s.fault == NO_FAULT else FAULT
     _validate_last(s)
@@ -120,6 +127,7 @@ def switch_on(s, c):
     """Close the current loop with the torque that the load asks for, so that the arm will not sag."""
     hold = clamp(s.coupling / c.torque_constant, c.current_max)
     s.velocity_integral = hold
+    s.torque_works = 0
     s.current_reference = hold
     s.current_reference_filtered = hold
     s.current_filtered = 0.0

@@ -47,6 +47,33 @@ def path_at(s, segments, first, count):
 
 
 @kernel
+def _first(c, n, u, segments):
+    """First derivative by the distance [1] of the coordinate whose coefficients begin in a column."""
+    c1, c2, c3 = segments[n, c + 1], segments[n, c + 2], segments[n, c + 3]
+    c4, c5 = segments[n, c + 4], segments[n, c + 5]
+    return c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+
+
+@kernel
+def _second(c, n, u, segments):
+    """Second derivative by the distance [1/m] of the coordinate whose coefficients begin in a column."""
+    c2, c3, c4, c5 = segments[n, c + 2], segments[n, c + 3], segments[n, c + 4], segments[n, c + 5]
+    return 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
+
+
+@kernel
+def path_motion_at(s, segments, first, count):
+    """Position [m], its first derivative by the distance [1] and the second [1/m] at distance ``s``."""
+    n = row_at(s, segments, first, first + count - 1)
+    u = s - segments[n, 0]
+    return (
+        (_value(1, n, u, segments), _value(7, n, u, segments), _value(13, n, u, segments)),
+        (_first(1, n, u, segments), _first(7, n, u, segments), _first(13, n, u, segments)),
+        (_second(1, n, u, segments), _second(7, n, u, segments), _second(13, n, u, segments)),
+    )
+
+
+@kernel
 def _sample(distances, segments, out):
     """Fill ``out`` with what the path is at each distance."""
     for i in range(distances.shape[0]):
@@ -54,11 +81,10 @@ def _sample(distances, segments, out):
         u = distances[i] - segments[n, 0]
         for axis in range(3):
             c = 1 + 6 * axis
-            c1, c2, c3 = segments[n, c + 1], segments[n, c + 2], segments[n, c + 3]
-            c4, c5 = segments[n, c + 4], segments[n, c + 5]
+            c3, c4, c5 = segments[n, c + 3], segments[n, c + 4], segments[n, c + 5]
             out[i, 0, axis] = _value(c, n, u, segments)
-            out[i, 1, axis] = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
-            out[i, 2, axis] = 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
+            out[i, 1, axis] = _first(c, n, u, segments)
+            out[i, 2, axis] = _second(c, n, u, segments)
             out[i, 3, axis] = 6.0 * c3 + u * (24.0 * c4 + u * 60.0 * c5)
 
 

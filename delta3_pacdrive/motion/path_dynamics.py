@@ -23,6 +23,10 @@ Arguments of the kernels here:
     Number of an arm, 0 to 2, and record ``kinematics.GEOMETRY``.
 ``place``
     Position [m] of the TCP, its first derivative by the distance [1] and the second [1/m], three of shape (3,).
+``theta``
+    Arm angles [rad] at the place, shape (3,).
+``v``, ``a``
+    Speed [m/s] and acceleration [m/s^2] of the master.
 ``arm``
     Forearm vector s [m] and tangent b [m/rad] of an arm, shape (3,), s.b [m^2/rad], and the derivative of its angle by
     the distance [rad/m].
@@ -72,9 +76,9 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
         rate = (dot(s[0], first) / sb[0], dot(s[1], first) / sb[1], dot(s[2], first) / sb[2])
         place = p, first, second
         bend = (
-            _angle_curvature(0, place, (s[0], b[0], sb[0], rate[0]), g),
-            _angle_curvature(1, place, (s[1], b[1], sb[1], rate[1]), g),
-            _angle_curvature(2, place, (s[2], b[2], sb[2], rate[2]), g),
+            angle_curvature(0, place, (s[0], b[0], sb[0], rate[0]), g),
+            angle_curvature(1, place, (s[1], b[1], sb[1], rate[1]), g),
+            angle_curvature(2, place, (s[2], b[2], sb[2], rate[2]), g),
         )
         mass, bias = motion_terms(theta, rate, g, m)
         _, weight = motion_terms(theta, (0.0, 0.0, 0.0), g, m)
@@ -93,12 +97,30 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
 
 
 @kernel
-def _angle_curvature(i, place, arm, g):
+def angle_curvature(i, place, arm, g):
     """Second derivative of arm angle i by the distance, from that of s.X' = (s.b) theta' (4.9, 4.14)."""
     (p, first, second), (s, b, sb, rate) = place, arm
     s_dot = combine(1.0, first, -rate, b, 0.0, first)
     upper = upper_arm(i, p, s, g)
     return (dot(s_dot, first) + dot(s, second) - (dot(s_dot, b) - dot(s, upper) * rate) * rate) / sb
+
+
+@kernel
+def arm_motion(theta, place, v, a, g):
+    """Speeds [rad/s] and accelerations [rad/s^2] of the arms at a place, for a master of ``v`` and ``a``."""
+    p, first, _ = place
+    s, b = forearms(theta, p, g)
+    sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
+    rate = (dot(s[0], first) / sb[0], dot(s[1], first) / sb[1], dot(s[2], first) / sb[2])
+    bend = (
+        angle_curvature(0, place, (s[0], b[0], sb[0], rate[0]), g),
+        angle_curvature(1, place, (s[1], b[1], sb[1], rate[1]), g),
+        angle_curvature(2, place, (s[2], b[2], sb[2], rate[2]), g),
+    )
+    return (
+        (rate[0] * v, rate[1] * v, rate[2] * v),
+        (bend[0] * v * v + rate[0] * a, bend[1] * v * v + rate[1] * a, bend[2] * v * v + rate[2] * a),
+    )
 
 
 def inertia_records(parameters: Parameters, payloads_kg: tuple[float, ...]) -> NDArray[Any]:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.joint_path import tcp_samples
-from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
+from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, path_motion_at, sample_path
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, master_at, sample_master, slowest
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
@@ -467,6 +467,13 @@ def plan_path_at(s, number, tables):
     """Position (x, y, z), or arm angles, at a distance on the move ``number``."""
     move = tables.moves[tables.order[number]]
     return path_at(s, tables.segments, move.first_segment, move.segments)
+
+
+@kernel
+def plan_motion_at(s, number, tables):
+    """``path.path_motion_at`` of the move ``number``."""
+    move = tables.moves[tables.order[number]]
+    return path_motion_at(s, tables.segments, move.first_segment, move.segments)
 
 
 def sample_plan(plan: Plan, times_s: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int64]]:

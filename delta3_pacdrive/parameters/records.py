@@ -10,6 +10,8 @@ from delta3_pacdrive.parameters.geometry import ArmDeviations, radians
 
 LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
 EXACT, DECOUPLED = ARM_COUPLINGS = ('exact', 'decoupled')
+# the first one is no `off`: readers of YAML take that word for a switch
+INERTIA, MODEL = FEED_FORWARDS = ('inertia', 'model')
 # Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
 PAYLOAD_MAX_KG = 10.0
@@ -47,6 +49,16 @@ class Drive:
     stop_deceleration_rad_s2: float = positive('ramp of reaction BD2, motor side', 1e6)
     stop_time_max_s: float = positive('longest controlled stop before the brake is applied', 10.0)
     interpolation: str = choice('fine interpolation of set points within a bus cycle', INTERPOLATIONS)
+
+
+@dataclass(frozen=True)
+class Control:
+    """What the transformation task sends the drives beyond the set points of the thesis."""
+
+    feed_forward: str = choice(
+        'torque feed-forward: one constant inertia per axis in the drives, or that of the whole model',
+        FEED_FORWARDS,
+    )
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,14 @@
 import dataclasses
 import functools
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.checked import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.geometry import Kinematics
-from delta3_pacdrive.parameters.records import Bus, Drive, Dynamics, Motion, Motor, Rich
+from delta3_pacdrive.parameters.records import MODEL, Bus, Control, Drive, Dynamics, Motion, Motor, Rich
 from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
@@ -27,6 +27,7 @@ class Parameters:
     rich: Rich
     bus: Bus
     motion: Motion
+    control: Control = field(default_factory=Control)
 
     def __post_init__(self) -> None:
         """Check the rules that join several values."""
@@ -42,6 +43,24 @@ class Parameters:
         is due in the next cycle, which the drive has got when it begins this one, and so no time.
         """
         return 2.0 - self.drive.position_period_s / self.bus.cycle_time_s
+
+    @property
+    def sends_torque(self) -> bool:
+        """Whether the master commands an additive torque (S-0-0081) with each set point."""
+        return self.control.feed_forward == MODEL
+
+    @property
+    def torque_dead_time_s(self) -> float:
+        """Dead time [s] of the drive from an additive torque command to the torque of its motor.
+
+        A reference passes its low-pass late by F_currRef. The current follows late by the velocity error of its loop:
+        R over K_Icurr of a phase, or L over R + K_Pcurr where the integrator is slower.
+        """
+        drive, motor = self.drive, self.motor
+        lag_s = motor.winding_inductance_h / (motor.winding_resistance_ohm + 2.0 * drive.current_gain_v_a)
+        if drive.current_integral_gain_v_a_s > 0.0:
+            lag_s = min(lag_s, motor.winding_resistance_ohm / (2.0 * drive.current_integral_gain_v_a_s))
+        return drive.current_reference_filter_s + lag_s
 
     @property
     def following_error_delay_cycles(self) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording.carried import CARRIED
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
@@ -21,7 +21,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegram_codec import Message, TelegramCodec
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
         NDArray[np.int64], Floats
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
+FIRST = 100  # messages that tell which layout a topic has
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
-TELEGRAMS = {telegram.topic: telegram for telegram in CARRIED}
+LAYOUTS = {topic: [t for t in CARRIED if t.topic == topic] for topic in (t.topic for t in CARRIED)}
 SHAFTS = telegrams.SHAFTS.topic
 UNREADABLE = -1
 _LOG = logging.getLogger(__name__)
@@ -117,14 +118,12 @@ def _read_bag(path: Path) -> Trace:
     bag = open_bag(path)
     typestore = get_typestore(Stores.ROS2_JAZZY)
     columns = {
-        name: _Column(telegram, typestore)
-        for name, telegram in TELEGRAMS.items()
-        if name in bag.names.values()
+        name: _Column(layouts, typestore) for name, layouts in LAYOUTS.items() if name in bag.names.values()
     }
     samples = {
         topic: SampleColumn(
             axis,
-            lambda telegram: _Column(telegram, typestore),
+            lambda telegram: _Column([telegram], typestore),
             partial(_parse, typestore, telegrams.JOINT_STATE),
         )
         for topic, axis in zip(bag.currents, DRIVES, strict=False)
@@ -173,7 +172,7 @@ def _read_bag(path: Path) -> Trace:
     if 'cut' in meta:
         meta['cut'] += f'; it ends at bus time {cycles[-1] * meta["cycle_time_s"]:.3f} s'
         _LOG.warning('note: recording %s: %s', path, meta['cut'])
-    signals = _signals(tables, cycles)
+    signals = _signals(tables, cycles, {name: CARRIED[column.telegram] for name, column in columns.items()})
     if 'current' in signals:
         signals['current'] /= meta['torque_constant_n_m_a']
     if len(common):
@@ -192,12 +191,17 @@ def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
 
 
 class _Column:
-    """A column takes the messages of one topic as bytes and keeps stamps and numbers."""
+    """A column takes the messages of one topic as bytes and keeps stamps and numbers.
 
-    def __init__(self, telegram: Telegram, typestore: Typestore) -> None:
-        self._telegram, self._width = telegram, sum(telegram.lengths)
+    Of several layouts it takes the one that most of the first messages have.
+    """
+
+    def __init__(self, layouts: Sequence[Telegram], typestore: Typestore) -> None:
         self._words: list[NDArray[np.int64]] = []
-        self._codec = TelegramCodec(telegram, partial(_parse, typestore, telegram.type))
+        self._codecs = {
+            telegram: TelegramCodec(telegram, partial(_parse, typestore, telegram.type))
+            for telegram in layouts
+        }
         self._batch: list[bytes] = []
         self._tables: list[Table] = []
         self.refused = 0
@@ -212,9 +216,14 @@ class _Column:
         """Stamps [ns] of the messages of cyclic operation, shape (n,), and their numbers, (n, numbers)."""
         self._decode_batch()
         if not self._tables:
-            return np.empty(0, np.int64), np.empty((0, self._width))
+            return np.empty(0, np.int64), np.empty((0, sum(self.telegram.lengths)))
         stamps, values = zip(*self._tables, strict=True)
         return np.concatenate(stamps), np.concatenate(values)
+
+    @property
+    def telegram(self) -> Telegram:
+        """Names and lengths of the messages."""
+        return next(iter(self._codecs))
 
     def status_changes(self, clock: Clock) -> list[list[int]]:
         """Return the bus cycles from which on an AT tells another status word S-0-0135, each with that word."""
@@ -229,13 +238,22 @@ class _Column:
         return [[int(cycles[n]), int(words[n])] for n in changed]
 
     def _decode_batch(self) -> None:
-        sec, nanosec, frames, values, others = self._codec.decode_all(self._batch)
+        if len(self._codecs) > 1 and self._batch:
+            first = self._batch[:FIRST]
+            fitting = {
+                telegram: sum(_fits(codec, data) for data in first)
+                for telegram, codec in self._codecs.items()
+            }
+            telegram = max(fitting, key=fitting.__getitem__)
+            self._codecs = {telegram: self._codecs[telegram]}
+        codec = self._codecs[self.telegram]
+        sec, nanosec, frames, values, others = codec.decode_all(self._batch)
         self._batch = []
         self._append(sec, nanosec, frames, values)
         parsed = []
         for data in others:
             try:
-                parsed.append(self._codec.decode_message(data))
+                parsed.append(codec.decode_message(data))
             except TelegramError:
                 self.refused += 1
         if parsed:
@@ -249,8 +267,16 @@ class _Column:
         self.refused += int(cyclic.sum() - good.sum())
         stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
         self._tables.append((stamps, values[good]))
-        if self._telegram in telegrams.AT:
+        if self.telegram in telegrams.AT:
             self._words.append(_status_words(frames[good]))
+
+
+def _fits(codec: TelegramCodec, data: bytes) -> bool:
+    """Whether a message holds what a codec reads."""
+    try:
+        return bool(codec.decode_layout(data) or codec.decode_message(data))
+    except TelegramError:
+        return False
 
 
 def _status_words(frames: NDArray[Any]) -> NDArray[np.int64]:
@@ -302,16 +328,19 @@ def _by_cycle(name: str, table: Table, clock: Clock) -> Table:
     return cycles, values[first_rows]
 
 
-def _signals(tables: dict[str, Table], cycles: NDArray[np.int64]) -> dict[str, Floats]:
-    """Return the signals of all topics in common cycles, in the order of ``SIGNALS``."""
+def _signals(
+    tables: dict[str, Table], cycles: NDArray[np.int64], carried: dict[str, tuple[str, ...]]
+) -> dict[str, Floats]:
+    """Return the signals of all topics in common cycles, in the order of ``SIGNALS``; those of a topic: ``carried``."""
     rows = {name: values[np.searchsorted(own, cycles)] for name, (own, values) in tables.items()}
     found: dict[str, Floats] = {}
-    for telegram, signals in CARRIED.items():
-        if telegram.topic in rows and telegram not in telegrams.AT:
-            for i, signal in enumerate(signals):
-                found[signal] = np.ascontiguousarray(rows[telegram.topic][:, 3 * i : 3 * i + 3])
+    answered = [telegram.topic for telegram in telegrams.AT]
+    for topic, values in rows.items():
+        if topic not in answered:
+            for i, signal in enumerate(carried[topic]):
+                found[signal] = np.ascontiguousarray(values[:, 3 * i : 3 * i + 3])
     answers = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
     if len(answers) == len(telegrams.AT):
         for i, signal in enumerate(CARRIED[telegrams.AT[0]]):
             found[signal] = np.stack([answer[:, i] for answer in answers], axis=1)
-    return {signal: found[signal] for signal in SIGNALS if signal in found}
+    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS) if signal in found}

@@ -2,8 +2,9 @@
 
 from delta3_pacdrive.sercos import telegrams
 
-# signals that a telegram carries, one for each of its arrays
+# signals that a telegram carries, one for each of its arrays; a topic may have more than one layout
 CARRIED = {
+    telegrams.TORQUE_MDT: ('motor_command', 'torque_command'),
     telegrams.MDT: ('motor_command',),
     **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
     telegrams.FOLLOWING_ERROR: ('following_error',),

@@ -14,6 +14,7 @@ from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     DERIVED_SIGNALS,
     SIGNALS,
+    TORQUE_SIGNALS,
     TRUE_SIGNALS,
     columns_of,
 )
@@ -40,7 +41,7 @@ OF_ARMS = {
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
 NORMS = ('tcp_error_norm',)  # signals of one column
-QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED | OF_ARMS
+QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED | OF_ARMS
 
 # unit in a file: (SI unit, factor)
 UNITS = {

@@ -14,6 +14,8 @@ SIGNALS = {
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
 }
+# beside the shafts, where the master commands torques: ``Parameters.sends_torque``
+TORQUE_SIGNALS = {'torque_command': ('N m', 'additive torque command of the MDT (S-0-0081), motor side')}
 # of all samples that the current loops of a bus cycle leave, 16 in a millisecond: the first one of cycle k at its start
 # and one period, the last one at the start of cycle k + 1, which is the one of AT(k + 1)
 CURRENT_SIGNALS = {

@@ -19,6 +19,8 @@ class CommandSender:
     ----------
     node
         Publishes.
+    torques
+        Whether it commands torques beside the shafts.
     requests
         What is asked of the drives through their service channels.
 
@@ -29,11 +31,12 @@ class CommandSender:
 
     """
 
-    def __init__(self, node: Node, requests: ServiceRequests) -> None:
+    def __init__(self, node: Node, torques: bool, requests: ServiceRequests) -> None:
         self._requests = requests
         self._session = NO_SESSION
         self._frames: dict[tuple[int, float], bytes] = {}  # without a word of the service channel
-        self._codec = cdr.codec(telegrams.MDT)
+        self._torques = torques
+        self._codec = cdr.codec(telegrams.mdt(torques))
         self.publish = cdr.raw_publish(MDT.publisher(node))
 
     def begin(self, session: bytes) -> None:
@@ -45,11 +48,11 @@ class CommandSender:
         """Greet the drives, outside of cyclic operation."""
         words = self._requests.to_send()
         frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
-        self.publish(self._codec.encode((ACYCLIC_SEC, 0), frame, [0.0] * 3))
+        self.publish(self._codec.encode((ACYCLIC_SEC, 0), frame, [0.0] * (6 if self._torques else 3)))
 
     def send(self, stamp: tuple[int, int], command: Command) -> None:
         """Send the MDT of a bus cycle."""
-        motors, control, payload = command
+        motors, torques, control, payload = command
         if self._requests.busy:
             words = self._requests.to_send()
             frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._session, words)
@@ -57,4 +60,5 @@ class CommandSender:
             known = self._frames.get((control, payload))
             frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._session)
             self._frames[control, payload] = frame
-        self.publish(self._codec.encode(stamp, frame, motors.tolist()))
+        values = [*motors.tolist(), *torques.tolist()] if self._torques else motors.tolist()
+        self.publish(self._codec.encode(stamp, frame, values))

@@ -7,6 +7,7 @@ In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``serc
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.drive.bus_drive import BusDrive
+from delta3_pacdrive.drive.drive_clock import Command
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr
@@ -52,7 +53,8 @@ class DriveTelegrams:
         self._frame = b''  # of the last MDT: it rarely changes
         self._words = (0, 0, 0.0)  # its control word, word of the service channel and payload
         self._current_frames: dict[tuple[bool, float], bytes] = {}
-        self._mdt, self._at = cdr.codec(telegrams.MDT), cdr.codec(telegrams.AT[index])
+        self._torques = parameters.sends_torque  # whether an MDT commands them
+        self._mdt, self._at = cdr.codec(telegrams.mdt(self._torques)), cdr.codec(telegrams.AT[index])
         self._current = cdr.codec(telegrams.motor_current(self._axis, self._samples))
         self._shaft = cdr.codec(telegrams.SHAFTS)
         self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))
@@ -93,7 +95,8 @@ class DriveTelegrams:
             self.refuse(f'{self._axis}: {error}')
             return
         if cycle >= 0:
-            bus_drive.take_command(cycle, (values[self._index], *self._words))
+            torque = values[len(DRIVES) + self._index] if self._torques else 0.0
+            bus_drive.take_command(cycle, Command(values[self._index], *self._words, torque))
             return
         position = bus_drive.greeted(self._words[1])
         if position is not None:

@@ -277,7 +277,8 @@ PARTICIPANTS = Topic(
 )
 MDT = Topic(
     'sercos/mdt', JointState, CYCLIC, (TASK,), (DRIVE,),
-    'motor shaft commands [rad], on the increment grid; in the frame the phase, the control word S-0-0134 of each '
+    'motor shaft commands [rad], on the increment grid; with the parameter control.feed_forward: model as effort the '
+    'additive torque command S-0-0081 of each motor [N m]; in the frame the phase, the control word S-0-0134 of each '
     'drive, its word of the service channel, the gripped payload [kg], the session',
     CYCLE, MDT_FRAME, (telegrams.MDT,), one_writer=True, recorded=True,
 )

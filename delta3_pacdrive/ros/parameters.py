@@ -18,11 +18,11 @@ SHOWN = {
     'unit_robot': ('kinematics', 'dynamics', 'motor', 'motion', 'bus', 'drive.dc_link_voltage_v'),
     'transformation_task': (
         'kinematics', 'motion', 'bus', *GEAR, 'dynamics.payload_mass_kg', 'motor.torque_constant_n_m_a',
-        'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s',
+        'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s', 'control',
     ),
     'mc4_drive': (
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
-        'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg',
+        'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control',
     ),
     'plant': ('kinematics', 'dynamics', 'motor', 'bus', 'rich', 'drive.current_period_s', 'motion.home_m'),
     'recorder': (),

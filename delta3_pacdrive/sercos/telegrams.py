@@ -61,6 +61,8 @@ def motor_current(axis: str, samples: int) -> Telegram:
 
 
 MDT = Telegram('sercos/mdt', JOINT_STATE, DRIVES, (3, 0, 0), len(MDT_FRAME))
+# with the additive torque commands S-0-0081 [N m] as efforts
+TORQUE_MDT = MDT._replace(lengths=(3, 0, 3))
 AT = tuple(Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME)) for axis in DRIVES)
 SHAFTS = Telegram('plant/motor_shafts', JOINT_STATE, DRIVES, (3, 3, 3), len(NO_SESSION))
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
@@ -92,6 +94,11 @@ class BrakeOutput(NamedTuple):
 
     released: bool
     payload_kg: float
+
+
+def mdt(torques: bool) -> Telegram:
+    """Return that of a master which commands torques beside the shafts, or of one that does not."""
+    return TORQUE_MDT if torques else MDT
 
 
 def new_session() -> bytes:

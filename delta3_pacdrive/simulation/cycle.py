@@ -7,8 +7,8 @@ Arguments of the kernels here:
 
 ``cycle``
     Number of a bus cycle.
-``motors``
-    Motor shaft commands [rad], shape (3,).
+``motors``, ``torques``
+    Motor shaft commands [rad] and additive torque commands [N m], shape (3,).
 ``plant``
     Array of one record ``PLANT``.
 ``answers``
@@ -16,7 +16,7 @@ Arguments of the kernels here:
 ``task``, ``robot``
     Arrays of one record ``TASK`` and ``ROBOT``, shape (1,).
 ``signals``
-    Takes the signals in the order of ``NAMES``, shape (17, cycles, 3).
+    Takes the signals in the order of ``NAMES``, shape (18, cycles, 3).
 """
 
 import math
@@ -37,7 +37,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import true_tcp
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -46,20 +46,21 @@ from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
 
-NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS)
+NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS)
 (
     MOTOR_COMMAND, MOTOR_POSITION, MOTOR_SPEED, CURRENT, FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR,
     SHAFT_POSITION, SHAFT_SPEED, COUPLING_TORQUE,
-    CURRENT_MEAN, CURRENT_RMS, CURRENT_MIN, CURRENT_MAX, ARM_ANGLE, TCP_TRUE,
+    CURRENT_MEAN, CURRENT_RMS, CURRENT_MIN, CURRENT_MAX, ARM_ANGLE, TCP_TRUE, TORQUE_COMMAND,
 ) = range(len(NAMES))  # fmt: skip
 
 
 @kernel
-def note_command(cycle, motors, plant, signals):
+def note_command(cycle, motors, torques, plant, signals):
     """Note what a bus cycle begins with: its command, and the machine as it is then."""
     tcp, shafts = true_tcp(plant), plant[0].shafts
     for i in range(3):
         signals[MOTOR_COMMAND, cycle, i] = motors[i]
+        signals[TORQUE_COMMAND, cycle, i] = torques[i]
         signals[SHAFT_POSITION, cycle, i] = shafts[i]
         signals[SHAFT_SPEED, cycle, i] = shafts[3 + i]
         signals[COUPLING_TORQUE, cycle, i] = shafts[6 + i]
@@ -121,7 +122,9 @@ def run_stretch(cycles, control, task, timeline, robot, built, currents, signals
     before = triple(r.status)
     for k in range(first, end):
         command_cycle(k, task, timeline)
-        note_command(k, c.motors, r.plant, signals)
+        note_command(k, c.motors, c.torques, r.plant, signals)
+        for i in range(3):
+            r.torques[i] = c.torques[i]
         robot_cycle(c.motors, control, c.state.payload, robot, built, currents)
         note_currents(k, robot, signals)
         if before != triple(r.status):
@@ -197,7 +200,11 @@ class SimulatedOperation:
             cycle = self._advance(cycle, end)
             if self.stopped and rests == NEVER and self._without_torque():
                 rests = cycle + rest_cycles
-        return {name: signal[:cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
+        signals = {name: signal[:cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
+        if not self._parameters.sends_torque:
+            for name in TORQUE_SIGNALS:
+                del signals[name]
+        return signals
 
     def _without_torque(self) -> bool:
         return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)
@@ -239,10 +246,10 @@ class SimulatedOperation:
         robot = self._robot
         if cycle >= self._schedule.next_cycle:
             self._change_faults(cycle)
-        motors, control, payload = self._controller.command(cycle)
-        note_command(cycle, motors, robot.plant.record, self._signals)
+        motors, torques, control, payload = self._controller.command(cycle)
+        note_command(cycle, motors, torques, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
-        robot.cycle(motors, control, payload, received)
+        robot.cycle(motors, control, payload, received, torques)
         note_currents(cycle, robot.record, self._signals)
 
     def _evaluate(self, cycle: int) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive.drive.arrays import DRIVE
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
@@ -25,6 +25,7 @@ ROBOT = np.dtype(
         ('status', 'i8', (3,)),  # S-0-0135
         # rows of the AT: position [rad], speed [rad/s], torque [N m]; a column for each axis
         ('answers', 'f8', (3, 3)),
+        ('torques', 'f8', (3,)),  # that the MDT commands beside the shafts [N m]
         ('payload', 'f8'),  # gripped now [kg]
         ('next_payload', 'f8'),  # what the last MDT said [kg]
         ('brakes', 'i8', (3,)),  # brake outputs, 1 = release
@@ -40,7 +41,8 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
     Parameters
     ----------
     motors, control, payload_kg
-        What the MDT says: motor shaft commands [rad], shape (3,), S-0-0134, and what is gripped [kg].
+        What the MDT says: motor shaft commands [rad], shape (3,), S-0-0134, and what is gripped [kg]. The torques
+        that it commands beside them stand in ``robot``.
     robot
         Array of one record ``ROBOT``: what is taken out of a record costs no counting of references.
     built
@@ -55,7 +57,7 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
     r.payload, r.next_payload = r.next_payload, payload_kg
     for i in range(3):
         shaft = shafts[i], shafts[3 + i], shafts[6 + i]
-        r.status[i] = mc4_begin_cycle(r.received[i] != 0, motors[i], control, shaft, drives, i)
+        r.status[i] = mc4_begin_cycle(r.received[i] != 0, motors[i], r.torques[i], control, shaft, drives, i)
         for row in range(3):
             r.answers[row, i] = drives[i].state.answer[row]
     for _ in range(r.exchanges):
@@ -66,13 +68,15 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
 
 
 @kernel
-def run_commands(commands, control, robot, built, currents, answers):
+def run_commands(commands, torques, control, robot, built, currents, answers):
     """Run one bus cycle for each row of commands.
 
     Parameters
     ----------
     commands
         Motor shafts [rad] of the MDT, shape (cycles, 3).
+    torques
+        Torques [N m] that the MDT commands beside them, shape (cycles, 3).
     control
         Control word S-0-0134 of all MDT; the payload stays as it is.
     robot, built, currents
@@ -82,6 +86,8 @@ def run_commands(commands, control, robot, built, currents, answers):
 
     """
     for k in range(commands.shape[0]):
+        for i in range(3):
+            robot[0].torques[i] = torques[k, i]
         robot_cycle(commands[k], control, robot[0].next_payload, robot, built, currents)
         for row in range(3):
             for i in range(3):
@@ -140,7 +146,7 @@ class Robot:
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
 
-    def run(self, commands: Floats, control: int) -> Floats:
+    def run(self, commands: Floats, control: int, torques: ArrayLike = 0.0) -> Floats:
         """Run a bus cycle for each row of commands.
 
         Parameters
@@ -149,6 +155,8 @@ class Robot:
             Motor shafts [rad] of the MDT, shape (cycles, 3).
         control
             Control word S-0-0134 of all MDT.
+        torques
+            Of the MDT [N m], shape (cycles, 3).
 
         Returns
         -------
@@ -159,7 +167,8 @@ class Robot:
         self.received[:] = 1
         answers = np.empty((len(commands), 3, 3))
         commands = np.ascontiguousarray(commands, dtype=np.float64)
-        run_commands(commands, control, self.record, self.plant.built, self.currents, answers)
+        beside = np.ascontiguousarray(np.broadcast_to(np.asarray(torques, dtype=np.float64), commands.shape))
+        run_commands(commands, beside, control, self.record, self.plant.built, self.currents, answers)
         return answers
 
     def cycle(
@@ -168,6 +177,7 @@ class Robot:
         control: int,
         payload_kg: float | None = None,
         received: Sequence[bool] = (True, True, True),
+        torques: ArrayLike = 0.0,
     ) -> None:
         """Run one bus cycle; ``status`` and ``answers`` are those of its AT.
 
@@ -181,9 +191,12 @@ class Robot:
             Payload of the MDT [kg]; None: as before.
         received
             Which drives get the MDT, shape (3,).
+        torques
+            Of the MDT [N m], shape (3,).
 
         """
         self.received[:] = received
+        self.record['torques'] = torques
         payload = float(self.record['next_payload'][0]) if payload_kg is None else payload_kg
         commands = np.ascontiguousarray(commands, dtype=np.float64)
         robot_cycle(commands, control, payload, self.record, self.plant.built, self.currents)

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from delta3_pacdrive.drive.scope import Block, DriveScope
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -44,15 +47,18 @@ class ScopedRobot(Robot):
         control: int,
         payload_kg: float | None = None,
         received: Sequence[bool] = (True, True, True),
+        torques: ArrayLike = 0.0,
     ) -> None:
         """Run one bus cycle as ``Robot.cycle`` does, with the oscilloscopes."""
         r = self.record[0]
         gripped = float(r['next_payload'])
         r['payload'], r['next_payload'] = gripped, gripped if payload_kg is None else payload_kg
-        exchanges = int(r['exchanges'])
+        exchanges, beside = int(r['exchanges']), np.broadcast_to(torques, 3).tolist()
         for i, (drive, shaft) in enumerate(zip(self.drives, self._shafts(), strict=True)):
             if received[i]:
-                self.status[i] = drive.begin_cycle(commands[i], control, *shaft)
+                self.status[i] = drive.begin_cycle(
+                    commands[i], control, shaft[0], shaft[1], shaft[2], torque=beside[i]
+                )
             else:
                 self.status[i] = drive.extrapolate_cycle(*shaft)
             self.answers[:, i] = drive.answer

@@ -1,6 +1,6 @@
 """A log of the cyclic telegrams of a robot, by a reader who takes no part in the bus."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 
@@ -17,7 +17,8 @@ from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import WATCHER
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.telegrams import NO_SESSION, parse_mdt_frame
+from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
+from delta3_pacdrive.sercos.telegrams import NO_SESSION, TORQUE_MDT, parse_mdt_frame
 from delta3_pacdrive.sercos.words import Control
 
 SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
@@ -27,6 +28,7 @@ CODECS = {
     for topic in (MOTOR_SHAFTS, interfaces.MDT, interfaces.AT)
     for telegram in topic.telegrams
 }
+TORQUE_CODECS = CODECS | {MDT: cdr.codec(TORQUE_MDT)}  # of a robot whose master commands torques
 
 
 @dataclass(frozen=True)
@@ -70,16 +72,20 @@ class Telegrams:
 
 
 def read_telegrams(
-    topic: str, taken: Iterable[tuple[bytes, int]], clock: Clock, refuse: Callable[[str], None]
+    topic: str,
+    taken: Iterable[tuple[bytes, int]],
+    clock: Clock,
+    refuse: Callable[[str], None],
+    codecs: Mapping[str, TelegramCodec] = CODECS,
 ) -> Telegrams | None:
     """Read messages with the times [ns] at which they came; None if none of them is cyclic.
 
-    ``refuse`` is called with a sentence about a message that cannot be read.
+    ``refuse`` is called with a sentence about a message that cannot be read; ``codecs`` are those of the robot.
     """
     cycles, frames, received, rows = [], [], [], []
     for data, received_ns in taken:
         try:
-            sec, nanosec, frame, values = CODECS[topic].decode(data)
+            sec, nanosec, frame, values = codecs[topic].decode(data)
             cycle = clock.count(sec, nanosec)
         except TelegramError as error:
             refuse(f'{topic}: {error}')
@@ -118,6 +124,7 @@ class TelegramLog:
 
     def __init__(self, node: PollingNode, robot: Parameters, refuse: Callable[[str], None]) -> None:
         self._robot, self._refuse, self._clock = robot, refuse, Clock(robot.bus.cycle_time_s)
+        self._codecs = TORQUE_CODECS if robot.sends_torque else CODECS
         self._takes = {topic: node.create_polled_subscription(JointState, topic, WATCHER) for topic in CODECS}
         self._kept: dict[str, list[Telegrams]] | None = None
 
@@ -151,7 +158,7 @@ class TelegramLog:
         found = {}
         for topic, take in self._takes.items():
             taken = ((data, info['received_timestamp']) for data, info in iter(take, None))
-            if telegrams := read_telegrams(topic, taken, self._clock, self._refuse):
+            if telegrams := read_telegrams(topic, taken, self._clock, self._refuse, self._codecs):
                 found[topic] = telegrams
                 if self._kept is not None:
                     self._kept.setdefault(topic, []).append(telegrams)

@@ -63,7 +63,7 @@ class Cell:
 
     def send(self, cycle: int, command: Command) -> None:
         assert cycle not in self.sent
-        self.sent[cycle] = Command(command.motors.copy(), command.control, command.payload)
+        self.sent[cycle] = command._replace(motors=command.motors.copy())
 
     def tell(self, cycle: int) -> None:
         self.told.append(cycle)

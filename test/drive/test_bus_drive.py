@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.drive.bus_drive import AHEAD, BusDrive
+from delta3_pacdrive.drive.drive_clock import Command
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.sercos.participants import Occasion
 from delta3_pacdrive.sercos.slave import State
@@ -19,8 +20,8 @@ ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
 LOOK_S = 0.25
 OURS, THEIRS = b'3fa9', b'beef'
-OFF = (0.0, int(CONTROL_OFF), 0, 0.0)
-ENABLE = (0.0, int(CONTROL_ENABLE), 0, 0.0)
+OFF = Command(0.0, int(CONTROL_OFF), 0, 0.0)
+ENABLE = Command(0.0, int(CONTROL_ENABLE), 0, 0.0)
 
 
 class Rig:

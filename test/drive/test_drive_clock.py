@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.drive.arrays import DriveState
-from delta3_pacdrive.drive.drive_clock import DriveClock, Taken
+from delta3_pacdrive.drive.drive_clock import Command, DriveClock, Taken
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.sercos.service_channel import Answer
@@ -16,8 +16,8 @@ from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_OFF
 
 ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
-COMMAND = (0.0, int(CONTROL_OFF), 0, 0.0)
-ENABLE = (0.0, int(CONTROL_ENABLE), 0, 0.0)
+COMMAND = Command(0.0, int(CONTROL_OFF), 0, 0.0)
+ENABLE = Command(0.0, int(CONTROL_ENABLE), 0, 0.0)
 SHAFT = (0.0, 0.0, 0.0)
 
 

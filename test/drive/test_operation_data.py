@@ -63,12 +63,14 @@ ROBOT = {
     'bus.cycle_time_s': 4e-3,
     'bus.exchange_period_s': 1e-3,
     'bus.increments_per_rev': 2**18,
+    'control.feed_forward': 'model',
 }
 # of the drive at that moment
 RECORD = {
     'speed_reference': 11.0,
     'speed': 10.0,
     'command': 13.0,
+    'torque': 1.25,
     'sampled_position': 14.0,
     'current_reference': 15.5,
     'current': 2.75,
@@ -116,6 +118,7 @@ EXPECTED = {
     'S-0-0051': ('rad', 14.0, NEVER),
     'S-0-0079': ('increments', 262144, NEVER),
     'S-0-0080': ('N m', 0.79 * 15.5, NEVER),
+    'S-0-0081': ('N m', 1.25, NEVER),
     'S-0-0082': ('N m', 12.0, NEVER),
     'S-0-0083': ('N m', -12.0, NEVER),
     'S-0-0084': ('N m', 0.79 * 2.75, NEVER),
@@ -158,6 +161,7 @@ EXPECTED = {
     'P-0-0003': ('s', 125e-6, NEVER),
     'P-0-0004': ('s', 1e-3, NEVER),
     'P-0-0005': ('1', 1, NEVER),
+    'P-0-0006': ('1', 1, NEVER),
     'P-0-0011': ('A/rad', 18.0, ALWAYS),
     'P-0-0012': ('V/(A s)', 12400.0, ALWAYS),
     'P-0-0021': ('kg m2', 6.5e-4, ALWAYS),

@@ -158,6 +158,17 @@ def test_look_into_a_drive(run):
     assert linear_swing > 3 * cubic_swing
 
 
+def test_feed_forward_of_the_model(run):
+    _, rows = run('feed_forward_of_the_model')
+    *rows, (torque,) = [[number for number in row if number != 1] for row in rows]
+    error, rms, peak, current = np.array([row[-4:] for row in rows]).T
+    assert (error[1::2] < error[::2] / 12).all()
+    assert (rms[1::2] < rms[::2] / 9).all()
+    assert (peak[1::2] <= peak[::2]).all()
+    assert (current[1::2] <= current[::2]).all()
+    assert torque == pytest.approx(0.78 * peak[3], rel=0.05)
+
+
 def test_fit_a_parameter(run):
     text, lines = run('fit_a_parameter')
     errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]

@@ -27,6 +27,8 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import bag_trace, trace_file
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 
@@ -226,6 +228,35 @@ def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
         frame = FRAMES.get(topic, 'base').encode()
         values = np.hstack(numbers(topic, 3)).tolist()
         assert codecs[topic].encode(CLOCK.stamp(3), frame, values) == data
+
+
+def torque_messages(cycles):
+    """Return the messages of a robot whose master commands torques beside the shafts, and these torques."""
+    torques = np.random.default_rng(99).normal(size=(CYCLES, 3))
+    codec = TelegramCodec(telegrams.TORQUE_MDT, lambda _: None)
+    frame = FRAMES['sercos/mdt'].encode()
+    found = []
+    for cycle in cycles:
+        values = [*numbers('sercos/mdt', cycle)[0].tolist(), *torques[cycle].tolist()]
+        found.append(('sercos/mdt', codec.encode(CLOCK.stamp(cycle), frame, values)))
+        found += [(topic, data) for topic, data in messages([cycle]) if topic != 'sercos/mdt']
+    return found, torques
+
+
+def test_torques_that_are_commanded_beside_the_shafts_are_read(tmp_path):
+    found, torques = torque_messages(range(CYCLES))
+    trace = trace_file.load(record(tmp_path / 'bag', found))
+    assert list(trace.signals) == [*SIGNALS, 'torque_command']
+    assert_holds(Trace(trace.time_s, {name: trace[name] for name in SIGNALS}, trace.meta))
+    np.testing.assert_array_equal(trace['torque_command'], torques)
+    assert 'refused' not in trace.meta
+
+
+def test_an_mdt_of_the_other_layout_is_no_message_of_this_robot(tmp_path):
+    with_torques, _ = torque_messages([CYCLES - 1])
+    trace = trace_file.load(record(tmp_path / 'bag', [*messages(), *with_torques]))
+    assert 'torque_command' not in trace.signals
+    assert trace.meta['refused'] == {'sercos/mdt': 1}
 
 
 # robots

@@ -155,6 +155,23 @@ def test_the_rich_robot_gives_the_bits_of_its_simulation(
 
 
 @pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
+    options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    """Torques travel beside the set points, and payloads change them."""
+    program, model = tmp_path / 'mixed.yaml', tmp_path / 'model.yaml'
+    program.write_text(MIXED)
+    robot = parameters.load().replace(control__feed_forward='model', drive__interpolation='cubic')
+    parameters.write(robot, model)
+    simulated = simulation.run(programs.load(program, robot.motion), robot)
+    options = ['--real-time-factor', '0', '--parameters', str(model), *options]
+    recorded, result = _run(delta3, tmp_path / 'bag', *options, program=str(program))
+    _assert_same(simulated, recorded, result)
+    cycles = len(simulated.time_s)
+    np.testing.assert_array_equal(recorded['torque_command'][:cycles], simulated['torque_command'])
+
+
+@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
 def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:

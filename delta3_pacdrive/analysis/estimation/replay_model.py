@@ -38,7 +38,7 @@ class Replay:
     Parameters
     ----------
     trace
-        Holds ``motor_command`` once per bus cycle.
+        Holds ``motor_command`` once per bus cycle, and ``torque_command`` if the robot's master sends it.
     parameters
         The robot; its drives (P2) and geometry (P1) are known.
     ideal_encoder
@@ -47,7 +47,7 @@ class Replay:
     Raises
     ------
     EstimationError
-        The samples are not one bus cycle apart, or nothing moves.
+        The samples are not one bus cycle apart, nothing moves, or torques are not told that were commanded.
 
     """
 
@@ -61,6 +61,13 @@ class Replay:
         rows = moving_rows(trace)
         self.rows = slice(max(0, rows.start - 5), rows.stop)
         self._commands = np.ascontiguousarray(trace['motor_command'][self.rows])
+        if parameters.sends_torque and 'torque_command' not in trace.signals:
+            raise EstimationError(
+                'the robot has control.feed_forward: model, but the trace holds no torque_command'
+            )
+        self._torques = (
+            trace['torque_command'][self.rows] if parameters.sends_torque else self._commands * 0.0
+        )
         arms = self._commands[0] / parameters.dynamics.gear_ratio
         home = kinematics.forward(arms, parameters.kinematics).tolist()
         self._noisy = parameters.replace(motion__home_m=tuple(home))
@@ -98,8 +105,8 @@ class Replay:
             drive.configure(own)
             if ideal:
                 drive.constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
-        robot.run(np.tile(self._commands[0], (STANDING_CYCLES, 1)), CONTROL_ENABLE)
-        out = robot.run(self._commands, CONTROL_ENABLE)
+        robot.run(np.tile(self._commands[0], (STANDING_CYCLES, 1)), CONTROL_ENABLE, self._torques[0])
+        out = robot.run(self._commands, CONTROL_ENABLE, self._torques)
         out[:, 2] /= own.motor.torque_constant_n_m_a
         return {name: out[:, i] for i, name in enumerate(('motor_position', 'motor_speed', 'current'))}
 

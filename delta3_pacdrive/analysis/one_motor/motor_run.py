@@ -119,7 +119,7 @@ def run(program: Program, parameters: Parameters, axis: int, on_progress: OnProg
     commands = np.empty((cycles, 3))
     for cycle in range(cycles):
         commands[cycle] = task.command(cycle)
-        status = scope.begin_cycle(commands[cycle], task.control(cycle))
+        status = scope.begin_cycle(commands[cycle], task.control(cycle), task.torques)
         for _ in range(robot.steps // per_exchange):
             scope.exchange()
         if cycle >= single.motion.start_cycle and not machine.drives[axis - 1].powered:

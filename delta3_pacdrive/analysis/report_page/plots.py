@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 
 AXES, XYZ = ('axis 1', 'axis 2', 'axis 3'), ('x', 'y', 'z')
 ACTUAL, COMMAND, TRUE = 'actual', 'command', 'true'
@@ -19,7 +19,7 @@ DERIVED = {
     'master_acceleration': ('m/s2', 'acceleration of the virtual master'),
     'tcp_acceleration_norm': ('m/s2', 'acceleration of the actual TCP, norm'),
 }
-QUANTITIES = SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED
+QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED
 
 
 @dataclass(frozen=True)

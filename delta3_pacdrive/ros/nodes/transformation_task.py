@@ -73,7 +73,7 @@ class TransformationTaskNode(PollingNode):
         )
         self.stamp, self._cycles = clock.stamp, controller.cycles
         self.progress, self.statistics = controller.progress, controller.totals
-        self.commands = CommandSender(self, controller.services)
+        self.commands = CommandSender(self, parameters.sends_torque, controller.services)
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters, controller)
         self._receiver = AtReceiver(

@@ -342,9 +342,15 @@ class Catalogue(FaultObserver):
 
 
 def run_catalogue(
-    todo: Sequence[Case], logs: Path | None, outcomes: list[Outcome], show: Callable[[Outcome], None]
+    todo: Sequence[Case],
+    logs: Path | None,
+    outcomes: list[Outcome],
+    show: Callable[[Outcome], None],
+    parameters: Path | None = None,
 ) -> None:
     """Bring a robot up without a clock and run cases; adds to ``outcomes``, ``show`` is told each one.
+
+    ``parameters`` is the robot's parameter file, the packaged one without.
 
     Raises
     ------
@@ -352,10 +358,11 @@ def run_catalogue(
         A signal has ended it.
 
     """
-    bringup = Bringup(Options(program=None, real_time_factor=0.0, logs=logs))
+    robot = core.load(parameters)
+    bringup = Bringup(Options(program=None, parameters=parameters, real_time_factor=0.0, logs=logs))
 
     def operate() -> None:
-        catalogue = Catalogue(bringup, core.load())
+        catalogue = Catalogue(bringup, robot)
         for case in todo:
             outcomes.append(catalogue.run(case))
             show(outcomes[-1])
