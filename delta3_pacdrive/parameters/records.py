@@ -176,6 +176,23 @@ class Rich:
         'arm angle beyond the referenced one', -5.0, 5.0
     )
 
+    parallelogram: bool = quantity(
+        'plate hung from six rods, so that it may tilt, instead of a point (12)', False, True, default=False
+    )
+    rod_spacing_m: float = quantity('distance of the two rods of a forearm', 1e-3, 1.0, default=0.08)
+    rod_difference_m: tuple[float, float, float] = quantity(
+        'length of the left rod of a forearm less that of the right one',
+        -0.02,
+        0.02,
+        default=(1e-4, -0.6e-4, 0.8e-4),
+    )
+    plate_joint_height_m: tuple[float, float, float] = quantity(
+        'height of the joints at the plate above its plane', -0.02, 0.02, default=(0.5e-4, -1e-4, 0.3e-4)
+    )
+    tool_length_m: float = quantity(
+        'distance of the TCP below the joints of the plate', 0.0, 1.0, default=0.1
+    )
+
     @property
     def effects(self) -> 'Rich':
         """The effects that are on: their switches, all off without ``enabled``."""

@@ -6,9 +6,9 @@ Arguments of the kernels of this room:
     Records ``STATE`` and ``CONSTANTS``.
 ``n``, ``m``, ``r``
     Records ``dynamics.INERTIA``, ``motor.MOTOR`` and ``built_robot.BUILT_CONSTANTS``.
-``plant``, ``built``
-    Records ``PLANT`` and ``built_robot.BUILT``; around a step they are arrays of one record, and ``built`` is None for
-    a rigid robot.
+``plant``, ``built``, ``plate``
+    Records ``PLANT``, ``built_robot.BUILT`` and ``plate_pose.PLATE``; around a step the first two are arrays of one
+    record, and ``built`` is None for a rigid robot.
 ``i``
     Number of an axis, 0 to 2.
 ``theta``, ``thetadot``
@@ -33,6 +33,12 @@ Arguments of the kernels of this room:
     Brake outputs of the drives, 1 = release, shape (3,).
 ``depth``, ``stiffness``, ``damping``
     Of a spring that is pressed in: [rad], [N m/rad], [N m s/rad].
+``v``, ``gibbs``
+    Vector [m], and a rotation: its axis times the tangent of half its angle, shape (3,).
+``equations``
+    Linear equations, shape (6, 7).
+``g``
+    Record ``kinematics.GEOMETRY``.
 ``twist``
     Of a gear [rad, arm side].
 ``coupling``
@@ -49,6 +55,7 @@ from delta3_pacdrive.dynamics import INERTIA
 from delta3_pacdrive.kinematics import GEOMETRY
 from delta3_pacdrive.motor import MOTOR
 from delta3_pacdrive.parameters import DECOUPLED, Parameters
+from delta3_pacdrive.plant.plate_pose import PLATE
 
 STATE = np.dtype(
     [
@@ -98,6 +105,7 @@ PLANT = np.dtype(
         ('geometry', GEOMETRY),  # as built
         ('inertia', INERTIA),
         ('motor', MOTOR),
+        ('plate', PLATE),
         # motor side: positions [rad], speeds [rad/s], coupling torques d [N m]
         ('shafts', 'f8', (9,)),
     ],

@@ -29,6 +29,7 @@ from delta3_pacdrive.plant.built_robot import (
 )
 from delta3_pacdrive.plant.contact import hang_payload
 from delta3_pacdrive.plant.decoupled import require_stable, step_decoupled
+from delta3_pacdrive.plant.plate_pose import plate_constants, tool_place
 from delta3_pacdrive.plant.rigid import rigid_coupling, step_rigid
 
 
@@ -84,7 +85,10 @@ def advance(currents, brakes, payload_kg, plant, built):
 @kernel
 def true_tcp(plant):
     """TCP [m] of the arms as they are built and stand."""
-    return plate_position(triple(plant[0].state.theta), plant[0].geometry)
+    p = plant[0]
+    if p.plate.tilts != 0:
+        return tool_place(triple(p.state.theta), p.geometry, p.plate)
+    return plate_position(triple(p.state.theta), p.geometry)
 
 
 class Plant:
@@ -125,6 +129,7 @@ class Plant:
         record['geometry'] = lengths
         record['inertia'] = inertia(parameters, lengths, rods=effects.forearm_rods, rotors=not effects.gear)
         record['motor'] = motor(parameters)
+        record['plate'] = plate_constants(parameters)
         state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
         state['theta'] += record['constants']['angle_error'] - parameters.kinematics.corrections.angle_rad
         self.built: NDArray[Any] | None = None

@@ -59,6 +59,7 @@ EFFECTS = {
     ),
     'encoders': Effect('encoders', 'sensors', ('encoder_noise_rad', 'encoder_error_rad')),
     'geometry': Effect('geometric errors', 'geometry'),
+    'parallelogram': Effect('rods and tilt of the plate', 'parallelogram'),
 }
 
 # what is explained beside the deviation of each signal: (signal, statistic)

@@ -171,7 +171,8 @@ def test_a_gap_in_a_recording_costs_only_its_cycles(robot, short_program, compar
 def test_every_switch_of_the_rich_plant_is_an_effect(rich):
     switches = {f.name for f in dataclasses.fields(rich.rich) if f.type is bool} - {'enabled'}
     assert {effect.switch for effect in EFFECTS.values()} == switches
-    assert effects_of(rich) == tuple(EFFECTS)
+    assert effects_of(rich.replace(rich__parallelogram=True)) == tuple(EFFECTS)
+    assert effects_of(rich) == tuple(name for name in EFFECTS if name != 'parallelogram')
 
 
 def test_a_robot_with_all_of_its_effects_is_itself_and_without_any_the_plain_one(rich, robot, short_program):
@@ -185,7 +186,7 @@ def test_a_robot_with_all_of_its_effects_is_itself_and_without_any_the_plain_one
 def test_an_effect_without_magnitude_or_switch_is_none(rich, robot):
     assert effects_of(robot) == ()
     assert 'cogging' not in effects_of(rich.replace(rich__cogging_torque_n_m=0.0))
-    assert set(effects_of(rich.replace(rich__sensors=False))) == EFFECTS.keys() - {
+    assert set(effects_of(rich.replace(rich__sensors=False))) == set(effects_of(rich)) - {
         'current_sensors',
         'encoders',
     }
