@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 from scipy.interpolate import BPoly, CubicSpline, PPoly, splrep
+from scipy.signal import butter, sosfiltfilt
 
 from delta3_pacdrive import kinematics, whole_file
 from delta3_pacdrive.errors import ProgramError
@@ -30,6 +31,7 @@ from delta3_pacdrive.recording import column_file, trace_file
 from delta3_pacdrive.recording.trace import Trace
 
 WITHIN_RAD = 3.7e-7  # of the splines: an increment behind the gear
+SMOOTHING_ORDER, SETTLED_PERIODS = 2, 3.0  # of the low pass, and periods in which it has died away
 STILL_RAD = 1e-9  # between two samples of a robot that stands
 STANDING_S, STANDING_SAMPLES = 0.05, 24  # at least, of a stretch that becomes a dwell
 SETTLED_SAMPLES = (
@@ -95,8 +97,10 @@ class Reference:
         return re.sub(r'moves\[(\d+)\]\.\w+: |at (\d+\.\d{4}) s, on the way to point \d+', told, text)
 
 
-def load(path: str | Path, robot: Parameters, columns: str | None = None) -> Reference:
-    """Read a trajectory from a table, a trace or a bag.
+def load(
+    path: str | Path, robot: Parameters, columns: str | None = None, smooth_hz: float | None = None
+) -> Reference:
+    """Read a trajectory from a table, a trace or a bag; ``smooth_hz`` as ``of`` has it.
 
     Raises
     ------
@@ -107,11 +111,27 @@ def load(path: str | Path, robot: Parameters, columns: str | None = None) -> Ref
 
     """
     chosen = None if columns is None else column_file.read(columns)
-    return of(trace_file.load(path, chosen, gaps=True), str(path), robot)
+    return of(trace_file.load(path, chosen, gaps=True), str(path), robot, smooth_hz)
 
 
-def of(trace: Trace, name: str, robot: Parameters) -> Reference:
-    """Return the program that plays the trajectory of a trace; raises ProgramError."""
+def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = None) -> Reference:
+    """Return the program that plays the trajectory of a trace.
+
+    Parameters
+    ----------
+    trace, name
+        The trajectory, and what its file is called.
+    robot
+        It plays it.
+    smooth_hz
+        From where on [Hz] a low pass without delay takes away what is faster; None: nothing is taken away.
+
+    Raises
+    ------
+    ProgramError
+        As ``load`` has it, or the samples are too far apart for that low pass.
+
+    """
     signal = next((one for one in CHOICES if one in trace.signals), None)
     if signal is None:
         raise ProgramError(f'{name} holds no trajectory: none of {", ".join(CHOICES)}')
@@ -129,6 +149,10 @@ def of(trace: Trace, name: str, robot: Parameters) -> Reference:
     origin = float(time_s[0])
     angles, rounding = _angles(signal, time_s, values, name, robot)
     time_s = time_s - origin
+    changed = ''
+    if smooth_hz is not None:
+        time_s, angles, changed = _smoothed(time_s, angles, smooth_hz, name, robot)
+        rounding = 0.0
     _require_rest(time_s, angles, name, origin)
     moves: list[dict[str, Any]] = []
     starts, count = list[float](), 0
@@ -150,12 +174,34 @@ def of(trace: Trace, name: str, robot: Parameters) -> Reference:
     if len(moves) > MOVES_MAX:
         raise ProgramError(f'{name} rests {len(moves)} times, the limit is {MOVES_MAX} moves')
     start = kinematics.forward(angles[0], robot.kinematics)
-    smooth = f', smoothed within their rounding of {rounding:.2g} rad' if rounding else ''
+    smooth = f', smoothed within their rounding of {rounding:.2g} rad' if rounding else changed
     text = (
         f'{signal} of {name}: {len(time_s)} instants in {time_s[-1]:.6g} s{smooth}, played by {count} points'
     )
     document = {'name': _title(name), 'start_m': [float(x) for x in start], 'moves': moves}
     return Reference(name, document, text, origin, tuple(starts))
+
+
+def _smoothed(
+    time_s: Floats, angles: Floats, cutoff_hz: float, name: str, robot: Parameters
+) -> tuple[Floats, Floats, str]:
+    """Return instants at equal distances, the angles there behind a low pass without delay, and what it has changed."""
+    even_s = np.linspace(0.0, time_s[-1], len(time_s))
+    rate_hz = (len(time_s) - 1) / time_s[-1]
+    if cutoff_hz >= 0.5 * rate_hz:
+        raise ProgramError(
+            f'{name} has {rate_hz:.6g} samples a second: a low pass must begin below {0.5 * rate_hz:.6g} Hz, not at '
+            f'{cutoff_hz:g} Hz'
+        )
+    plain = np.asarray(CubicSpline(time_s, angles)(even_s))
+    # forwards and backwards: the second order becomes a fourth without delay; the robot rests at both ends
+    low_pass = butter(SMOOTHING_ORDER, cutoff_hz, fs=rate_hz, output='sos')
+    more = min(len(even_s) - 1, math.ceil(SETTLED_PERIODS * rate_hz / cutoff_hz))
+    smooth = np.asarray(sosfiltfilt(low_pass, plain, axis=0, padtype='constant', padlen=more))
+    before, after = (kinematics.forward(one, robot.kinematics, unreachable='nan') for one in (plain, smooth))
+    moved = 1e3 * np.linalg.norm(after - before, axis=1)
+    told = f', smoothed below {cutoff_hz:g} Hz: the TCP {math.sqrt(np.mean(moved**2)):.3g} mm rms and '
+    return even_s, smooth, f'{told}{moved.max():.3g} mm at most beside its samples'
 
 
 def _title(name: str) -> str:

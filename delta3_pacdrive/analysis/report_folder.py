@@ -180,7 +180,7 @@ class ReportFolder:
                     path.unlink()
 
 
-def require_writable(folder: str | Path | None) -> None:
+def require_writable_folder(folder: str | Path | None) -> None:
     """Refuse a folder that nothing can be written into, before anything is computed for it; raises ReportError."""
     if folder is not None and (why := whole_file.folder_refusal(Path(folder))):
         raise ReportError(f'cannot write to {folder}: {why}')

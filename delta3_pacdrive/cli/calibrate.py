@@ -109,9 +109,9 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.calibration import report
-    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.analysis.report_folder import require_writable_folder
 
-    require_writable(options.output)
+    require_writable_folder(options.output)
     text = report.plan_text if options.action == PLAN else report.text
     if options.parameters is None:
         options.parameters = options.simulate

@@ -9,7 +9,7 @@ import sys
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from delta3_pacdrive.cli.option_types import filled
+from delta3_pacdrive.cli.option_types import FREQUENCY, filled
 from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.configuration.packaged import program_names
 
@@ -142,11 +142,19 @@ class ReferenceOptions(ProgramOptions):
         'column file: what the columns of the table with the reference are, if its headings do not say it',
         'FILE',
     )
+    smooth: float | None = option(
+        'low pass of a noisy reference, without any delay: what is faster than this [Hz] is taken away, and what that '
+        'changes is told',
+        'HZ',
+        type=FREQUENCY,
+    )
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if self.columns and not self.reference:
             return '--columns is for --reference: a program has no columns'
+        if self.smooth and not self.reference:
+            return '--smooth is for --reference: a program has no noise'
         if self.reference and 'program' in self.given():
             return f'--reference is played instead of a program, so {self.program} cannot be run as well'
         return super().check()

@@ -41,11 +41,11 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.experiments.run import PairStudy, compared
     from delta3_pacdrive.analysis.experiments.study import Pair
     from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.analysis.report_folder import require_writable_folder
     from delta3_pacdrive.analysis.run_comparison import compare, to_document
     from delta3_pacdrive.analysis.runs import named
 
-    require_writable(options.output)
+    require_writable_folder(options.output)
     first, second = options.runs()
     found = compare(first, second, options.align)
     names = named([first, second])

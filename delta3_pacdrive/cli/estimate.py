@@ -148,7 +148,7 @@ def run(options: Options) -> int:
         return f'interrupted after iteration {studies[0].iterate.number}; {again} goes on from there'
 
     if options.measurement:
-        trace_file.require_writable(options.measurement)
+        trace_file.require_writable_trace(options.measurement)
     status = conduct(options, work, report.text, unfinished, None if options.resume else options.output)
     if refusal := '' if status else report.refusal(summaries[0]):
         print(f'error: {refusal}', file=sys.stderr)

@@ -87,4 +87,5 @@ def program_file(text: str) -> str:
 
 SEED = integer_within(0, 2**31 - 1)
 TIME = number_within(-1e9, 1e9, 's')
+FREQUENCY = number_within(1e-3, 1e5, 'Hz')
 NOISE = number_within(0.0, 1e3)

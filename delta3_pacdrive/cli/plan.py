@@ -39,14 +39,14 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.planning import evaluation, report
-    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.analysis.report_folder import require_writable_folder
     from delta3_pacdrive.cli.progress import Progress
     from delta3_pacdrive.motion import program_file
 
     robot = core.load(options.parameters)
     program = program_file.load(options.program, robot.motion)
     inputs = noted([options.program])
-    require_writable(options.output)
+    require_writable_folder(options.output)
     with Progress(quiet=options.json) as progress:
         found = evaluation.of_program(program, robot, progress.show)
         result, lines = report.document(found, robot, options.limits), report.text(found, robot)

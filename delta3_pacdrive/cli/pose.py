@@ -53,10 +53,10 @@ def run(options: Options) -> int:
 
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.pose import evaluation, report
-    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.analysis.report_folder import require_writable_folder
 
     robot = core.load(options.parameters)
-    require_writable(options.output)
+    require_writable_folder(options.output)
     if options.payload is not None:
         robot = robot.replace(dynamics__payload_mass_kg=options.payload)
     if options.angles:

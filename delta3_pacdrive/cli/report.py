@@ -30,7 +30,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.report_page import page
 
     path = Path(options.output)
-    page.require_writable(path)
+    page.require_writable_page(path)
     runs = options.runs()
     origin = Provenance.of(
         options.command_line, runs[0].robot, runs[0].told_source, [one.origin for one in runs]

@@ -90,7 +90,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive.recording import trace_file
 
     if options.trace:
-        trace_file.require_writable(options.trace)
+        trace_file.require_writable_trace(options.trace)
     announce_compilation(options.parameters)
     robot = core.load(options.parameters)
     if options.exchange_period is not None:
@@ -175,7 +175,7 @@ def _run_one_motor(options: Options) -> int:
     if options.exchange_period is not None:
         raise RunError('--exchange-period is not for --one-motor: drive and motor exchange every 125e-6 s')
     if options.trace:
-        trace_file.require_writable(options.trace)
+        trace_file.require_writable_trace(options.trace)
     settings = study.Settings(
         options.parameters,
         options.axis,

@@ -42,9 +42,9 @@ def conduct(
     """
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.analysis.report_folder import require_writable_folder
 
-    require_writable(writes)
+    require_writable_folder(writes)
     announce_compilation(options.parameters)
     simulation.load_kernels(core.load(options.parameters))
     try:

@@ -77,7 +77,7 @@ def run(options: Options) -> int:
         options.exchange_period,
     )
     if path := options.excite:
-        trace_file.require_writable(path)
+        trace_file.require_writable_trace(path)
         return conduct(options, lambda show: _excite(options, path, settings, show), _excitation_text)
     return conduct(
         options,

@@ -26,8 +26,8 @@ class Options(NodeOptions):
     """Options of the command."""
 
     run: str | None = argument(
-        'trace (.npz, .csv) or bag to be played, a program to be simulated, or a volume of delta3 workspace (.npz); '
-        'without it a robot that is up',
+        'trace (.npz), table of measurements (.csv, .parquet, .mat) or bag to be played, a program to be simulated, '
+        'or a volume of delta3 workspace (.npz); without it a robot that is up',
         default=None,
         metavar='RUN',
     )
@@ -39,6 +39,9 @@ class Options(NodeOptions):
     parameters: str | None = option(
         'parameter file for a program, or for a recording that does not tell its own', 'FILE'
     )
+    columns: str | None = option(
+        'column file: what the columns of a table of measurements are, if its headings do not say it', 'FILE'
+    )
     dark: bool = flag('begin with a dark page')
     open: bool = flag('open the page in the browser of this desktop')
     wait: bool = flag('wait for a robot as long as it takes')
@@ -48,6 +51,8 @@ class Options(NodeOptions):
         if refusal := serving.refusal('--port', self.port):
             return refusal
         if self.run is not None:
+            from delta3_pacdrive.analysis.inputs import is_table
+
             for name, given in (
                 ('--control', self.control),
                 ('--wait', self.wait),
@@ -55,6 +60,10 @@ class Options(NodeOptions):
             ):
                 if given:
                     return f'{name} is for a robot that is up'
+            if self.columns and not is_table(self.run):
+                return f'--columns is for a table of measurements, {self.run} is none'
+        elif self.columns:
+            return '--columns is for a table of measurements: a robot that is up has no columns'
         elif self.parameters:
             return '--parameters is for a program or a recording: a robot that is up tells its own'
         return ''
@@ -100,7 +109,7 @@ def _play(options: Options, name: str, place: serving.Place) -> int:
         return _show_volume(options, Path(name), place)
     if not is_recording(name):
         announce_compilation(options.parameters)
-    found = runs.load(name, options.parameters)
+    found = runs.load(name, options.parameters, columns=options.columns)
     require_obeyed(found, options.parameters)
     from delta3_pacdrive.view import playback
 

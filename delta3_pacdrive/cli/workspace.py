@@ -77,7 +77,7 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.report_folder import require_writable
+    from delta3_pacdrive.analysis.report_folder import require_writable_folder
     from delta3_pacdrive.analysis.workspace import evaluation, report
     from delta3_pacdrive.analysis.workspace.study import Settings, Slice
     from delta3_pacdrive.cli.progress import Progress, announce_compilation
@@ -89,9 +89,9 @@ def run(options: Options) -> int:
     slices = () if options.output is None else planes or evaluation.default_slices(robot)
     settings = Settings(1e-3 * options.resolution, slices, options.acceleration)
     evaluation.require_few_poses(settings, robot)
-    require_writable(options.output)
+    require_writable_folder(options.output)
     if options.volume is not None:
-        report.require_writable(Path(options.volume))
+        report.require_writable_volume(Path(options.volume))
     announce_compilation()
     with Progress(quiet=options.json) as progress:
         progress.show('loading')

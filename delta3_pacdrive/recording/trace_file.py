@@ -81,7 +81,7 @@ def save(trace: Trace, path: str | Path) -> None:
         trace.save(path)
 
 
-def require_writable(path: str | Path) -> None:
+def require_writable_trace(path: str | Path) -> None:
     """Refuse a trace that cannot be written, before anything is simulated for it; raises TraceError."""
     if why := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
         raise TraceError(f'cannot write trace {path}: {why}')

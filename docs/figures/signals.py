@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,6 +34,12 @@ def panels(heights: tuple[float, ...], height_in: float) -> tuple[Figure, list[A
 def program_time(trace: d3.Trace) -> Floats:
     """Return the time from the start of the program [s]."""
     return trace.time_s - trace.time_s[trace.meta['start_cycle']]
+
+
+def draw_current(axes: Axes, trace: d3.Trace, axis: int, **style: Any) -> None:
+    """Draw the current of a motor as the band of all samples of each bus cycle."""
+    low, high = (trace[f'current_{name}'][:, axis] for name in ('min', 'max'))
+    axes.fill_between(program_time(trace), low, high, linewidth=0.8, **style)
 
 
 def speed_profile() -> Figure:
@@ -108,12 +114,10 @@ def fault_stop() -> Figure:
         middle.plot(time_s, beside, color=colour, linewidth=1.6)
     for n, name in enumerate(NAMES):
         trace = runs['two MDT of axis 2 lost']
-        bottom.plot(
-            program_time(trace), trace['current'][:, n], color=AXIS_COLOURS[n], label=name, linewidth=1.2
-        )
+        draw_current(bottom, trace, n, color=AXIS_COLOURS[n], label=name)
     top.set_ylabel('TCP speed [m/s]', fontsize=9)
     middle.set_ylabel('TCP beside\nits path [mm]', fontsize=9)
-    bottom.set_ylabel('$I_{eff}$ [A]', fontsize=9)
+    bottom.set_ylabel('$I_{eff}$, all\nsamples [A]', fontsize=9)
     top.legend(fontsize=9, frameon=False, loc='center left')
     bottom.legend(fontsize=9, frameon=False, loc='upper right')
     top.set_title(
@@ -145,10 +149,10 @@ def built_robot() -> Figure:
     for (name, trace), colour in zip(runs.items(), (AXIS_COLOURS[0], AXIS_COLOURS[1]), strict=True):
         time_s = program_time(trace)
         style = {'color': colour, 'label': f'{name} robot', 'linewidth': 1.0 if name == 'built' else 1.6}
-        top.plot(time_s, trace['current'][:, 0], zorder=2 if name == 'built' else 3, **style)
+        draw_current(top, trace, 0, color=colour, label=style['label'], zorder=2 if name == 'built' else 3)
         seen, unseen = trace['tcp_error'], trace['tcp_actual'] - trace['tcp_true']
         bottom.plot(time_s, MM * np.linalg.norm(seen + unseen, axis=1), **style)
-    top.set_ylabel('$I_{eff}$ of axis 1 [A]', fontsize=9)
+    top.set_ylabel('$I_{eff}$ of axis 1,\nall samples [A]', fontsize=9)
     bottom.set_ylabel('true TCP error [mm]', fontsize=9)
     top.legend(ncols=2, fontsize=9, frameon=False)
     top.set_title('Experiment 1 on the nominal and on the built robot', fontsize=11)

@@ -201,3 +201,38 @@ def test_every_form_of_file_is_played(form, run, robot, tmp_path):
     found = reference.load(path, robot)
     exact = reference.of(trace, str(path), robot)
     assert found.document == exact.document
+
+
+def noisy(run):
+    noise_m = np.random.default_rng(5).normal(0.0, 2e-5, run['tcp_command'].shape)
+    return Trace(run.time_s + ORIGIN_S, {'tcp_command': run['tcp_command'] + noise_m})
+
+
+def test_noise_is_refused_and_smoothed_away_without_delay(run, robot):
+    with pytest.raises(ProgramError, match=r'must be at rest there|the limit is'):
+        played(noisy(run), robot)
+    found = reference.of(noisy(run), 'a.csv', robot, 40.0)
+    program = programs.parse(found.document, robot.motion)
+    placed = simulation.placed(robot, program)
+    found.require_drivable(program, placed)
+    plan = program_planner.plan(program, placed.motion.home_m, placed).plan
+    apart = sample_plan(plan, run.time_s)[0] - run['tcp_command']
+    rms_mm, most_mm = (
+        float(number)
+        for number in re.search(r'the TCP (\S+) mm rms and (\S+) mm at most', found.text).groups()
+    )
+    assert 1e3 * np.linalg.norm(apart, axis=1).max() < most_mm + 0.1
+    assert rms_mm < most_mm < 0.5
+    # nothing is late: what is left does not get less if it is shifted by a millisecond
+    moving = slice(100, -100)
+    left = [np.linalg.norm(np.roll(apart + run['tcp_command'], n, axis=0) - run['tcp_command'], axis=1)[moving].max()
+            for n in (-1, 0, 1)]  # fmt: skip
+    assert left[1] < min(left[0], left[2])
+
+
+def test_a_low_pass_beyond_half_the_rate_is_refused(run, robot):
+    with pytest.raises(
+        ProgramError,
+        match=r'^a\.csv has 1000 samples a second: a low pass must begin below 500 Hz, not at 600 Hz$',
+    ):
+        reference.of(noisy(run), 'a.csv', robot, 600.0)

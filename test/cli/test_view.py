@@ -27,6 +27,14 @@ def test_a_recording_that_is_not_there_or_not_to_be_read_is_refused(capsys, tmp_
     assert 'cannot read recording' in refused(capsys, str(tmp_path / 'empty'))
 
 
+def test_a_column_file_is_read_for_a_table(capsys, tmp_path):
+    table, columns = tmp_path / 'log.csv', tmp_path / 'columns.yaml'
+    table.write_text('t,a\n' + ''.join(f'{n},1\n' for n in range(9)))
+    assert 'unknown column' in refused(capsys, str(table))
+    columns.write_text('columns: [{column: t, signal: time, unit: s}]\n')
+    assert 'cannot be shown without motor_position' in refused(capsys, str(table), '--columns', str(columns))
+
+
 def test_a_port_that_is_taken_is_refused(capsys):
     with socket.socket() as other:
         other.bind(('127.0.0.1', 0))
@@ -51,6 +59,14 @@ def test_a_page_needs_viser(capsys, monkeypatch):
     [
         (['--port', '0'], '--port is 0, but must be between 1 and 65535'),
         (['--port', '70000'], '--port is 70000, but must be between 1 and 65535'),
+        (
+            ['experiment1', '--columns', 'a.yaml'],
+            '--columns is for a table of measurements, experiment1 is none',
+        ),
+        (
+            ['--columns', 'a.yaml'],
+            '--columns is for a table of measurements: a robot that is up has no columns',
+        ),
         (['experiment1', '--control'], '--control is for a robot that is up'),
         (['experiment1', '--namespace', 'cell2'], '--namespace is for a robot that is up'),
         (

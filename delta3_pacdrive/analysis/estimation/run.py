@@ -42,7 +42,7 @@ from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ArmDeviations, Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.recording.trace_file import load, save
 
@@ -77,6 +77,11 @@ class Study(studies.Study):
             if self.settings.free or self.settings.known:
                 raise EstimationError('the group thesis has its own free quantities')
         else:
+            if self.settings.group == 'geometry' and self.robot.kinematics.corrections != ArmDeviations():
+                raise EstimationError(
+                    f'the group geometry starts from equal arms, but {self.settings.parameters} has corrections of '
+                    'each arm (kinematics.*_correction_*): delta3 calibrate fit estimates them'
+                )
             own = GROUPS[self.settings.group]
             self.quantities = own.chosen(self.settings.free, self.settings.known, self.robot)
             self.model_robot = with_effects_of(self.robot, self.quantities)

@@ -26,7 +26,7 @@ COARSER, COARSEST = 4.0, 1024.0  # how data that is too large is rounded
 RUNS_MAX = 4
 
 
-def require_writable(path: Path) -> None:
+def require_writable_page(path: Path) -> None:
     """Refuse a page that cannot be written, before anything is computed for it; raises ReportError."""
     if not path.is_dir() and path.suffix.lower() not in ('.html', '.htm'):
         why = 'the name of a page must end in .html'  # a slip of the hand must not cost a recording

@@ -133,7 +133,7 @@ def volume_columns(volume: Grid) -> dict[str, Any]:
     return columns
 
 
-def require_writable(path: Path) -> None:
+def require_writable_volume(path: Path) -> None:
     """Refuse a volume that cannot be written, before anything is computed for it; raises ReportError."""
     if why := whole_file.file_refusal(path, folder_is_made=True):
         raise ReportError(f'cannot write {path}: {why}')

@@ -52,6 +52,16 @@ def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
             assert one['estimate'] == pytest.approx(other['estimate'], abs=1e-7)
 
 
+def test_corrections_of_each_arm_are_no_start_of_the_group_geometry(bus, tmp_path):
+    robot = parameters.load().replace(kinematics__upper_arm_correction_m=(1e-4, 0.0, 0.0))
+    path = parameters.write(robot, tmp_path / 'corrected.yaml')
+    settings = settings_of(tmp_path, bus, parameters=str(path))
+    with pytest.raises(
+        EstimationError, match=r'starts from equal arms, but .*corrected\.yaml has corrections'
+    ):
+        Study(settings, tmp_path / 'run', 'test', quiet)
+
+
 @pytest.mark.usefixtures('undrawn')
 def test_an_estimation_does_not_go_on_with_other_inputs(bus, tmp_path):
     settings = settings_of(tmp_path, bus)

@@ -198,7 +198,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing_and_an_old_one_stays(one, 
     with pytest.raises(ReportError, match=r'^cannot write .*folder: '):
         page.write(tmp_path / 'folder', [one], ORIGIN)
     with pytest.raises(ReportError, match=r'^cannot write .*: it is a folder$'):
-        page.require_writable(tmp_path / 'folder')
+        page.require_writable_page(tmp_path / 'folder')
     with pytest.raises(ReportError, match=r'^cannot write .*: there is no folder .*missing$'):
-        page.require_writable(tmp_path / 'missing' / 'a.html')
+        page.require_writable_page(tmp_path / 'missing' / 'a.html')
     assert [path.name for path in tmp_path.iterdir()] == ['folder']
