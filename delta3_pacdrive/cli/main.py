@@ -41,7 +41,7 @@ COMMANDS = {
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }
 # these have a robot to bring to rest before they end
-OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'view', 'record', 'bench'})
+OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'scope', 'view', 'record', 'bench'})
 
 
 HELP = """\
@@ -168,7 +168,7 @@ def _check_surroundings(command: str, rest: list[str]) -> None:
 
 def _is_for_a_robot(command: str, rest: list[str]) -> bool:
     """Whether a command takes part in a ROS graph."""
-    if command in ('drive', 'faults', 'bench'):
+    if command in ('drive', 'scope', 'faults', 'bench'):
         return rest[:1] not in (['list'], ['motion'], ['simulate'], ['kinematics'])
     return command in OF_ROBOTS or (command == 'experiment' and '--graph' in rest)
 

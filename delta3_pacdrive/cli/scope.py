@@ -1,26 +1,57 @@
-"""``delta3 scope``: the oscilloscope of the drives."""
+"""``delta3 scope``: the oscilloscope of the drives of a robot that is up."""
 
 import json
+import sys
 from dataclasses import dataclass
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument
+from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument, option
+from delta3_pacdrive.cli.option_types import number_within
+from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
 
-ACTIONS = {'list': 'the channels of a drive, each with its unit'}
+ACTIONS = {'list': 'instead of channels: name them, each with its unit'}
+LIST = 'list'
 
 
 @dataclass
-class Options(JsonOptions):
+class Options(NodeOptions, JsonOptions, ScopeOptions):
     """Options of the command."""
 
-    action: str = argument('list', choices=tuple(ACTIONS), metavar='ACTION')
+    channels: list[str] = argument(
+        'up to eight such as axis1.current_reference axis2.phase_current_1, or "list"',
+        nargs='+',
+        metavar='CHANNEL',
+    )
+    output: str = option(
+        'file of the record: .parquet, .csv or .npz', 'FILE', default='scope.csv', type=record_file
+    )
+    timeout: float = option(
+        'how long to wait for the robot, and for a trigger [s]',
+        'S',
+        default=60.0,
+        type=number_within(0.1, 1e6, 's'),
+    )
+
+    def names(self) -> list[str]:
+        """Return the channels; commas may part them as well."""
+        return [part for text in self.channels for part in text.split(',') if part]
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if LIST in self.channels and len(self.channels) > 1:
+            return 'list stands alone: it names the channels'
+        return super().check()
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    return _list(options.json) if options.channels == [LIST] else _record(options)
+
+
+def _list(as_json: bool) -> int:
     from delta3_pacdrive.drive.channels import CHANNELS
 
     rows = [{'channel': row.name, 'unit': row.unit, 'what': row.what} for row in CHANNELS.values()]
-    if options.json:
+    if as_json:
         print(json.dumps(rows))
         return 0
     for row in rows:
@@ -28,4 +59,33 @@ def run(options: Options) -> int:
     return 0
 
 
-main = Command('scope', 'The oscilloscope of the drives.', Options, run, ACTIONS)
+def _record(options: Options) -> int:
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.provenance import Provenance
+
+    setting = options.setting(options.names(), core.load())
+    origin = Provenance.of(options.command_line)
+    records = Records(options, options.output, origin)
+    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.scope_client import ScopeClient
+
+    with operating(options.namespace) as operator:
+        client = ScopeClient(operator, setting, records.take)
+        acquisition = client.record(options.timeout, lambda text: print(text, file=sys.stderr, flush=True))
+    if options.json:
+        result = {'ok': True, 'scope': records.written, 'lost_samples': acquisition.lost}
+        print(json.dumps(result | {'provenance': origin.lines()}))
+    else:
+        print('\n'.join(records.sentences()))
+    return 0
+
+
+main = Command(
+    'scope',
+    'Record channels of the drives of a robot that is up, at up to 16 kHz, around a trigger. Anybody may look; a drive '
+    'serves one oscilloscope at a time.',
+    Options,
+    run,
+    ACTIONS,
+    mixed=True,
+)

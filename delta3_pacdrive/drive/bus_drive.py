@@ -6,9 +6,11 @@ Pure: telegrams come in as calls, what has to go out is done by a ``DrivePort``.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from delta3_pacdrive.drive.channels import Channel
 from delta3_pacdrive.drive.drive_clock import Command, DriveClock, Taken
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.register import Register
+from delta3_pacdrive.drive.scope import Block, DriveScope
 from delta3_pacdrive.faults.fault import MDT_FAULTS
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.faults.telegram_faults import FaultyLink
@@ -89,6 +91,7 @@ class BusDrive:
         self._resting_position: float | None = None
         self._exchange_seen = 0  # at the last look
         self.phase = Phase.CP0
+        self._shown = parameters  # with which samples were taken
         self.drive, self.slave = MC4(parameters, index), BusSlave()
         self.register = Register(parameters, self._actual, self._configure, self.drive.clear_fault)
         self.clock = DriveClock(
@@ -106,7 +109,18 @@ class BusDrive:
         """Field of the drive's state, for the service channel."""
         return float(self.drive.state[name][0])
 
+    def arm(self, channels: Sequence[Channel], decimation: int, hand_over: Callable[[Block], None]) -> None:
+        """Arm the oscilloscope of the drive, from the next exchange on, instead of one that was armed before."""
+        self.clock.scope = DriveScope(self.drive, channels, decimation, lambda: self._shown, hand_over)
+
+    def disarm(self) -> None:
+        """Run the loops without oscilloscope again."""
+        self.clock.scope = None
+
     def _configure(self, parameters: Parameters) -> None:
+        if self.clock.scope is not None:
+            self.clock.scope.flush()  # what it holds was so with the parameters before
+        self._shown = parameters
         self.drive.configure(parameters)
         self._port.changed(parameters, self.clock.cycle)
 

@@ -6,6 +6,7 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.drive.scope import DriveScope
 from delta3_pacdrive.faults.effects import apply_to_drive
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.parameters import Parameters
@@ -65,6 +66,8 @@ class DriveClock:
         The drive's end of the service channel.
     late
         Commands that came late or repeatedly.
+    scope
+        The oscilloscope, while it is armed.
 
     """
 
@@ -90,6 +93,7 @@ class DriveClock:
         self.running = False
         self.service = ServiceSlave(serve)
         self.late = 0
+        self.scope: DriveScope | None = None
         self._parting = False
         self._parted = 0  # bus cycles since the drive parts
         self._commands: dict[int, Command] = {}
@@ -185,5 +189,7 @@ class DriveClock:
                     return
                 self._send_answer(cycle, status)
             del self._shafts[exchange]
-            self._send_current(exchange, drive.run_period(*shaft))
+            scope = self.scope
+            released = drive.run_period(*shaft) if scope is None else scope.run_period(exchange, *shaft)
+            self._send_current(exchange, released)
             self.exchange = exchange + 1

@@ -228,6 +228,8 @@ class Acquisition:
     ----------
     lost
         Samples that did not come.
+    records
+        How many there are.
     done
         Whether everything is recorded that was asked for.
     triggered
@@ -249,7 +251,7 @@ class Acquisition:
         self._before: Floats | None = None  # last row of the trigger's sources
         self._trigger: int | None = None  # sample
         self._gap = False  # the rows that are kept begin behind a gap
-        self._records = 0
+        self.records = 0
         self.lost = 0
         self.done = False
 
@@ -364,9 +366,9 @@ class Acquisition:
     def _hand_over(self, start: int, end: int) -> None:
         rows = np.concatenate(self._kept)[start - self._first : end - self._first]
         mark = None if self._trigger is None else self._trigger - start
-        self._records += 1
+        self.records += 1
         single = self.setting.mode is Mode.SINGLE
-        self.done = single or self._records == self.setting.records
+        self.done = single or self.records == self.setting.records
         rest = np.concatenate(self._kept)[end - self._first :]
         self._kept, self._count, self._first = [rest], len(rest), end
         self._trigger, self._gap = None, False

@@ -105,6 +105,11 @@ FAULTS = Delivery(
     'No injected fault may be missed, however many a program holds; who joins later has nothing to do with them.',
 )  # fmt: skip
 REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for people and tools.')
+SAMPLES = Delivery(
+    'samples', qos.SAMPLES, qos.SAMPLES,
+    'Blocks of an oscilloscope, of which none may be missed; a drive waits for no reader, so one that lags by more '
+    'than the queue is deep loses some, counts them and refuses its record.',
+)  # fmt: skip
 DELIVERIES = (
     CYCLIC,
     CYCLIC_NEWEST,
@@ -114,6 +119,7 @@ DELIVERIES = (
     CHANGE_OF_PLAN,
     REQUEST,
     FAULTS,
+    SAMPLES,
     REPORT,
 )
 
@@ -317,6 +323,22 @@ SERVICE_ANSWER = Topic(
 FAULT_SCHEDULE = Topic(
     'faults/schedule', String, FAULTS, (TASK,), (TASK, PLANNER, DRIVE, PLANT),
     'JSON: injected faults with session, number, first cycle and the cycle in which they end', CHANGE, recorded=True,
+)
+
+SCOPE_REQUEST = Topic(
+    'scope/request', String, REQUEST, (), (DRIVE,),
+    'JSON: identity and name of an oscilloscope, its channels by axis, every how many periods of the current loop it '
+    'wants a sample; repeated every second, else it is given up. No control is needed',
+    ASKED,
+)
+SCOPE_ANSWER = Topic(
+    'scope/answer', String, REQUEST, (DRIVE,), (),
+    'JSON: identity of the oscilloscope, axis, whether it is armed, period of the current loop, why not', ASKED,
+)
+SCOPE_SAMPLES = Topic(
+    'axisN/scope', Float64MultiArray, SAMPLES, (DRIVE,), (),
+    'samples of an armed oscilloscope: bus time [s] and number of the first one, then rows of channels. Labels: '
+    'identity of the oscilloscope, names of the channels', 'every 8 cycles, while an oscilloscope is armed',
 )
 
 # what the robot does

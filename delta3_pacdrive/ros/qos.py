@@ -18,6 +18,9 @@ FAULTS = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 REPORT = QoSProfile(depth=10)
 
+# Two seconds of an oscilloscope: nothing is lost while a reader is held up for less, and no drive ever waits for one.
+SAMPLES = QoSProfile(depth=256)
+
 # What a recorder reads: best effort as well, since repeats would come in bursts that a recorder that lags could absorb
 # even less; its queue is deep, and it counts what is missing.
 RECORDER = QoSProfile(depth=4000, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -25,7 +25,7 @@ LONG = [SOURCE / 'docs/tuning.md', SOURCE / 'docs/studies.md']  # their commands
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
 ROBOT = re.compile(
-    r'^(\$ )?(delta3 (up|run|move|record|soak|drive \d|faults (?!list)|experiment .*--graph)|ros2 )',
+    r'^(\$ )?(delta3 (up|run|move|record|soak|drive \d|scope (?!list)|faults (?!list)|experiment .*--graph)|ros2 )',
     re.M,
 )
 BLOCK = re.compile(

@@ -1,7 +1,8 @@
 """Node of one MC-4 servo drive.
 
 In: ``sercos/phase``. What comes and goes in every cycle is in ``drive_telegrams``, ``/diagnostics`` (1 Hz) in
-``drive_report``. When the drive goes on, and how it takes part in the bus: see ``drive.bus_drive``.
+``drive_report``, the oscilloscope in ``drive_scope``. When the drive goes on, and how it takes part in the bus: see
+``drive.bus_drive``.
 """
 
 import time
@@ -18,6 +19,7 @@ from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.drive_parameters import WRITABLE, DriveParameters
 from delta3_pacdrive.ros.drive_report import DriveReport
+from delta3_pacdrive.ros.drive_scope import DriveScopeServer
 from delta3_pacdrive.ros.drive_telegrams import DriveTelegrams
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.interfaces import PHASE
@@ -63,10 +65,16 @@ class MC4DriveNode(RobotNode):
         self.drive = bus_drive.drive
         self._settings = DriveParameters(self, axis, bus_drive.register)
         self._participant = Participant(self, axis, parameters)
+        self._scope = DriveScopeServer(self, axis, bus_drive)
         self.report = DriveReport(self, axis, bus_drive, telegrams)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self.refuse)
         telegrams.receive_for(bus_drive)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
+
+    @property
+    def scope_armed(self) -> bool:
+        """Whether its oscilloscope is."""
+        return self._bus_drive.clock.scope is not None
 
     # what comes in ----------------------------------------------------------------------------------------------------
 
@@ -84,6 +92,7 @@ class MC4DriveNode(RobotNode):
 
     def _housekeeping(self) -> None:
         self.report.look()
+        self._scope.look()
         if self._bus_drive.slave.cyclic:
             self._bus_drive.look()
 

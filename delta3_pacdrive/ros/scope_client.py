@@ -1,0 +1,175 @@
+"""The client of oscilloscopes: it arms drives of a running robot, takes their samples, and says what it waits for."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import socket
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from std_msgs.msg import Float64MultiArray, String
+
+from delta3_pacdrive.drive.scope import Block
+from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
+from delta3_pacdrive.recording.acquisition import Acquisition, Mode, Record, Setting
+from delta3_pacdrive.ros.interfaces import SCOPE_ANSWER, SCOPE_REQUEST, SCOPE_SAMPLES
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from delta3_pacdrive.ros.robot_client import OperatorNode
+
+AGAIN_S = 1.0  # after which a request is repeated
+SILENT_S = 10.0  # without samples, after which a drive is taken for gone
+LOOK_S = 0.02
+PARTING_S = 0.1
+
+
+class ScopeClient:
+    """A client of the drives of a robot.
+
+    Parameters
+    ----------
+    operator
+        Takes part in the graph.
+    setting
+        What is recorded.
+    take
+        Called with each record.
+
+    """
+
+    def __init__(self, operator: OperatorNode, setting: Setting, take: Callable[[Record], None]) -> None:
+        self._operator, self._setting, self._take = operator, setting, take
+        self._identity = secrets.token_hex(8)
+        self._name = f'process {os.getpid()} on {socket.gethostname()}'
+        self._answers: dict[str, dict[str, object]] = {}
+        self._blocks: deque[tuple[int, Block]] = deque()
+        self._heard_s = dict.fromkeys(setting.axes, time.monotonic())
+        self._requests = SCOPE_REQUEST.publisher(operator)
+        self._asked_s = 0.0
+        SCOPE_ANSWER.subscription(operator, self._on_answer)
+        for axis in setting.axes:
+            SCOPE_SAMPLES.subscription(operator, self._receiver(axis), DRIVES[axis])
+
+    def _on_answer(self, message: String) -> None:
+        with suppress(ValueError, RecursionError, TypeError, KeyError):
+            answer = json.loads(message.data)
+            if answer['scope'] == self._identity:
+                self._answers[answer['axis']] = answer
+
+    def _receiver(self, axis: int) -> Callable[[Float64MultiArray], None]:
+        columns = len(self._setting.of_axis(axis))
+
+        def receive(message: Float64MultiArray) -> None:
+            dims = message.layout.dim
+            if len(dims) != 2 or dims[0].label != self._identity or len(message.data) < 2:
+                return
+            data = np.array(message.data)
+            if (len(data) - 2) % columns == 0:
+                self._heard_s[axis] = time.monotonic()
+                self._blocks.append((axis, Block(int(data[1]), data[2:].reshape(-1, columns))))
+
+        return receive
+
+    def _ask(self, arm: bool = True) -> None:
+        axes = self._setting.axes if arm else ()
+        channels = {DRIVES[axis]: [channel.name for channel in self._setting.of_axis(axis)] for axis in axes}
+        request = {
+            'scope': self._identity, 'name': self._name, 'channels': channels,
+            'decimation': self._setting.decimation,
+        }  # fmt: skip
+        self._requests.publish(String(data=json.dumps(request)))
+        self._asked_s = time.monotonic()
+
+    def record(self, timeout_s: float, show: Callable[[str], None] = lambda _: None) -> Acquisition:
+        """Record until everything is there that was asked for; return how it went.
+
+        Raises
+        ------
+        ProgramError
+            A drive refuses.
+        RunError
+            There is no robot, it has ended, its trigger never came, or samples were lost.
+        RunInterruptedError
+            Interrupted, before there was a record.
+
+        """
+        try:
+            acquisition = self.arm(timeout_s)
+            self.follow(acquisition, timeout_s, show)
+        finally:
+            self.part()
+        return acquisition
+
+    def part(self) -> None:
+        """Let the drives run without oscilloscope again."""
+        self._operator.interruptible = False
+        self._ask(arm=False)
+        self._operator.spin_for(PARTING_S)
+
+    def arm(self, timeout_s: float) -> Acquisition:
+        """Arm the drives; return what takes their samples. Raises ProgramError or RunError."""
+        operator, axes = self._operator, [DRIVES[axis] for axis in self._setting.axes]
+        operator.wait_until(
+            lambda: (
+                self._requests.get_subscription_count() >= len(DRIVES)
+                and all(operator.count_publishers(SCOPE_SAMPLES.of(axis)) for axis in axes)
+            ),
+            'drives with an oscilloscope',
+            timeout_s,
+        )
+        self._ask()
+
+        def answered() -> bool:
+            if time.monotonic() - self._asked_s > AGAIN_S:
+                self._ask()
+            return all(axis in self._answers for axis in axes)
+
+        operator.wait_until(answered, 'answer of the oscilloscope')
+        for answer in self._answers.values():
+            if not answer['armed']:
+                raise ProgramError(str(answer['refusal']))
+        period_s = float(self._answers[axes[0]]['period_s'])  # type: ignore[arg-type]
+        setting = replace(self._setting, sample_time_s=self._setting.decimation * period_s)
+        return Acquisition(setting, self._take)
+
+    def follow(
+        self, acquisition: Acquisition, timeout_s: float, show: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Take samples until everything is there that was asked for; raises RunError."""
+        trigger, begun_s = acquisition.setting.trigger, time.monotonic()
+        awaited = f'{trigger.sentence} was awaited' if trigger else 'it was recorded'
+        self._heard_s = dict.fromkeys(self._setting.axes, begun_s)
+        show(f'waiting for {trigger.sentence}' if trigger else 'recording')
+        records = 0
+        while not acquisition.done:
+            try:
+                self._operator.spin_for(LOOK_S)
+            except RunInterruptedError as error:
+                if acquisition.setting.mode is Mode.SINGLE or (trigger and not acquisition.records):
+                    raise RunInterruptedError(f'{error} while {awaited}') from None
+                acquisition.finish()
+                return
+            while self._blocks and not acquisition.done:
+                acquisition.add(*self._blocks.popleft())
+            now = time.monotonic()
+            if now - self._asked_s > AGAIN_S:
+                self._ask()
+            if acquisition.records != records:
+                records, begun_s = acquisition.records, now
+            for axis, heard_s in self._heard_s.items():
+                if now - heard_s > SILENT_S:
+                    raise RunError(
+                        f'{DRIVES[axis]} has told nothing for {SILENT_S:g} s while {awaited}: is its robot still up, '
+                        'and in cyclic operation?'
+                    )
+            if not acquisition.triggered and now - begun_s > timeout_s:
+                raise RunError(f'the trigger never came: {awaited} for {timeout_s:g} s')

@@ -1,0 +1,151 @@
+"""The oscilloscope on the running graph: the samples of the simulation, one user at a time, clear refusals."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from std_msgs.msg import String
+
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.errors import ProgramError, RunError
+from delta3_pacdrive.motion.program import Dwell, Program
+from delta3_pacdrive.recording.acquisition import Acquisition, Record, setting
+from delta3_pacdrive.ros import drive_scope, scope_client
+from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
+from delta3_pacdrive.ros.qos import REQUEST
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.scope_client import ScopeClient
+
+PATIENCE_S = 30.0
+CHANNELS = [
+    'axis1.current_reference', 'axis1.phase_current_2', 'axis1.encoder_increments', 'axis2.voltage',
+    'axis2.state', 'axis3.current_integral', 'axis3.position', 'axis3.S-0-0084',
+]  # fmt: skip
+
+
+class Scope:
+    """An oscilloscope of a robot without a clock."""
+
+    def __init__(self, graph: Any, channels: list[str], **more: Any) -> None:
+        self.robot = parameters.load()
+        self.records: list[Record] = []
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        asked = {'rate_hz': 16_000.0, 'duration_s': 0.1} | more
+        self.client = ScopeClient(self.operator, setting(self.robot, channels, **asked), self.records.append)
+
+    def record(self, patience_s: float = PATIENCE_S) -> Record:
+        self.client.record(patience_s)
+        return self.records[-1]
+
+
+@pytest.mark.parametrize('rate_hz', [16_000.0, 3_200.0])
+def test_samples_are_those_of_the_simulation_to_the_last_bit(rate_hz: float, graph: Any) -> None:
+    graph.robot(('plant', '1', '2', '3'))
+    scope = Scope(graph, CHANNELS, rate_hz=rate_hz)
+    acquisition = scope.client.arm(PATIENCE_S)  # before bus time begins
+    graph.add(TransformationTaskNode, real_time_factor=0.0)
+    scope.client.follow(acquisition, PATIENCE_S)
+    (found,) = scope.records
+    simulated: list[Record] = []
+    program = Program('a robot that stands', (Dwell(0.1),))
+    simulation.run(program, scope.robot, Acquisition(found.setting, simulated.append))
+    assert found.first == simulated[0].first == 1
+    np.testing.assert_array_equal(found.values, simulated[0].values)
+    assert np.ptp(found.values[:, CHANNELS.index('axis2.state')]) > 0.0  # it was enabled meanwhile
+
+
+def test_a_value_that_is_written_triggers_and_is_shown_from_its_bus_cycle_on(graph: Any) -> None:
+    task = graph.robot()
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    scope = Scope(graph, ['axis2.S-0-0104', 'axis1.S-0-0104'], trigger='axis2.S-0-0104', pre_trigger_s=0.01)
+    acquisition = scope.client.arm(PATIENCE_S)
+    scope.operator.drive('axis2 write S-0-0104 72.5')
+    scope.client.follow(acquisition, PATIENCE_S)
+    (record,) = scope.records
+    assert record.trigger == 160
+    assert set(record.values[:160, 0]) == {60.0}
+    assert set(record.values[160:, 0]) == {72.5}
+    assert set(record.values[:, 1]) == {60.0}
+    assert (record.first + record.trigger) % 16 == 1  # the first sample of a bus cycle
+
+
+def test_a_second_oscilloscope_is_refused_by_the_name_of_the_first_until_that_parts(graph: Any) -> None:
+    graph.robot()
+    first = Scope(graph, ['axis1.speed'], trigger='axis1.fault')
+    first.client.arm(PATIENCE_S)
+    with pytest.raises(ProgramError, match=r'^the oscilloscope of axis1 is in use by process \d+ on '):
+        Scope(graph, ['axis1.current', 'axis2.current']).record()
+    assert len(Scope(graph, ['axis3.current']).record().values) == 1600  # another drive has its own
+    first.client.part()
+    assert len(Scope(graph, ['axis1.current']).record().values) == 1600
+
+
+def test_who_asks_no_more_is_given_up(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    graph.robot()
+    lost = Scope(graph, ['axis1.speed'], trigger='axis1.fault')
+    lost.client.arm(PATIENCE_S)
+    monkeypatch.setattr(drive_scope, 'GIVEN_UP_S', 0.2)
+    drive = next(node for node in graph.nodes if isinstance(node, MC4DriveNode))
+    graph.spin_until(lambda: not drive.scope_armed, 'a drive that gives its oscilloscope up')
+    monkeypatch.undo()
+    assert len(Scope(graph, ['axis1.speed']).record().values) == 1600
+
+
+def test_a_trigger_that_never_comes_and_a_robot_that_ends_are_told(
+    graph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph.robot()
+    with pytest.raises(
+        RunError, match=r'^the trigger never came: a fault of a drive was awaited for 0\.3 s$'
+    ):
+        Scope(graph, ['axis1.speed'], trigger='fault').record(0.3)
+    monkeypatch.setattr(scope_client, 'SILENT_S', 0.5)
+    scope = Scope(graph, ['axis1.speed'], trigger='fault')
+    acquisition = scope.client.arm(PATIENCE_S)
+    graph.remove(next(node for node in graph.nodes if isinstance(node, MC4DriveNode)))
+    with pytest.raises(
+        RunError, match=r'^axis1 has told nothing for 0\.5 s while a fault of a drive was awaited'
+    ):
+        scope.client.follow(acquisition, PATIENCE_S)
+
+
+def test_there_is_no_robot(graph: Any) -> None:
+    with pytest.raises(RunError, match=r'^no drives with an oscilloscope within 0\.2 s: is a robot up'):
+        Scope(graph, ['axis1.speed']).record(0.2)
+
+
+@pytest.mark.parametrize(
+    ('request_', 'refusal'),
+    [
+        ('no JSON', None),
+        ('{}', None),
+        ('[1]', None),
+        ({'channels': 3}, None),
+        ({'channels': {'axis1': [1]}}, None),
+        ({'decimation': 0}, None),
+        ({'decimation': 1e99}, None),
+        ({'decimation': True}, None),
+        ({'scope': 'x' * 33}, None),
+        ({'channels': {'axis1': ['speed'] * 10}}, None),
+        ({'channels': {'axis1': ['sped']}}, "a drive has no channel 'sped': did you mean speed?"),
+    ],
+)
+def test_what_is_no_request_is_refused_and_harms_nobody(
+    request_: Any, refusal: str | None, graph: Any
+) -> None:
+    task = graph.robot()
+    answers = graph.listen(String, 'scope/answer', REQUEST)
+    asking = graph.listener.create_publisher(String, 'scope/request', REQUEST)
+    graph.spin_until(lambda: asking.get_subscription_count() == 3, 'drives')
+    fine = {'scope': 'a', 'name': 'b', 'channels': {'axis1': ['speed']}, 'decimation': 1}
+    text = request_ if isinstance(request_, str) else json.dumps(fine | request_)
+    asking.publish(String(data=text))
+    if refusal is None:
+        asking.publish(String(data=json.dumps(fine)))  # the first answer is that to this one
+    graph.spin_until(lambda: answers, 'an answer')
+    answer = json.loads(answers[0].data)
+    assert answer['armed'] == (refusal is None)
+    assert answer['refusal'].startswith(refusal or '')
+    assert task.progress()['fault'] == ''
