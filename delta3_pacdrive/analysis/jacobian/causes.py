@@ -1,6 +1,7 @@
 """What else than a wrong length makes computed and recorded joint motion differ, with exact lengths."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from delta3_pacdrive.analysis.jacobian.mapping import (
     without_jacobian_dot,
 )
 from delta3_pacdrive.analysis.jacobian.motion import Motion
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 
 CONSECUTIVE = 1.5  # sample times
@@ -29,22 +31,49 @@ class Cause:
     momentary: float
 
 
+@dataclass(frozen=True)
+class Course:
+    """The course of a deviation that a cause makes by itself [% of the peak], at the times of the motion, shape (n, 3).
+
+    Where the sample before is missing it is nan.
+    """
+
+    name: str
+    quantity: str
+    of_peak: Floats
+
+
 def causes(motion: Motion, kinematics: Kinematics) -> list[Cause]:
     """Return the deviations by a bus cycle between TCP and joints, by leaving Jdot out, by (4.15) as printed."""
+    rows = []
+    for name, quantity, _, calculated, recorded in _compared(motion, kinematics):
+        found = Deviation.of(calculated, recorded).summary()
+        rows.append(Cause(name, quantity, found['of_peak']['max'], found['momentary']['max']))
+    return rows
+
+
+def courses(motion: Motion, kinematics: Kinematics) -> list[Course]:
+    """Return the same deviations over time."""
+    found = []
+    for name, quantity, rows, calculated, recorded in _compared(motion, kinematics):
+        values = np.full((len(motion.time_s), 3), np.nan)
+        values[rows] = Deviation.of(calculated, recorded).of_peak
+        found.append(Course(name, quantity, values))
+    return found
+
+
+def _compared(motion: Motion, kinematics: Kinematics) -> list[tuple[str, str, Any, Floats, Floats]]:
+    """Return name and quantity of each cause, the rows where it is known, calculated and recorded values there."""
     exact = joint_motion(motion, kinematics)
     pairs = np.flatnonzero(np.diff(motion.time_s) < CONSECUTIVE * motion.period_s)
     now, before = pairs + 1, pairs
     without, printed = (
         make(motion, kinematics) for make in (without_jacobian_dot, with_printed_jacobian_dot)
     )
-    compared = [
-        (LATE, 'velocity', exact.velocity[now], motion.thetadot[before]),
-        (LATE, 'acceleration', exact.acceleration[now], motion.thetaddot[before]),
-        (WITHOUT_JACOBIAN_DOT, 'acceleration', without, motion.thetaddot),
-        (PRINTED_JACOBIAN_DOT, 'acceleration', printed, motion.thetaddot),
+    every = slice(None)
+    return [
+        (LATE, 'velocity', now, exact.velocity[now], motion.thetadot[before]),
+        (LATE, 'acceleration', now, exact.acceleration[now], motion.thetaddot[before]),
+        (WITHOUT_JACOBIAN_DOT, 'acceleration', every, without, motion.thetaddot),
+        (PRINTED_JACOBIAN_DOT, 'acceleration', every, printed, motion.thetaddot),
     ]
-    rows = []
-    for name, quantity, calculated, recorded in compared:
-        found = Deviation.of(calculated, recorded).summary()
-        rows.append(Cause(name, quantity, found['of_peak']['max'], found['momentary']['max']))
-    return rows

@@ -50,6 +50,7 @@ IMPLAUSIBLE = (
     'No manufacturer is centimetres off. A formula as printed, or a term left out,\n'
     'makes far more of the deviations of accelerations.'
 )
+COURSES = COLOURS[2:5]  # of the other causes
 CAUSE_WIDTH = 13  # characters in a line of a cause
 MEANINGS = {
     Pose.RECORDED: 'angles and position recorded',
@@ -58,11 +59,11 @@ MEANINGS = {
 }
 
 
-def by_name(found: Results, errors: str, kinematics: Kinematics) -> Drawings:
-    """Return what draws each figure, by file name; ``errors`` names the inexact lengths."""
+def by_name(found: Results, errors: str, kinematics: Kinematics, told: str = '') -> Drawings:
+    """Return what draws each figure, by file name; ``errors`` names the inexact lengths, ``told`` is said of them."""
     drawings: dict[str, Any] = {}
     for trial in found.trials:
-        drawings |= of_trial(trial, errors)
+        drawings |= of_trial(trial, errors, told)
     return drawings | {
         'causes.png': partial(causes, found.trials, errors),
         'sensitivities.png': partial(sensitivities, found.trials),
@@ -70,16 +71,16 @@ def by_name(found: Results, errors: str, kinematics: Kinematics) -> Drawings:
     }
 
 
-def of_trial(trial: Trial, errors: str) -> Drawings:
+def of_trial(trial: Trial, errors: str, told: str = '') -> Drawings:
     """Return what draws the seven figures of a trajectory; files of the thesis' experiments bear its numbers."""
     found: dict[str, Any] = {
         'arm_angles': partial(arm_angles, trial),
         'tcp_position': partial(tcp_position, trial),
         'joint_velocities': partial(joint_velocities, trial, errors),
-        'velocity_deviation': partial(velocity_deviation, trial, errors),
+        'velocity_deviation': partial(velocity_deviation, trial, errors, told),
     }
     for joint in JOINTS:
-        found[f'acceleration_of_joint_{joint}'] = partial(joint_acceleration, trial, joint, errors)
+        found[f'acceleration_of_joint_{joint}'] = partial(joint_acceleration, trial, joint, errors, told)
     thesis = trial.motion.thesis
     if thesis is None:
         return {f'{trial.motion.name}_{name}.png': make for name, make in found.items()}
@@ -102,18 +103,18 @@ def _legend_under_title(figure: Figure, columns: int, handles: list[Any], labels
 def arm_angles(trial: Trial) -> Figure:
     """Arm angles [deg] of the trajectory (Fig. 11.25, 11.32, 11.39)."""
     labels = [rf'$\theta_{joint}$ (deg)' for joint in JOINTS]
-    return _three_panels(trial, 'arm angles', labels, np.degrees(trial.motion.theta))
+    return _three_panels(_title(trial, 'arm angles', 0), trial, labels, np.degrees(trial.motion.theta))
 
 
 def tcp_position(trial: Trial) -> Figure:
     """TCP coordinates [mm] of the trajectory (Fig. 11.26, 11.33, 11.40)."""
     labels = [f'{axis} (mm)' for axis in 'xyz']
-    return _three_panels(trial, 'TCP position', labels, 1e3 * trial.motion.tcp)
+    return _three_panels(_title(trial, 'TCP position', 1), trial, labels, 1e3 * trial.motion.tcp)
 
 
 def joint_velocities(trial: Trial, errors: str) -> Figure:
     """Joint velocities [deg/s], recorded and through the Jacobian (Fig. 11.27, 11.34, 11.41)."""
-    figure = titled_figure(_title(trial, 'joint velocities'), 7.0)
+    figure = titled_figure(_title(trial, 'joint velocities', 2), 7.0)
     panels = figure.subplots(3, 1, sharex=True)
     motion = trial.motion
     series = (trial.exact.velocity, trial.inexact.velocity, motion.thetadot)
@@ -124,9 +125,9 @@ def joint_velocities(trial: Trial, errors: str) -> Figure:
     return figure
 
 
-def velocity_deviation(trial: Trial, errors: str) -> Figure:
+def velocity_deviation(trial: Trial, errors: str, told: str = '') -> Figure:
     """Deviation of the joint velocities [%]: of the peak, and of the momentary value (Fig. 11.28, 11.35, 11.42)."""
-    figure = titled_figure(_title(trial, 'deviation of the joint velocities'), 7.0)
+    figure = titled_figure(_title(trial, 'deviation of the joint velocities', 3), 7.0)
     grid = figure.subplots(3, 2, sharex=True, sharey='col')
     motion = trial.motion
     exact = Deviation.of(trial.exact.velocity, motion.thetadot)
@@ -137,6 +138,8 @@ def velocity_deviation(trial: Trial, errors: str) -> Figure:
         for i, axes in enumerate(panels):
             axes.plot(motion.time_s, near[:, i], **EXACT, label='exact lengths')
             axes.plot(motion.time_s, far[:, i], **INEXACT, label=errors)
+            if column == 0:
+                _draw_courses(axes, trial, 'velocity', i)
             axes.set_ylabel(f'joint {i + 1} (%)')
             if motion.thesis is not None:
                 for sign in (-1.0, 1.0):
@@ -149,8 +152,8 @@ def velocity_deviation(trial: Trial, errors: str) -> Figure:
     panel_title(grid[0, 1], f'share of the momentary value, above {100 * THRESHOLD:g} % of peak')
     for axes in grid.flat:
         dress(axes, xlim=motion.time_s[[0, -1]])
-    for axes in grid[-1]:
-        axes.set_xlabel('time (s)')
+    grid[-1, 0].set_xlabel(f'time (s)\n{told}' if told else 'time (s)')
+    grid[-1, 1].set_xlabel('time (s)')
     figure.align_ylabels()
     handles, labels = grid[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
@@ -158,17 +161,20 @@ def velocity_deviation(trial: Trial, errors: str) -> Figure:
     return figure
 
 
-def joint_acceleration(trial: Trial, joint: int, errors: str) -> Figure:
+def joint_acceleration(trial: Trial, joint: int, errors: str, told: str = '') -> Figure:
     """Acceleration of a joint [deg/s^2], recorded and through the Jacobian, and its deviation (Fig. 11.29 to 11.31)."""
-    figure = titled_figure(_title(trial, f'acceleration of joint {joint}'), 5.6)
-    panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1))
+    figure = titled_figure(_title(trial, f'acceleration of joint {joint}', 3 + joint), 6.4)
+    panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
     motion, i = trial.motion, joint - 1
     series = (trial.exact.acceleration, trial.inexact.acceleration, motion.thetaddot)
     _curves(panels[0], motion.time_s, *(np.degrees(values[:, i]) for values in series))
     for values, style in zip(series[:2], (EXACT, INEXACT), strict=True):
         panels[1].plot(motion.time_s, Deviation.of(values, motion.thetaddot).of_peak[:, i], **style)
+    _draw_courses(panels[1], trial, 'acceleration', i)
+    if trial.courses:
+        panels[1].legend(loc='upper left', ncols=3, frameon=False, fontsize=7)
     labels = (rf'$\ddot\theta_{joint}$ (deg/s$^2$)', 'deviation\n(% of the peak)')
-    finish_over_time(panels, labels, 'time (s)')
+    finish_over_time(panels, labels, f'time (s)\n{told}' if told else 'time (s)')
     _legend_of_curves(figure, errors)
     return figure
 
@@ -271,14 +277,21 @@ def _scale(axes: Axes, span: float) -> None:
     axes.set_ylim(-ROOM * span, ROOM * span)
 
 
-def _three_panels(trial: Trial, what: str, labels: list[str], values: Floats) -> Figure:
-    figure = titled_figure(_title(trial, what), 6.0)
+def _three_panels(title: str, trial: Trial, labels: list[str], values: Floats) -> Figure:
+    figure = titled_figure(title, 6.0)
     panels = figure.subplots(3, 1, sharex=True)
     for axes, column, colour in zip(panels, values.T, AXIS_COLOURS, strict=True):
         axes.plot(trial.motion.time_s, column, color=colour, linewidth=1.6)
     keep_span(panels, 1.0)
     finish_over_time(panels, labels, 'time (s)')
     return figure
+
+
+def _draw_courses(axes: Axes, trial: Trial, quantity: str, i: int) -> None:
+    """Draw what each other cause makes by itself of the deviation of a joint."""
+    own = [course for course in trial.courses if course.quantity == quantity]
+    for course, colour in zip(own, COURSES, strict=False):
+        axes.plot(trial.motion.time_s, course.of_peak[:, i], color=colour, linewidth=1.0, label=course.name)
 
 
 def _curves(axes: Axes, time_s: Floats, exact: Floats, inexact: Floats, recorded: Floats) -> None:
@@ -295,9 +308,10 @@ def _legend_of_curves(figure: Figure, errors: str) -> None:
     _legend_under_title(figure, 3, handles, names)
 
 
-def _title(trial: Trial, what: str) -> str:
-    name = trial.motion.name.capitalize() if trial.motion.thesis else trial.motion.name
-    return f'{name}: {what}'
+def _title(trial: Trial, what: str, number: int) -> str:
+    """Title of the figure with this number among those of its trajectory."""
+    thesis, name = trial.motion.thesis, trial.motion.name
+    return f'Figure 11.{thesis.first_figure + number}: {name}, {what}' if thesis else f'{name}: {what}'
 
 
 def _powers(of_kind: dict[str, float]) -> str:

@@ -17,6 +17,7 @@ from delta3_pacdrive.analysis.jacobian.study import Results, Settings, Trial
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
 from delta3_pacdrive.parameters import Parameters
 
+IMPLAUSIBLE_M = 0.01  # of a length: no drawing and no drill is so far off
 QUANTITIES = ('velocity', 'acceleration')
 PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
@@ -186,6 +187,12 @@ def _largest(rows: list[dict[str, Any]], lengths: str, quantity: str) -> list[fl
 def _caused(rows: list[dict[str, Any]], name: str) -> list[float]:
     """Return the largest deviation of the peak that a cause makes on each trajectory, of the quantity named first."""
     return [next(cause['of_peak'] for cause in row['other_causes'] if cause['name'] == name) for row in rows]
+
+
+def plausibility(errors: Mapping[str, float]) -> str:
+    """Return what the largest of inexact lengths is to be told by: no manufacturer is centimetres off."""
+    largest = max(map(abs, errors.values()), default=0.0)
+    return f'No manufacturer is {1e3 * largest:g} mm off.' if largest >= IMPLAUSIBLE_M else ''
 
 
 def _list(values: list[float]) -> str:

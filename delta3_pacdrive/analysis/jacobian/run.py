@@ -7,7 +7,7 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.jacobian import condition, figures, report
-from delta3_pacdrive.analysis.jacobian.causes import causes
+from delta3_pacdrive.analysis.jacobian.causes import causes, courses
 from delta3_pacdrive.analysis.jacobian.mapping import inexact, joint_motion
 from delta3_pacdrive.analysis.jacobian.motion import Motion, load
 from delta3_pacdrive.analysis.jacobian.sensitivity import sensitivities, tolerance
@@ -61,7 +61,12 @@ class Study(studies.Study):
             document,
             report.text(document),
             report.tables(found),
-            figures.by_name(found, report.error_text(chosen.errors, True), self.robot.kinematics),
+            figures.by_name(
+                found,
+                report.error_text(chosen.errors, True),
+                self.robot.kinematics,
+                report.plausibility(chosen.errors),
+            ),
         )
 
     def _trial(self, motion: Motion) -> Trial:
@@ -75,4 +80,5 @@ class Study(studies.Study):
             sensitivities(motion, nominal),
             tolerance(motion, nominal, pose),
             causes(motion, nominal),
+            courses(motion, nominal),
         )

@@ -1,9 +1,9 @@
 """What a Jacobian study depends on, and what it finds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from delta3_pacdrive.analysis.jacobian.causes import Cause
+from delta3_pacdrive.analysis.jacobian.causes import Cause, Course
 from delta3_pacdrive.analysis.jacobian.condition import Sweep
 from delta3_pacdrive.analysis.jacobian.mapping import JointMotion, Pose
 from delta3_pacdrive.analysis.jacobian.motion import Motion, Signals
@@ -65,6 +65,7 @@ class Trial:
     sensitivities: list[Sensitivity]
     tolerance: dict[str, dict[str, float]]
     causes: list[Cause]
+    courses: list[Course] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,13 @@ import pytest
 
 from delta3_pacdrive import kinematics, parameters, simulation
 from delta3_pacdrive.analysis.jacobian import condition, figures, mapping, motion, report, sensitivity, study
-from delta3_pacdrive.analysis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT, causes
+from delta3_pacdrive.analysis.jacobian.causes import (
+    LATE,
+    PRINTED_JACOBIAN_DOT,
+    WITHOUT_JACOBIAN_DOT,
+    causes,
+    courses,
+)
 from delta3_pacdrive.analysis.jacobian.deviation import Deviation, peaks
 from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, JointMotion, Pose, inexact, joint_motion
 from delta3_pacdrive.analysis.jacobian.motion import Signals
@@ -463,6 +469,35 @@ def test_other_causes_stand_beside_the_inexact_lengths_and_far_above_them(experi
     assert heights[1][3] == pytest.approx(54.0, abs=1.0)
     assert max(heights[1]) == heights[1][3] > 5.0 * heights[1][0]
     assert 'No manufacturer is centimetres off' in acceleration.get_xlabel()
+
+
+def test_figures_draw_the_other_causes_over_time_and_say_that_nobody_is_35_mm_off(experiments, robot):
+    own, exact = experiments[2], robot.kinematics
+    wrong = joint_motion(own, inexact(exact, {'R_A': 0.035}))
+    found = courses(own, exact)
+    trial = study.Trial(own, joint_motion(own, exact), wrong, own.time_s, own.time_s, [], {}, [], found)
+    told = report.plausibility({'R_A': 0.035})
+    assert told == 'No manufacturer is 35 mm off.'
+    assert report.plausibility({'l_A': 0.002}) == ''
+    velocity = figures.velocity_deviation(trial, 'R_A + 35 mm', told)
+    assert velocity.get_suptitle().startswith('Figure 11.42: ')
+    assert LATE in [line.get_label() for line in velocity.axes[0].get_lines()]
+    assert any(told in axes.get_xlabel() for axes in velocity.axes)
+    highest = {}
+    for joint in (1, 2, 3):
+        figure = figures.joint_acceleration(trial, joint, 'R_A + 35 mm', told)
+        assert figure.get_suptitle().startswith(f'Figure 11.{42 + joint}: ')
+        assert told in figure.axes[1].get_xlabel()
+        for line in figure.axes[1].get_lines()[2:]:
+            seen = float(np.nanmax(np.abs(line.get_ydata())))
+            highest[line.get_label()] = max(seen, highest.get(line.get_label(), 0.0))
+    assert highest[PRINTED_JACOBIAN_DOT] == pytest.approx(74.0, abs=1.0)
+    assert highest[WITHOUT_JACOBIAN_DOT] == pytest.approx(38.0, abs=1.0)
+    assert 1.0 < highest[LATE] < 10.0
+    # over time and as the largest they are the same
+    assert {c.name: c.of_peak for c in causes(own, exact) if c.quantity == 'acceleration'} == pytest.approx(
+        highest
+    )
 
 
 def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experiments):
