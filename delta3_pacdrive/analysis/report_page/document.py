@@ -110,7 +110,7 @@ def _robot(run: Run) -> dict[str, Any]:
         'azimuths': list(robot.kinematics.arm_azimuth_rad),
         'hips': hips.tolist(),
         'joints': joints.tolist(),
-        'arm': robot.kinematics.upper_arm_length_m,
+        'arms': list(robot.kinematics.upper_arm_lengths_m),
     }
 
 

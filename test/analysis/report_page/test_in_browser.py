@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from browser import Visit
-from delta3_pacdrive import kinematics
+from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page import page
 from delta3_pacdrive.analysis.report_page.columns import resolution_of
 from delta3_pacdrive.analysis.report_page.plots import QUANTITIES
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.scene.parts import RODS
+from delta3_pacdrive.scene.poses import poses
 
 INSTANTS_S = (0.0, 0.111, 0.35, 0.62, 0.75)  # within four moves of the packaging cycle
 ROUNDING = 1.0 + 1e-6  # of half a step
@@ -151,6 +153,21 @@ def check_plate(visit, one):
         corner = np.array([x - 60, y - 60])
         plate = corner + middle_of(np.abs(around - background).max(axis=2) > 20.0)
         assert np.linalg.norm(plate - drawn) < PIXELS, time_s
+
+
+def test_each_arm_is_drawn_as_long_as_the_parameters_say(browser, robot, tmp_path):
+    corrected = robot.replace(kinematics__upper_arm_correction_m=(2e-3, -1e-3, 0.0))
+    run = runs.load('packaging', str(parameters.write(corrected, tmp_path / 'corrected.yaml')), to_s=0.2)
+    page.write(tmp_path / 'page.html', [run], Provenance.of('test'))
+    with Visit(browser, (tmp_path / 'page.html').as_uri()) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        seek(visit, 0.1)
+        row = round((0.1 - run.part.time_s[0]) / run.period_s)
+        theta = run.part['motor_position'][row] / corrected.dynamics.gear_ratio
+        there = poses(theta, corrected)
+        for rod in RODS:
+            drawn = visit.page.evaluate(f'delta3.stage.robot.parts.get("forearm{rod}").position.toArray()')
+            assert drawn == pytest.approx(there.of(f'forearm{rod}')[0], abs=1e-6), rod
 
 
 def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):

@@ -77,14 +77,14 @@ export class Robot {
   // Put all parts where arm angles [rad] and a TCP [m] say.
   place(angles, tcp) {
     if (![...angles, ...tcp].every(Number.isFinite)) return;
-    const { hips, joints, azimuths, arm } = this.document;
+    const { hips, joints, azimuths, arms } = this.document;
     const turn = new Quaternion();
     const [start, end, along] = [new Vector3(), new Vector3(), new Vector3()];
     azimuths.forEach((azimuth, i) => {
       const upper = this.part(`arm${i + 1}`);
       upper.position.set(...hips[i]);
       upper.quaternion.setFromAxisAngle(Z, azimuth).multiply(turn.setFromAxisAngle(Y, angles[i]));
-      const elbow = new Vector3(arm, 0, 0).applyQuaternion(upper.quaternion).add(upper.position);
+      const elbow = new Vector3(arms[i], 0, 0).applyQuaternion(upper.quaternion).add(upper.position);
       const middle = new Vector3(...joints[i][0]).add(new Vector3(...joints[i][1])).multiplyScalar(0.5);
       ['a', 'b'].forEach((name, n) => {
         const rod = this.part(`forearm${i + 1}${name}`);
