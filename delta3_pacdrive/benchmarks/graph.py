@@ -4,11 +4,13 @@ Each case is measured with real-time scheduling and as an ordinary user has it, 
 """
 
 import json
+import signal
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,12 +33,19 @@ TITLES = {
     'bare': 'bare nodes, separate processes, real time',
     'separate': 'robot, separate processes, real time',
     'viewed': 'robot, separate processes, real time, with a page that somebody watches',
+    'scoped': 'robot, separate processes, real time, with an oscilloscope of eight channels at 16 kHz',
     'single': 'robot, one process, real time',
     'fast': 'robot, one process, as fast as possible',
 }
 CASES = tuple(TITLES)
-WITHOUT_PAGE = tuple(case for case in CASES if case != 'viewed')
+WITHOUT_PAGE = tuple(case for case in CASES if case not in ('viewed', 'scoped'))
 BESIDE_PAGE = ('separate', 'viewed')
+BESIDE_SCOPE = ('separate', 'scoped')
+SCOPED = (
+    'axis1.current_reference,axis1.motor_current,axis1.phase_current_1,axis1.phase_voltage_1,axis2.current_reference,'
+    'axis2.motor_current,axis3.speed,axis3.speed_reference'
+)
+SCOPE_END_S = 20.0
 REAL_TIME, ORDINARY = SCHEDULINGS = ('real-time', 'ordinary')
 COLUMNS = {
     REAL_TIME: 'real-time scheduling',
@@ -126,6 +135,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
         if case == 'viewed':
             place = stack.enter_context(serving.held(serving.HOST, None))
             port, page = place.port, stack.enter_context(started(place, '/', Path(folder)))
+        scope = stack.enter_context(_oscilloscope(Path(folder))) if case == 'scoped' else None
         bringup = Bringup(
             Options(
                 program=program_file(seconds, folder),
@@ -150,10 +160,38 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
                 meters[0].look()
 
         result = bringup.run(show)
+        if scope is not None:
+            result['scope_samples'], result['scope_lost'] = _end_oscilloscope(scope)
     if watchers:
         result['page_kb_s'] = 1e-3 * watchers[0].received_bytes / max(watchers[0].watched_s, 1e-3)
         result |= {'page_watched_s': watchers[0].watched_s, 'page_cores': watchers[0].cores}
     return result | meters[0].figures(result['cycles'] - first_cycle)
+
+
+@contextmanager
+def _oscilloscope(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Give an oscilloscope in a process of its own, which waits for the robot."""
+    more = '--mode', 'rolling', '--duration', '1', '--output', str(folder / 'scope.npz'), '--json'
+    process = subprocess.Popen(
+        [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'scope', SCOPED, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _end_oscilloscope(process: subprocess.Popen[str]) -> tuple[int, int]:
+    """End an oscilloscope; return how many samples of a channel it held at the end, and how many were lost."""
+    process.send_signal(signal.SIGINT)
+    told = json.loads(process.communicate(timeout=SCOPE_END_S)[0])
+    if not told['ok']:
+        raise RunError(f'the oscilloscope: {told["error"]}')
+    return told['scope'][0]['samples'], told['lost_samples']
 
 
 def _measure_baseline(seconds: float) -> dict[str, Any]:
@@ -225,6 +263,10 @@ def _rows(result: dict[str, Any]) -> dict[str, str]:
     rows['processor'] = (
         f'{sum(result["cores"].values()):.2f} cores, {result["us_per_cycle"]:.0f} us per cycle'
     )
+    if 'scope_samples' in result:
+        rows['oscilloscope'] = (
+            f'{result["scope_samples"]} samples of a channel held, {result["scope_lost"]} lost'
+        )
     if 'page_kb_s' in result:
         watched = f'{result["page_kb_s"]:.0f} kB/s for {result["page_watched_s"]:.0f} s'
         rows['page'] = f'{result["page_cores"]:.3f} cores, {watched}'

@@ -34,6 +34,7 @@ class Options(JsonOptions):
         only=('graph',),
     )
     view: bool = flag('graph: the robot without and with a page that somebody watches', only=('graph',))
+    scope: bool = flag('graph: the robot without and with an oscilloscope in its drives', only=('graph',))
     no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
 
     seeds: int | None = option(
@@ -66,7 +67,10 @@ def run(options: Options) -> int:
 def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], dict[str, Any]]:
     """Return the result, and what prints it; the graph is measured before anything heavy is loaded here."""
     if options.what == 'graph':
-        cases = options.case or (graph.BESIDE_PAGE if options.view else None)
+        beside = {graph.BESIDE_PAGE: options.view, graph.BESIDE_SCOPE: options.scope}
+        cases = options.case or tuple(
+            dict.fromkeys(case for cases, yes in beside.items() if yes for case in cases)
+        )
         return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
     from delta3_pacdrive.benchmarks import estimation, motion, simulation
 
