@@ -113,7 +113,9 @@ class RobotOptions(JsonOptions):
     """Options that describe a robot."""
 
     parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
+        'parameter file instead of the packaged one, or rich: the built robot, or model: torque of the whole model '
+        'fed forward',
+        'FILE',
     )
     exchange_period: float | None = option(
         'exchange period between drives and plant [s]; 125e-6 is the exact reference', 'S', type=float

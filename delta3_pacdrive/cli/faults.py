@@ -33,7 +33,9 @@ class Options(JsonOptions):
     csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
     logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=folder, only=('run',))
     parameters: str | None = option(
-        'run: parameter file of the robot instead of the packaged one', 'FILE', only=('run',)
+        'run: parameter file of the robot instead of the packaged one, or model: torque of the whole model fed forward',
+        'FILE',
+        only=('run',),
     )
     namespace: str = option('inject: ROS namespace of the robot', default='/', only=('inject',))
 

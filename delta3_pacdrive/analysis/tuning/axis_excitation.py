@@ -19,7 +19,7 @@ from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import INERTIA, Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
@@ -76,7 +76,10 @@ def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgre
 
     """
     drive = parameters.drive
-    exact = parameters.replace(bus__exchange_period_s=max(125e-6, drive.velocity_period_s))
+    # the loops are excited, and no task is there to command a torque
+    exact = parameters.replace(
+        bus__exchange_period_s=max(125e-6, drive.velocity_period_s), control__feed_forward=INERTIA
+    )
     rms = RMS[excitation.place] * excitation.amplitude
     hold = drive.velocity_period_s if excitation.place == Place.PLANT else drive.position_period_s
     highest = min(HIGHEST_HZ[excitation.place], RATE_SHARE / hold)

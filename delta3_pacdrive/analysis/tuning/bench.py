@@ -25,7 +25,7 @@ from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import INERTIA, Parameters
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
 SETTLING_S = 0.25  # after the drive is in torque: 15 time constants of the position loop
@@ -75,6 +75,7 @@ def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> P
     """Parameters of the drive on the bench: its own shaft is the load, outer loops are cut as ``place`` asks."""
     drive = parameters.drive
     values: dict[str, Any] = {'bus__exchange_period_s': max(125e-6, drive.velocity_period_s)}
+    values['control__feed_forward'] = INERTIA  # no task is there to command a torque
     if math.isfinite(load.inertia_kg_m2):
         inertia = load.inertia_kg_m2 * parameters.dynamics.gear_ratio**2
         values['drive__observer_arm_inertia_kg_m2'] = inertia

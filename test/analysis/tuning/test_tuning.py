@@ -506,3 +506,10 @@ def test_options_that_cannot_be_obeyed_are_refused_by_name(arguments, sentence, 
 def test_numbers_out_of_range_are_refused_with_the_limit(arguments, sentence, capsys, tmp_path):
     assert tune.main([*arguments, '--output', str(tmp_path)]) == 1
     assert sentence in capsys.readouterr().err
+
+
+def test_excited_loops_are_the_same_bits_for_a_master_that_commands_torques(excited, robot):
+    model = robot.replace(control__feed_forward='model')
+    again = axis_excitation.record(model, axis_excitation.Excitation(Place.PLANT, 0, POSE, 5.0))
+    for name, values in excited.signals.items():
+        np.testing.assert_array_equal(again[name], values, err_msg=name)
