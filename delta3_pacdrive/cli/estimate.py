@@ -64,7 +64,7 @@ class Options(JsonOptions):
     )
     apply: bool = flag('leave fitted.yaml, and show what it changes: figures 11.6 and 11.8 before and after')
     measurement: str | None = option(
-        'write the simulated measurement to this .npz or .csv file', 'FILE', type=trace_file
+        'write the simulated measurement to this .npz, .csv or .parquet file', 'FILE', type=trace_file
     )
     output: str = option('for report, tables, figures', 'FOLDER', default='estimation')
     resume: str | None = option('go on with the estimation that began in this folder', 'FOLDER')

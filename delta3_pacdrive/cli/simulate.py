@@ -36,7 +36,9 @@ class Options(ReferenceOptions, ScopeOptions):
     scope_output: str = option(
         'file of what --scope shows: .parquet, .csv or .npz', 'FILE', default='scope.csv', type=record_file
     )
-    trace: str | None = option('write every signal to this .npz or .csv file', 'FILE', type=trace_file)
+    trace: str | None = option(
+        'write every signal to this .npz, .csv or .parquet file', 'FILE', type=trace_file
+    )
     one_motor: bool = flag(
         'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
     )

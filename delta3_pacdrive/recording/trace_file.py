@@ -9,10 +9,11 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import table_csv, table_mat, table_parquet, trace_csv
 from delta3_pacdrive.recording.bag_trace import read_bag
 from delta3_pacdrive.recording.column_file import ColumnFile
+from delta3_pacdrive.recording.quantities import QUANTITIES, parted
 from delta3_pacdrive.recording.table import Table, trace_of
 from delta3_pacdrive.recording.trace import Trace, told
 
-SUFFIXES = ('.npz', '.csv')  # of trace files that are written
+SUFFIXES = ('.npz', '.csv', '.parquet')  # of trace files that are written
 TABLES = ('.csv', '.parquet', '.mat')
 LARGEST = 1e12  # of a signal: far beyond every robot, and its squares are still numbers
 
@@ -72,13 +73,25 @@ def _table(path: Path, columns: ColumnFile | None) -> Table:
 
 
 def save(trace: Trace, path: str | Path) -> None:
-    """Write a trace as ``.csv`` or ``.npz``, as the name ends; raises TraceError for any other end."""
+    """Write a trace as ``.csv``, ``.parquet`` or ``.npz``, as the name ends; raises TraceError for any other end."""
     if refusal := suffix_refusal(path):
         raise TraceError(f'cannot write trace {path}: {refusal}')
     if Path(path).suffix.lower() == '.csv':
         trace_csv.write(trace, path)
+    elif Path(path).suffix.lower() == '.parquet':
+        _write_parquet(trace, Path(path))
     else:
         trace.save(path)
+
+
+def _write_parquet(trace: Trace, path: Path) -> None:
+    """Write the columns that CSV has, each with its unit, and what the trace tells of its run."""
+    named = [name for name in trace.signals if name in QUANTITIES]
+    headings = ['time [s]', *(heading for name in named for heading in trace_csv.columns_of(name))]
+    units = [str(parted(heading)[1]) for heading in headings]
+    columns = np.column_stack([trace.time_s, *(trace[name] for name in named)]).T
+    with told(f'write trace {path}'), whole_file.replacing(path) as partial:
+        table_parquet.write(partial, headings, units, list(columns), trace.meta)
 
 
 def require_writable_trace(path: str | Path) -> None:
@@ -91,6 +104,6 @@ def suffix_refusal(path: str | Path) -> str | None:
     """Return why no trace can be written to a file of this name, None if one can."""
     suffix = Path(path).suffix
     if suffix.lower() in SUFFIXES:
-        return None
+        return table_parquet.missing() if suffix.lower() == '.parquet' else None
     told = f'ends in {suffix}' if suffix else 'has no ending'
-    return f'the name {told}, but must end in {" or ".join(SUFFIXES)}'
+    return f'the name {told}, but must end in {", ".join(SUFFIXES[:-1])} or {SUFFIXES[-1]}'

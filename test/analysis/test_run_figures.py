@@ -97,8 +97,8 @@ def test_a_trace_that_would_not_be_what_its_name_says_is_refused_by_name(
             main([*command, str(path)])
         assert end.value.code == 2
         assert f'cannot write {path}: the name ' in (told := capsys.readouterr().err)
-        assert 'must end in .npz or .csv' in told
-    with pytest.raises(TraceError, match=r'must end in \.npz or \.csv'):
+        assert 'must end in .npz, .csv or .parquet' in told
+    with pytest.raises(TraceError, match=r'must end in \.npz, \.csv or \.parquet'):
         trace_file.save(Trace(np.zeros(1), {}), path)
     assert not list(tmp_path.iterdir())
 

@@ -7,6 +7,7 @@ import pytest
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.trace import Trace
 
 TIME = np.array([0.0, 1.0, 2.0])
 TCP = np.array([[1.0, 2.0, -800.0], [1.5, 2.5, -801.0], [2.0, 3.0, -802.0]])
@@ -30,6 +31,32 @@ def write_parquet(pyarrow, path, columns, units=(), meta=None):
 
 def columns(names=('time [ms]', 'tcp_command_x [mm]', 'tcp_command_y [mm]', 'tcp_command_z [mm]')):
     return dict(zip(names, [TIME, *TCP.T], strict=True))
+
+
+def test_a_trace_that_is_written_as_parquet_is_read_again_to_the_last_bit_with_what_it_tells(
+    pyarrow, tmp_path
+):
+    from pyarrow import parquet
+
+    signals = {
+        'tcp_command': TCP,
+        'master': np.array([[0.0, 0.1, 1.0], [0.1, 0.2, 1.5], [0.3, 1.0 / 3.0, 2.0]]),
+    }
+    trace_file.save(Trace(TIME, signals, {'program': 'a', 'parameters': {'b': 1.0}}), tmp_path / 'a.parquet')
+    schema = parquet.read_schema(tmp_path / 'a.parquet')
+    assert [field.name for field in schema][-3:] == ['master_s [m]', 'master_v [m/s]', 'master_a [m/s2]']
+    assert [field.metadata[b'unit'] for field in schema] == [b's', b'm', b'm', b'm', b'm', b'm/s', b'm/s2']
+    found = trace_file.load(tmp_path / 'a.parquet')
+    assert found.meta == {'program': 'a', 'parameters': {'b': 1.0}}
+    assert found.time_s.tobytes() == TIME.tobytes()
+    for name, values in signals.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
+def test_without_pyarrow_no_parquet_is_written_and_the_sentence_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
+    with pytest.raises(TraceError, match=r'Parquet needs pyarrow: pip install'):
+        trace_file.require_writable_trace(tmp_path / 'a.parquet')
 
 
 def test_parquet_tells_units_in_the_names_of_its_columns(pyarrow, tmp_path):

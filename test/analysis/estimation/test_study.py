@@ -141,7 +141,7 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         (['--start-off', '9.1'], 'between -0.9 and 9'),
         (
             ['--measurement', 'out.xlsx'],
-            'cannot write out.xlsx: the name ends in .xlsx, but must end in .npz or .csv',
+            'cannot write out.xlsx: the name ends in .xlsx, but must end in .npz, .csv or .parquet',
         ),
         (['--measurement', 'out'], 'the name has no ending'),
         (['--design', 'own.xlsx'], 'the name of a program must end in .yaml'),
