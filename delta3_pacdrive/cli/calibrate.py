@@ -31,6 +31,11 @@ class Options(JsonOptions):
     file: str | None = argument(
         'for fit and home: table of measurements, units in its header', default=None, metavar='FILE'
     )
+    columns: str | None = option(
+        'column file: which columns of a table of somebody else are arm_position and tcp_measured',
+        'FILE',
+        only=(FIT, HOME),
+    )
     method: str = option(
         'how the TCP is measured: points in the frame base, or in a frame of the instrument; touches of planes, of '
         'balls of known size, or of a level plane of known height',
@@ -89,6 +94,8 @@ class Options(JsonOptions):
             return 'plan writes a table, it takes none'
         if self.action != PLAN and (self.file is None) == (self.simulate is None):
             return f'{self.action} takes a table of measurements, or --simulate'
+        if self.columns is not None and self.file is None:
+            return '--columns is for a table of measurements'
         if self.file is not None and (self.number is not None or self.checks is not None):
             return '--number and --checks are for poses that are planned, not for a table of measurements'
         if self.action == FIT and self.method == 'level':
@@ -133,7 +140,7 @@ def _work(options: Options, show: OnProgress) -> dict[str, Any]:
         MM * options.diameter,
         options.arm,
     )
-    settings = Settings(options.parameters, options.simulate, wanted, options.seed)
+    settings = Settings(options.parameters, options.simulate, wanted, options.seed, options.columns)
     study = Study(settings, Path(options.output), options.command_line, show)
     if options.action == PLAN:
         return study.plan()

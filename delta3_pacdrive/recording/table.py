@@ -39,6 +39,10 @@ class Table:
         Shape (rows, columns), nan where there is no number.
     meta
         What the file tells of the run.
+    texts
+        Cells of the columns that hold words, by their headings; their values are nan.
+    comments
+        Above the headings, without their marks.
 
     """
 
@@ -46,6 +50,8 @@ class Table:
     headings: Sequence[str]
     values: Floats
     meta: dict[str, Any] = field(default_factory=dict)
+    texts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    comments: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False)
         not increase; names the column or the row.
 
     """
-    sources = _by_headings(table) if chosen is None else _by_choice(table, chosen)
+    sources = _by_headings(table) if chosen is None else by_choice(table, chosen)
     if not len(table.values):
         raise TraceError(f'{table.path} has no row of numbers')
     values = {
@@ -138,7 +144,8 @@ def _by_headings(table: Table) -> dict[str, list[Source]]:
     return _complete(table.path, found)
 
 
-def _by_choice(table: Table, chosen: ColumnFile) -> dict[str, list[Source]]:
+def by_choice(table: Table, chosen: ColumnFile, wanted: Sequence[str] = (TIME,)) -> dict[str, list[Source]]:
+    """Return the sources of each signal that a column file names; raises TraceError if a wanted one is missing."""
     labels = [heading.strip() for heading in table.headings]
     bare = [quantities.parted(heading)[0] for heading in labels]
     found: dict[str, list[Source | None]] = {}
@@ -152,7 +159,7 @@ def _by_choice(table: Table, chosen: ColumnFile) -> dict[str, list[Source]]:
                 f'says {told}'
             )
         own[one.number] = Source(place, one.factor * UNITS[one.unit][1], one.offset * UNITS[one.unit][1])
-    return _complete(table.path, found)
+    return _complete(table.path, found, wanted)
 
 
 def _place(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[str]) -> int:
@@ -173,11 +180,13 @@ def _place(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[
     )
 
 
-def _complete(path: Path, found: Mapping[str, Sequence[Source | None]]) -> dict[str, list[Source]]:
+def _complete(
+    path: Path, found: Mapping[str, Sequence[Source | None]], wanted: Sequence[str] = (TIME,)
+) -> dict[str, list[Source]]:
     whole: dict[str, list[Source]] = {}
-    for name in (TIME, *found):
+    for name in (*wanted, *found):
         own = [one for one in found.get(name, ()) if one is not None]
         if len(own) != quantities.width(name):
-            raise TraceError(f'{path} has no column time, or not all three of a signal ({name})')
+            raise TraceError(f'{path} has no column {wanted[0]}, or not all three of a signal ({name})')
         whole[name] = own
     return whole

@@ -11,7 +11,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -37,8 +37,17 @@ COMMENT = re.compile('^#.*', re.MULTILINE)
 COMMA, POINT = ',', '.'
 
 
-def read(path: Path, form: Form | None = None) -> Table:
+def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: str = 'trace') -> Table:
     """Read a table.
+
+    Parameters
+    ----------
+    path, form
+        Of the file; None: its form is found out.
+    words
+        Headings of columns that hold words instead of numbers.
+    what
+        The file is called when it cannot be read.
 
     Raises
     ------
@@ -50,9 +59,9 @@ def read(path: Path, form: Form | None = None) -> Table:
         if path.stat().st_size > SIZE_MAX_BYTES:
             raise TraceError(f'{path} is larger than {SIZE_MAX_BYTES >> 20} MiB')
         with path.open('rb') as stream:
-            return _Reader(path, form or Form()).read(stream)
+            return _Reader(path, form or Form(), words).read(stream)
     except (OSError, UnicodeError, csv.Error) as error:
-        raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
+        raise TraceError(f'cannot read {what} {path}: {reason(error)}') from error
 
 
 @dataclass
@@ -61,11 +70,14 @@ class _Reader:
 
     path: Path
     form: Form
+    words: Sequence[str] = ()
     separator: str = COMMA
     headings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
     line: int = 0  # the last one of what was read
     decimals: set[str] = field(default_factory=set)
+    texts: dict[str, list[str]] = field(default_factory=dict)
+    comments: list[str] = field(default_factory=list)
 
     def read(self, stream: IO[bytes]) -> Table:
         """Read the whole file, and close it."""
@@ -77,7 +89,8 @@ class _Reader:
         named = len(self.headings)
         while named and not self.headings[named - 1] and np.isnan(values[:, named - 1]).all():
             named -= 1  # every line ends in a separator
-        return Table(self.path, self.headings[:named], values[:, :named], self.meta)
+        about = self.meta, self.texts, self.comments
+        return Table(self.path, self.headings[:named], values[:, :named], *about)
 
     def _encoding(self, stream: IO[bytes]) -> str:
         begin = stream.read(1 << 16)
@@ -137,6 +150,8 @@ class _Reader:
                 self.meta.update(json.loads(text))
             except (ValueError, RecursionError):
                 raise TraceError(f'the line of meta data in {self.path} is no JSON object') from None
+        else:
+            self.comments.append(text)
 
     def _head(self, line: str, below: str) -> None:
         """Find out the separator, and part the headings."""
@@ -158,11 +173,12 @@ class _Reader:
         cells = [cell.strip() for cell in next(csv.reader([lines[0]], delimiter=self.separator), [])]
         units = [unit_named(cell.removeprefix('[').removesuffix(']')) for cell in cells]
         if len(units) != len(self.headings) or not all(
-            unit in UNITS or not heading for unit, heading in zip(units, self.headings, strict=True)
+            unit in UNITS or not heading or (heading in self.words and not unit)
+            for unit, heading in zip(units, self.headings, strict=True)
         ):
             return False
         self.headings = [
-            f'{name} [{unit}]' if name else '' for name, unit in zip(self.headings, units, strict=True)
+            f'{name} [{unit}]' if unit else name for name, unit in zip(self.headings, units, strict=True)
         ]
         return True
 
@@ -173,6 +189,7 @@ class _Reader:
         text = COMMENT.sub('', text)
         if not text.strip():
             return np.empty((0, len(self.headings)))
+        text = self._without_words(text)
         told = self._prepared(text)
         try:
             found = np.loadtxt(io.StringIO(told), delimiter=self.separator, comments=None, ndmin=2)
@@ -185,6 +202,21 @@ class _Reader:
         if found.shape[1] != len(self.headings):
             self._refuse(told, text, first)
         return np.asarray(found, dtype=np.float64)
+
+    def _without_words(self, text: str) -> str:
+        """Keep the cells that hold words, and return the lines without them."""
+        places = {n: name for n, name in enumerate(self.headings) if name in self.words}
+        if not places:
+            return text
+        lines = []
+        for line in text.splitlines():
+            cells = next(csv.reader([line], delimiter=self.separator), [])
+            if len(cells) == len(self.headings):
+                for n, name in places.items():
+                    self.texts.setdefault(name, []).append(cells[n].strip())
+                    cells[n] = ''
+            lines.append(self.separator.join(cells))
+        return '\n'.join(lines) + '\n'
 
     def _prepared(self, text: str) -> str:
         """Return the text with decimal points, without quotes, and with nan in empty cells."""

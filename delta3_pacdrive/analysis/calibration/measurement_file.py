@@ -1,4 +1,4 @@
-"""Files of poses and measurements: a table as CSV, one row per pose, units in the header.
+"""Files of poses and measurements: a table as text, one row per pose, units in the header.
 
     # parameters: 0123456789abcdef (delta3.yaml)              optional: of the controller that told the angles
     use,axis1 [deg],axis2 [deg],axis3 [deg],measured_x [mm],measured_y [mm],measured_z [mm]
@@ -8,23 +8,27 @@
 ``axis1`` to ``axis3`` are arm angles as the controller tells them, ``measured_x`` to ``measured_z`` is the point of an
 instrument. A touch has ``object`` instead, the name of what was touched, and for a ball its ``diameter``. Without
 ``use`` all rows are for the estimation. ``number``, ``x``, ``y`` and ``z`` (where the pose was planned) are only for
-people.
+people. Tables of others have a column file.
 """
 
-import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from delta3_pacdrive.analysis.calibration.data import Measurements, Poses
 from delta3_pacdrive.analysis.provenance import Provenance, write_table
 from delta3_pacdrive.configuration.checked import nearest_of
-from delta3_pacdrive.errors import CalibrationError, shown
+from delta3_pacdrive.errors import CalibrationError, TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.quantities import UNITS
+from delta3_pacdrive.recording import column_file, quantities, table_csv
+from delta3_pacdrive.recording.column_file import ColumnFile
+from delta3_pacdrive.recording.quantities import TIME, UNITS
+from delta3_pacdrive.recording.table import Source, Table
+from delta3_pacdrive.recording.table import by_choice as table_columns
 
 FIT, CHECK = 'fit', 'check'
 AXES = ('axis1', 'axis2', 'axis3')
@@ -32,8 +36,9 @@ POINT = ('measured_x', 'measured_y', 'measured_z')
 PLANNED = ('x', 'y', 'z')
 WORDS = ('number', 'use', 'object')
 WITH_UNIT = dict.fromkeys(AXES, 'rad') | dict.fromkeys((*POINT, *PLANNED, 'diameter'), 'm')
-ROWS_MAX, SIZE_MAX_BYTES = 10_000, 1 << 24
-PARAMETERS = '# parameters:'
+OF_COLUMN_FILES = {'arm_position': AXES, 'tcp_measured': POINT}
+ROWS_MAX = 10_000
+PARAMETERS = 'parameters:'
 MM = 1e3
 
 
@@ -63,8 +68,15 @@ def _cells(values: Floats, digits: int) -> list[Any]:
     return ['' if math.isnan(value) else round(float(value), digits) + 0.0 for value in values]
 
 
-def read(path: Path) -> Measurements:
+def read(path: Path, columns: str | Path | None = None) -> Measurements:
     """Read measurements.
+
+    Parameters
+    ----------
+    path
+        Of the table; whatever form of text ``table_csv`` reads.
+    columns
+        Column file of somebody else's table: which of its columns are ``arm_position`` and ``tcp_measured``.
 
     Raises
     ------
@@ -74,133 +86,120 @@ def read(path: Path) -> Measurements:
 
     """
     try:
-        if path.stat().st_size > SIZE_MAX_BYTES:
-            raise CalibrationError(f'{path} is larger than {SIZE_MAX_BYTES >> 20} MiB')
-        with path.open(encoding='utf-8-sig', newline='') as file:
-            lines = file.read().splitlines()
-        checksum = _checksum(lines)
-        reader = csv.reader(line for line in lines if not line.startswith('#'))
-        header = next(reader, [])
-        rows = list(_rows(reader, len(header), path))
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
-        if isinstance(error, CalibrationError):
-            raise
-        why = getattr(error, 'strerror', None) or error
-        raise CalibrationError(f'cannot read measurements {path}: {why}') from error
-    columns = _columns(header, path)
-    if not rows:
+        chosen = None if columns is None else column_file.read(columns)
+        table = table_csv.read(path, chosen.form if chosen else None, WORDS, 'measurements')
+        found = _columns(table) if chosen is None else _chosen(table, chosen)
+    except TraceError as error:
+        raise CalibrationError(str(error)) from error
+    if not len(table.values):
         raise CalibrationError(f'{path} has no measurement')
-    angles = np.stack([_numbers(rows, columns[name], path) for name in AXES], axis=-1)
-    checks = np.array([_is_check(row, columns, n, path) for n, row in enumerate(rows)])
+    if len(table.values) > ROWS_MAX:
+        raise CalibrationError(f'{path} has more than {ROWS_MAX} measurements')
+    angles = np.stack([_numbers(table, found[name]) for name in AXES], axis=-1)
+    checks = _checks(table)
     if checks.all():
         raise CalibrationError(f'{path} has no measurement to estimate from: all of them are to check with')
-    if 'object' in columns:
-        objects, diameters = _objects(rows, columns, path)
+    checksum = _checksum(table.comments)
+    if 'object' in table.headings:
+        objects, diameters = _objects(table, found.get('diameter'))
         return Measurements(angles, np.full_like(angles, np.nan), checks, objects, diameters, checksum)
-    points = np.stack([_numbers(rows, columns[name], path) for name in POINT], axis=-1)
-    return Measurements(angles, points, checks, (), np.full(len(rows), np.nan), checksum)
+    points = np.stack([_numbers(table, found[name]) for name in POINT], axis=-1)
+    return Measurements(angles, points, checks, (), np.full(len(angles), np.nan), checksum)
 
 
-def _checksum(lines: Sequence[str]) -> str:
-    told = next((line for line in lines if line.startswith(PARAMETERS)), '')
+def _checksum(comments: Sequence[str]) -> str:
+    told = next((line for line in comments if line.startswith(PARAMETERS)), '')
     return told.removeprefix(PARAMETERS).strip().partition(' ')[0]
 
 
-def _rows(reader: Iterator[list[str]], columns: int, path: Path) -> Iterator[list[str]]:
-    number = 0
-    for row in reader:
-        if not any(cell.strip() for cell in row):
-            continue
-        number += 1
-        if number > ROWS_MAX:
-            raise CalibrationError(f'{path} has more than {ROWS_MAX} measurements')
-        if len(row) != columns:
-            raise CalibrationError(
-                f'measurement {number} of {path} has {len(row)} values, the header {columns} columns'
-            )
-        yield [cell.strip() for cell in row]
-
-
-Column = tuple[int, float, str]  # place in a row, factor to SI, name as in the header
-
-
-def _columns(header: list[str], path: Path) -> dict[str, Column]:
-    """Return the columns by name."""
-    found: dict[str, Column] = {}
+def _columns(table: Table) -> dict[str, Source]:
+    """Return the columns by name, as the headings tell them; raises CalibrationError."""
+    found: dict[str, Source] = {}
     known = (*WORDS, *WITH_UNIT)
-    for place, text in enumerate(header):
-        label, bracket, rest = (part.strip() for part in text.partition('['))
+    seen = set()
+    for place, text in enumerate(table.headings):
+        label, unit = quantities.parted(text)
         if label not in known:
             raise CalibrationError(
-                f'{path} is no file of measurements: it has the column {shown(text)}, expected '
-                f'{", ".join(known)}{nearest_of(label, known)}'
+                f'{table.path} is no file of measurements: it has the column {shown(text)}, expected '
+                f'{", ".join(known)}{nearest_of(label, known)}; a column file (--columns) says what others are'
             )
-        if label in found:
-            raise CalibrationError(f'{path} has the column {label} twice')
-        factor = 1.0
-        if label in WITH_UNIT:
-            si, factor = UNITS.get(rest.removesuffix(']').strip(), ('', 0.0))
-            if not bracket or si != WITH_UNIT[label]:
-                possible = ', '.join(f'[{unit}]' for unit, (of, _) in UNITS.items() if of == WITH_UNIT[label])
-                raise CalibrationError(f'{path}: column {shown(text)} must tell its unit, one of {possible}')
-        found[label] = place, factor, text.strip()
-    wanted = (*AXES, *(() if 'object' in found else POINT))
+        if label in seen:
+            raise CalibrationError(f'{table.path} has the column {label} twice')
+        seen.add(label)
+        if label not in WITH_UNIT:
+            continue
+        if unit is None or UNITS.get(unit, ('', 0.0))[0] != WITH_UNIT[label]:
+            raise CalibrationError(
+                f'{table.path}: column {shown(text)} must tell its unit, one of '
+                f'{quantities.possible_units(WITH_UNIT[label])}'
+            )
+        found[label] = Source(place, UNITS[unit][1])
+    wanted = (*AXES, *(() if 'object' in seen else POINT))
     if missing := [name for name in wanted if name not in found]:
-        raise CalibrationError(f'{path} has no column {missing[0]}')
-    if 'object' in found and any(name in found for name in POINT):
+        raise CalibrationError(f'{table.path} has no column {missing[0]}')
+    if 'object' in seen and any(name in found for name in POINT):
         raise CalibrationError(
-            f'{path} has points of an instrument and touches of objects: it must be one of them'
+            f'{table.path} has points of an instrument and touches of objects: it must be one of them'
         )
     return found
 
 
-def _numbers(rows: Sequence[Sequence[str]], column: Column, path: Path) -> Floats:
-    place, factor, name = column
-    values = np.empty(len(rows))
-    for n, row in enumerate(rows):
-        if not row[place]:
-            raise CalibrationError(f'measurement {n + 1} of {path} has no {name}: was it not taken?')
-        try:
-            values[n] = factor * float(row[place])
-        except ValueError:
-            values[n] = math.nan
-        if not math.isfinite(values[n]):
-            raise CalibrationError(
-                f'measurement {n + 1} of {path}: {name} is {shown(row[place])}, no finite number'
-            )
+def _chosen(table: Table, chosen: ColumnFile) -> dict[str, Source]:
+    """Return the columns by name, as a column file tells them; raises CalibrationError, TraceError."""
+    if others := [one.signal for one in chosen.columns if one.signal not in (*OF_COLUMN_FILES, TIME)]:
+        raise CalibrationError(
+            f'{chosen.path} names {others[0]}, measurements have {" and ".join(OF_COLUMN_FILES)}'
+        )
+    wanted = tuple(OF_COLUMN_FILES)[: 1 if 'object' in table.headings else 2]
+    sources = table_columns(table, chosen, wanted)
+    return {
+        name: source
+        for signal, names in OF_COLUMN_FILES.items()
+        for name, source in zip(names, sources.get(signal, ()), strict=False)
+    }
+
+
+def _numbers(table: Table, source: Source) -> Floats:
+    values = np.asarray(table.values[:, source.place] * source.factor + source.offset)
+    if not np.isfinite(values).all():
+        n = int(np.argmin(np.isfinite(values)))
+        name = table.headings[source.place]
+        if np.isnan(values[n]):
+            raise CalibrationError(f'measurement {n + 1} of {table.path} has no {name}: was it not taken?')
+        raise CalibrationError(f'measurement {n + 1} of {table.path}: {name} is no finite number')
     return values
 
 
-def _is_check(row: Sequence[str], columns: dict[str, Column], n: int, path: Path) -> bool:
-    if 'use' not in columns:
-        return False
-    use = row[columns['use'][0]]
-    if use not in (FIT, CHECK):
-        raise CalibrationError(
-            f'measurement {n + 1} of {path}: use is {shown(use)}, but must be {FIT} or {CHECK}'
-        )
-    return use == CHECK
+def _checks(table: Table) -> npt.NDArray[np.bool_]:
+    """Return which measurements are not used, but to check with; all are used if the table does not say."""
+    uses = table.texts.get('use')
+    if uses is None:
+        return np.zeros(len(table.values), dtype=bool)
+    for n, use in enumerate(uses):
+        if use not in (FIT, CHECK):
+            raise CalibrationError(
+                f'measurement {n + 1} of {table.path}: use is {shown(use)}, but must be {FIT} or {CHECK}'
+            )
+    return np.array([use == CHECK for use in uses])
 
 
-def _objects(
-    rows: Sequence[Sequence[str]], columns: dict[str, Column], path: Path
-) -> tuple[tuple[str, ...], Floats]:
+def _objects(table: Table, diameter: Source | None) -> tuple[tuple[str, ...], Floats]:
     """Return what was touched, and diameters [m]: an object has one."""
-    objects = tuple(row[columns['object'][0]] for row in rows)
+    path, objects = table.path, tuple(table.texts['object'])
     if '' in objects:
         raise CalibrationError(
             f'measurement {objects.index("") + 1} of {path} does not tell what was touched'
         )
-    diameters = np.full(len(rows), np.nan)
-    if 'diameter' in columns:
-        told = [n for n, row in enumerate(rows) if row[columns['diameter'][0]]]
-        diameters[told] = _numbers([rows[n] for n in told], columns['diameter'], path)
+    diameters = np.full(len(objects), np.nan)
+    if diameter is not None:
+        diameters = np.asarray(table.values[:, diameter.place] * diameter.factor)
     for n, name in enumerate(objects):
         first = diameters[objects.index(name)]
         if not (diameters[n] == first or (math.isnan(diameters[n]) and math.isnan(first))):
             raise CalibrationError(
                 f'measurement {n + 1} of {path} tells another diameter of {name} than the ones before'
             )
-        if diameters[n] <= 0.0:
+        if diameters[n] <= 0.0 or math.isinf(diameters[n]):
             raise CalibrationError(f'measurement {n + 1} of {path}: the diameter of {name} must be positive')
     return objects, diameters

@@ -122,7 +122,7 @@ class Study(studies.Study):
         return simulated.points(poses, self.robot, s.wanted.method, noise_m, s.seed)
 
     def _read(self, path: Path) -> Measurements:
-        measured = measurement_file.read(path)
+        measured = measurement_file.read(path, self.settings.columns)
         if measured.checksum not in ('', 'none', self.robot.checksum):
             raise CalibrationError(
                 f'{path} tells angles of a controller with other parameters ({measured.checksum}, here '

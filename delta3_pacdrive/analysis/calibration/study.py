@@ -21,6 +21,8 @@ class Settings:
         What is measured.
     seed
         Of the noise, and of where things are in a simulation.
+    columns
+        Column file of a table of somebody else's.
 
     """
 
@@ -28,6 +30,7 @@ class Settings:
     simulate: str | None
     wanted: Wanted
     seed: int
+    columns: str | None = None
 
 
 @dataclass(frozen=True)

@@ -67,8 +67,8 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
         ([HEADER.replace('[mm]', '[kg]'), ROW], 'must tell its unit, one of'),
         ([HEADER.replace('axis2', 'axis1'), ROW], 'has the column axis1 twice'),
         ([HEADER.rpartition(',')[0], '10,20,30,1,2'], 'has no column measured_z'),
-        ([HEADER, '10,20,30'], 'measurement 1 of .* has 3 values, the header 6 columns'),
-        ([HEADER, ROW, '10,20,x,1,2,3'], 'measurement 2 of .* is .x., no finite number'),
+        ([HEADER, '10,20,30'], 'line 2 of .* has 3 values, the header 6 columns'),
+        ([HEADER, ROW, '10,20,x,1,2,3'], 'line 3 of .* holds .x., not only numbers'),
         ([HEADER, ROW.replace('30', 'inf')], 'no finite number'),
         ([HEADER, ROW.replace('30', '')], r'has no axis3 \[deg\]: was it not taken'),
         (['use,' + HEADER, 'perhaps,' + ROW], 'use is .perhaps., but must be fit or check'),
@@ -85,6 +85,51 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
 def test_a_table_that_is_none_is_refused_in_one_sentence(lines, sentence, tmp_path):
     with pytest.raises(CalibrationError, match=sentence):
         read(tmp_path, *lines)
+
+
+def test_tables_as_others_write_them_are_read(tmp_path):
+    own = read(tmp_path, 'use,' + HEADER, 'fit,' + ROW, 'check,11,21,31,1,2,-801')
+    headings = 'use;axis1;axis2;axis3;measured_x;measured_y;measured_z'
+    rows = ['fit;10,0;20;30;1,5;-2,5;-800', 'check;11;21;31;1;2;-801']
+    other = read(tmp_path, headings, ';°;°;°;mm;mm;mm', *rows)
+    for found in (other, _with_columns(tmp_path, 'use;W1;W2;W3;X;Y;Z', *rows)):
+        assert (found.angles_rad == own.angles_rad).all()
+        assert (found.points_m == own.points_m).all()
+        assert found.checks.tolist() == [False, True]
+
+
+def test_a_touch_may_have_a_name_with_the_decimal_mark(tmp_path):
+    found = read(tmp_path, TOUCH.replace(',', ';'), '10,5;20;30;"plate, left";', '10;21;30;ball;50,5')
+    assert found.objects == ('plate, left', 'ball')
+    assert found.diameters_m[1] == pytest.approx(0.0505)
+
+
+def _with_columns(folder, *lines):
+    told = [(f'W{n}', 'arm_position', n, 'deg') for n in (1, 2, 3)]
+    told += [(axis.upper(), 'tcp_measured', axis, 'mm') for axis in 'xyz']
+    columns = folder / 'columns.yaml'
+    columns.write_text(
+        'columns:\n'
+        + ''.join(
+            f'- {{column: {column}, signal: {signal}, axis: {axis}, unit: {unit}}}\n'
+            for column, signal, axis, unit in told
+        )
+    )
+    path = folder / 'theirs.csv'
+    path.write_text('\n'.join(lines))
+    return measurement_file.read(path, columns)
+
+
+def test_a_column_file_that_names_something_else_is_refused(tmp_path):
+    (tmp_path / 'columns.yaml').write_text('columns: [{column: t, signal: current, axis: 1, unit: A}]')
+    (tmp_path / 'theirs.csv').write_text('t\n1\n')
+    with pytest.raises(
+        CalibrationError, match='names current, measurements have arm_position and tcp_measured'
+    ):
+        measurement_file.read(tmp_path / 'theirs.csv', tmp_path / 'columns.yaml')
+    (tmp_path / 'columns.yaml').write_text('columns: [{column: t, signal: time, unit: s}]')
+    with pytest.raises(CalibrationError, match='has no column arm_position'):
+        measurement_file.read(tmp_path / 'theirs.csv', tmp_path / 'columns.yaml')
 
 
 def test_files_of_somebody_else_are_refused(tmp_path):
