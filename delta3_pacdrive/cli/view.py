@@ -91,6 +91,7 @@ def _watch(options: Options, place: serving.Place) -> int:
                 page.note(
                     'This page only shows the robot: `--control` lets people operate it from other machines.'
                 )
+            page.open()
             from delta3_pacdrive.ros import live_view
 
             os.nice(NICENESS)  # not before: people wait for the first picture
@@ -151,7 +152,7 @@ def _served(options: Options, parameters: 'Parameters', title: str, place: servi
     with interrupts.answered_by(lambda: None):  # half a page would swallow a signal, or talk at its end
         from delta3_pacdrive.view.page import Page
 
-        page = Page(parameters, place, title)
+        page = Page(parameters, place, title, more=True)
     try:
         if interrupts.asked():
             raise KeyboardInterrupt

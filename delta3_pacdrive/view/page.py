@@ -45,6 +45,8 @@ class Page:
         Where it is served.
     title
         Above everything that is read.
+    more
+        Whether there is more to be added before browsers are let in by ``open``.
 
     Attributes
     ----------
@@ -58,12 +60,13 @@ class Page:
 
     """
 
-    def __init__(self, parameters: Parameters, place: Place, title: str) -> None:
+    def __init__(self, parameters: Parameters, place: Place, title: str, more: bool = False) -> None:
         import viser
 
-        with own_pages_only(place.host, place.take()), contextlib.redirect_stdout(io.StringIO()):  # it greets
+        quiet = contextlib.redirect_stdout(io.StringIO())  # it greets
+        with own_pages_only(place.host, place.listener) as self._begin, quiet:
             self.server: Any = viser.ViserServer(host=place.host, port=place.port, label=title, verbose=False)
-        self.url = place.url
+        self.url, self._place = place.url, place
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
         self._tcp_m: Floats | None = None
@@ -85,6 +88,14 @@ class Page:
         self._plots = Plots(gui)
         self.use(parameters)
         self.server.on_client_connect(self._aim)
+        if not more:
+            self.open()
+
+    def open(self) -> None:
+        """Let browsers in, as what is added before their eyes takes them longer than all of it at once."""
+        self._place.hand_over()
+        while self._begin:
+            self._begin.pop()()
 
     def _aim(self, client: Any) -> None:
         """Let the robot stand in the upper half of a phone, whose lower half is covered by what is read."""

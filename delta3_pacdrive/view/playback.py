@@ -283,5 +283,6 @@ class Player:
 def run(page: Page, film: Film) -> None:
     """Show a recording until a signal asks for the end."""
     player = Player(page, film)
+    page.open()
     with interrupts.answered_by(player.stop):
         player.run()

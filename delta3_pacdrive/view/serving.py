@@ -9,7 +9,7 @@ import os
 import selectors
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -22,7 +22,7 @@ PORT_MAX = 65535
 PORTS = 20  # that are tried if none is asked for
 BACKLOG = 100
 LISTENING = 'DELTA3_LISTENING'  # number of the socket on which a process finds that others listen for it
-REQUEST_BYTES, GREETING_S = 65536, 2.0
+REQUEST_BYTES, GREETING_S, START_S = 65536, 2.0, 10.0
 REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\nContent-Length: %d\r\n\r\n'
 
 
@@ -153,7 +153,8 @@ class Place:
     def __init__(self, host: str, listener: socket.socket) -> None:
         self.host, self.port = host, int(listener.getsockname()[1])
         self.url = address(host, self.port)
-        self._listener, self._is_held = listener, True
+        self.listener = _Listener(listener)
+        self._is_held = True
         self._waiting: list[socket.socket] = []
         self._greeter: threading.Thread | None = None
         self._over, self._is_over = socket.socketpair()
@@ -166,7 +167,7 @@ class Place:
             self._greeter.start()
 
     def _greet(self, client: Path) -> None:
-        listener = self._listener
+        listener = self.listener
         with selectors.DefaultSelector() as selector:
             selector.register(listener, selectors.EVENT_READ)
             selector.register(self._is_over, selectors.EVENT_READ)
@@ -202,15 +203,15 @@ class Place:
 
     def inheritable(self) -> int:
         """Return the number of the listener for a process that is started now, which ``held`` finds in LISTENING."""
-        self._listener.set_inheritable(True)
-        return self._listener.fileno()
+        self.listener.set_inheritable(True)
+        return self.listener.fileno()
 
-    def take(self) -> socket.socket:
-        """Return the listener for a server; who waits already is the first that it accepts."""
-        self._stop()
-        listener = _Listener(self._listener, self._waiting)
-        self._is_held, self._waiting = False, []
-        return listener
+    def hand_over(self) -> None:
+        """Leave the listener to the server that has it; who waits already is the first that it accepts."""
+        if self._is_held:
+            self._stop()
+            self.listener.admit(self._waiting)
+            self._is_held, self._waiting = False, []
 
     def _stop(self) -> None:
         self._over.close()
@@ -222,7 +223,7 @@ class Place:
         """Hold it no longer, unless a server has it."""
         self._stop()
         if self._is_held:
-            for one in (*self._waiting, self._listener):
+            for one in (*self._waiting, self.listener):
                 one.close()
             self._is_held, self._waiting = False, []
 
@@ -230,10 +231,14 @@ class Place:
 class _Listener(socket.socket):
     """A socket that listens, of which some connections are accepted already: they come first."""
 
-    def __init__(self, listener: socket.socket, waiting: list[socket.socket]) -> None:
+    def __init__(self, listener: socket.socket) -> None:
         super().__init__(listener.family, listener.type, listener.proto, fileno=listener.detach())
-        self._accepted = waiting
+        self._accepted: list[socket.socket] = []
         self._knock: Any = None
+
+    def admit(self, waiting: list[socket.socket]) -> None:
+        """Let them come first."""
+        self._accepted = waiting
         if waiting:  # a server looks at its listener only when somebody comes
             with socket.socket(self.family, self.type) as knock:
                 knock.connect(self.getsockname())
@@ -301,10 +306,16 @@ def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str])
 
 
 @contextlib.contextmanager
-def own_pages_only(host: str, listener: socket.socket) -> Iterator[None]:
-    """Let the server that viser starts meanwhile listen there, and turn away the pages of others; viser asks nobody."""
+def own_pages_only(host: str, listener: socket.socket) -> Iterator[list[Callable[[], Any]]]:
+    """Let the server that viser starts meanwhile turn away the pages of others; viser asks nobody where he is from.
+
+    It listens there as soon as what stands in the list then is called.
+    """
+    import asyncio
+
     server: Any = importlib.import_module('websockets.asyncio.server')
     plain, names = server.serve, own_names(host)
+    begin: list[Callable[[], Any]] = []
 
     def serve(handler: Any, *_: Any, process_request: Any, **options: Any) -> Any:
         def judged(connection: Any, request: Any) -> Any:
@@ -313,11 +324,16 @@ def own_pages_only(host: str, listener: socket.socket) -> Iterator[None]:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
             return process_request(connection, request)
 
-        return plain(handler, sock=listener, process_request=judged, **options)
+        found = plain(handler, sock=listener, start_serving=False, process_request=judged, **options)
+        loop = asyncio.get_running_loop()
+        begin.append(
+            lambda: asyncio.run_coroutine_threadsafe(found.server.start_serving(), loop).result(START_S)
+        )
+        return found
 
     server.serve = serve
     try:
-        yield
+        yield begin
     finally:
         server.serve = plain
 

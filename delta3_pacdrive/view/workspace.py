@@ -196,6 +196,7 @@ def run(page: Page, parameters: Any, volume: Volume, title: str) -> None:
     over = threading.Event()
     page.stand_still()
     Slices(page, volume)
+    page.open()
     instant = Instant(0.0, kinematics.inverse(np.array(parameters.motion.home_m), parameters))
     facts = Facts(state='paused', recording=title)
     with interrupts.answered_by(over.set):
