@@ -2,7 +2,8 @@
 
 Both models get the commands of the recording; compared are the current (figure 11.6) and the norm of the TCP error
 (figure 11.8), which is formed in one way from the shafts of robot and models. What the robot's sensors add by chance
-no model can follow: the current is compared a second time in the band of the motion, where little of it is.
+no model can follow: the current is compared a second time in the band of the motion, where little of it is. What it
+makes of the currents is computed from the noise of the parameters, and told as the floor.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from delta3_pacdrive.recording.trace import Trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+AT_FLOOR = 1.1  # times the floor: nothing but noise is left
+NOISE_RUNS = 3  # of the new model with noise of its sensors, whose mean is the floor
 SMALL: dict[str, Any] = {'fontsize': 8, 'frameon': False}
 
 
@@ -56,6 +59,8 @@ class BeforeAfter:
         Courses.
     cycle_time_s
         Of the bus.
+    noise
+        What the robot's sensors alone make of the current [A], shape (runs, n, 3); None: they have none.
 
     """
 
@@ -64,15 +69,27 @@ class BeforeAfter:
     before: Course
     after: Course
     cycle_time_s: float
+    noise: Floats | None = None
 
-    def rms(self) -> dict[str, dict[str, float]]:
-        """Rms of model less robot before and after, and the factor between them, by what is compared [SI]."""
+    def rms(self) -> dict[str, dict[str, float | None]]:
+        """Rms of model less robot before and after, their factor, and the floor, by what is compared [SI]."""
         section = butter(4, BAND_HZ, fs=1.0 / self.cycle_time_s, output='sos')
-        found = {}
+        found: dict[str, dict[str, float | None]] = {}
         for name in ('current_a', 'current_in_the_band_of_the_motion_a', 'tcp_error_norm_m'):
             before, after = (self._apart(name, model, section) for model in (self.before, self.after))
-            found[name] = {'before': before, 'after': after, 'factor': before / max(after, 1e-300)}
+            found[name] = {
+                'before': before,
+                'after': after,
+                'factor': before / max(after, 1e-300),
+                'floor': self._floor(name, section),
+            }
         return found
+
+    def _floor(self, name: str, section: Floats) -> float | None:
+        if self.noise is None or 'current' not in name:
+            return None
+        noise = sosfiltfilt(section, self.noise, axis=1) if 'band' in name else self.noise
+        return float(np.sqrt(np.mean(noise**2)))
 
     def _apart(self, name: str, model: Course, section: Floats) -> float:
         if name == 'tcp_error_norm_m':
@@ -95,7 +112,8 @@ def compare(trace: Trace, before: Parameters, after: Parameters) -> BeforeAfter:
 
     robot = course({name: trace[name][rows] for name in ('current', 'motor_position')})
     old, new = (course(replay.run({})) for replay in replays)
-    return BeforeAfter(trace.time_s[rows], robot, old, new, before.bus.cycle_time_s)
+    noise = replays[1].noise({}, NOISE_RUNS) if replays[1].is_noisy else None
+    return BeforeAfter(trace.time_s[rows], robot, old, new, before.bus.cycle_time_s, noise)
 
 
 def error_norm(positions: Floats, commands: Floats, parameters: Parameters) -> Floats:
@@ -121,12 +139,19 @@ def sentences(found: BeforeAfter) -> list[str]:
         'current_in_the_band_of_the_motion_a': (f'current below {BAND_HZ:g} Hz', 'A', 1.0),
         'tcp_error_norm_m': ('norm of the TCP error', 'mm', 1e3),
     }
-    rows = found.rms()
-    return [
-        f'{text}: model less robot {factor * rows[name]["before"]:.3g} {unit} rms before, '
-        f'{factor * rows[name]["after"]:.3g} after: {rows[name]["factor"]:.2g} times less'
-        for name, (text, unit, factor) in texts.items()
-    ]
+    rows, told = found.rms(), []
+    for name, (text, unit, scale) in texts.items():
+        before, after, factor = (float(rows[name][key] or 0.0) for key in ('before', 'after', 'factor'))
+        sentence = (
+            f'{text}: model less robot {scale * before:.3g} {unit} rms before, {scale * after:.3g} after: '
+            f'{factor:.2g} times less'
+        )
+        floor = rows[name]['floor']
+        if floor is not None:
+            rest = ', which is all that is left' if after <= AT_FLOOR * floor else ''
+            sentence += f'; noise of the sensors alone makes {scale * floor:.3g}{rest}'
+        told.append(sentence)
+    return told
 
 
 def current(found: BeforeAfter) -> Figure:

@@ -19,6 +19,7 @@ from delta3_pacdrive.analysis.figure_style import (
     dress,
     finish_over_time,
     keep_span,
+    legend_above,
     panel_title,
     titled_figure,
 )
@@ -172,7 +173,7 @@ def joint_acceleration(trial: Trial, joint: int, errors: str, told: str = '') ->
         panels[1].plot(motion.time_s, Deviation.of(values, motion.thetaddot).of_peak[:, i], **style)
     _draw_courses(panels[1], trial, 'acceleration', i)
     if trial.courses:
-        panels[1].legend(loc='upper left', ncols=3, frameon=False, fontsize=7)
+        legend_above(panels[1])
     labels = (rf'$\ddot\theta_{joint}$ (deg/s$^2$)', 'deviation\n(% of the peak)')
     finish_over_time(panels, labels, f'time (s)\n{told}' if told else 'time (s)')
     _legend_of_curves(figure, errors)
