@@ -20,11 +20,15 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
 LONG = (
     'guides/test_pages.py',
-    'test_interrupts.py',
-    'docs/test_long_pages.py',
-    'numerics/test_kernel.py',
     'docs/test_pages.py',
+    'docs/test_long_pages.py',
     'guides/test_executables.py',
+    'numerics/test_kernel.py',
+    'test_interrupts.py',
+    'analysis/estimation/test_built_robot.py',
+    'view/test_page.py',
+    'analysis/report_page/test_in_browser.py',
+    'docs/test_screenshots.py',
 )
 
 
