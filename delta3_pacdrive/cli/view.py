@@ -72,7 +72,12 @@ class Options(NodeOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     with serving.held(options.host, options.port) as place:
-        return _watch(options, place) if options.run is None else _play(options, options.run, place)
+        try:
+            return _watch(options, place) if options.run is None else _play(options, options.run, place)
+        except KeyboardInterrupt:
+            if not place.is_told:
+                raise
+            return 0
 
 
 def _watch(options: Options, place: serving.Place) -> int:
@@ -81,22 +86,22 @@ def _watch(options: Options, place: serving.Place) -> int:
 
     from delta3_pacdrive import parameters as core
 
-    with _announced(options, place):
-        parameters = core.load()
-        with _served(options, parameters, f'Delta-3 in {options.namespace}', place) as page:
-            page.wait(f'waiting for a robot in namespace {options.namespace}')
-            if serving.is_here(options.host) or options.control:
-                page.add_controls()
-            else:
-                page.note(
-                    'This page only shows the robot: `--control` lets people operate it from other machines.'
-                )
-            page.open()
-            from delta3_pacdrive.ros import live_view
+    _announce(options, place)
+    parameters = core.load()
+    with _served(options, parameters, f'Delta-3 in {options.namespace}', place) as page:
+        page.wait(f'waiting for a robot in namespace {options.namespace}')
+        if serving.is_here(options.host) or options.control:
+            page.add_controls()
+        else:
+            page.note(
+                'This page only shows the robot: `--control` lets people operate it from other machines.'
+            )
+        page.open()
+        from delta3_pacdrive.ros import live_view
 
-            os.nice(NICENESS)  # not before: people wait for the first picture
-            patience_s = float('inf') if options.wait else live_view.APPEAR_S
-            live_view.run(page, parameters, options.namespace, patience_s)
+        os.nice(NICENESS)  # not before: people wait for the first picture
+        patience_s = float('inf') if options.wait else live_view.APPEAR_S
+        live_view.run(page, parameters, options.namespace, patience_s)
     return 0
 
 
@@ -117,7 +122,8 @@ def _play(options: Options, name: str, place: serving.Place) -> int:
     film = playback.Film(found)
     if film.run.robot_note:
         print(f'note: {film.run.robot_note}', file=sys.stderr)
-    with _announced(options, place), _served(options, film.robot, Path(name).name, place) as page:
+    _announce(options, place)
+    with _served(options, film.robot, Path(name).name, place) as page:
         playback.run(page, film)
     return 0
 
@@ -128,22 +134,19 @@ def _show_volume(options: Options, path: Path, place: serving.Place) -> int:
     from delta3_pacdrive.view import workspace
 
     robot, volume = core.load(options.parameters), workspace.Volume.load(path)
-    with _announced(options, place), _served(options, robot, path.name, place) as page:
+    _announce(options, place)
+    with _served(options, robot, path.name, place) as page:
         workspace.run(page, robot, volume, path.name)
     return 0
 
 
-@contextmanager
-def _announced(options: Options, place: serving.Place) -> Iterator[None]:
+def _announce(options: Options, place: serving.Place) -> None:
     """Say where the page is, before it is made: browsers take as long to load it. Ctrl-C ends what follows."""
-    try:
-        place.greet()
-        print(f'the page is at {place.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
-        if options.open:
-            _open(place.url)
-        yield
-    except KeyboardInterrupt:
-        pass
+    place.greet()
+    place.is_told = True
+    print(f'the page is at {place.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
+    if options.open:
+        _open(place.url)
 
 
 @contextmanager

@@ -147,12 +147,15 @@ class Place:
     ----------
     port, url
         Its port, and what a browser is told.
+    is_told
+        Whether people know of it.
 
     """
 
     def __init__(self, host: str, listener: socket.socket) -> None:
         self.host, self.port = host, int(listener.getsockname()[1])
         self.url = address(host, self.port)
+        self.is_told = False
         self.listener = _Listener(listener)
         self._is_held = True
         self._waiting: list[socket.socket] = []
