@@ -53,7 +53,8 @@ def load_parameters(path: str | Path | None = None) -> Parameters:
     Parameters
     ----------
     path
-        A parameter file, or ``rich``: the built robot. Without it the packaged nominal robot.
+        A parameter file, or ``rich``: the built robot, or ``model``: feed-forward of the whole model, or several
+        joined: ``rich+model``. Without it the packaged nominal robot.
 
     Returns
     -------

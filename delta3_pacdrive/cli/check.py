@@ -58,7 +58,9 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
 
     path = programs.find(name)
     if path == Path(name) and not path.exists():
-        path = core.find(name)
+        path, *more = core.parts(name)
+        if more:
+            return {'kind': 'parameters', 'checksum': core.load(name).checksum}
     document = yaml_file.read(path, 'file', ProgramError)
     keys = list(document) if isinstance(document, dict) else []
     if 'moves' not in keys and (isinstance(document, list) or keys in (['faults'],) or 'fault' in keys):

@@ -114,7 +114,7 @@ class RobotOptions(JsonOptions):
 
     parameters: str | None = option(
         'parameter file instead of the packaged one, or rich: the built robot, or model: torque of the whole model '
-        'fed forward',
+        'fed forward, or several joined: rich+model',
         'FILE',
     )
     exchange_period: float | None = option(

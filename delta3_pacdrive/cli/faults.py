@@ -120,7 +120,7 @@ def _run_catalogue(options: Options) -> int:
                 options.logs,
                 outcomes,
                 show,
-                core.find(options.parameters) if options.parameters else None,
+                Path(options.parameters) if options.parameters else None,
             )
     except KeyboardInterrupt:
         ended = 'interrupted'

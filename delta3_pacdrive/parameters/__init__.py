@@ -1,6 +1,6 @@
 """Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, the rules that their values keep, their files."""
 
-from delta3_pacdrive.parameters.file import DEFAULT_FILE, config_directory, find, load, write
+from delta3_pacdrive.parameters.file import DEFAULT_FILE, config_directory, find, load, parts, write
 from delta3_pacdrive.parameters.geometry import ArmDeviations, Kinematics
 from delta3_pacdrive.parameters.records import (
     CUBIC,
@@ -64,5 +64,6 @@ __all__ = [
     'groups',
     'is_rich',
     'load',
+    'parts',
     'write',
 ]

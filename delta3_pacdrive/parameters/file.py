@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.configuration import parameter_file
+from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.robot import Parameters, flat_document, from_tree, groups
 
 DEFAULT_FILE = 'delta3.yaml'
@@ -14,21 +15,33 @@ DEFAULT_FILE = 'delta3.yaml'
 def load(path: str | Path | None = None) -> Parameters:
     """Read the parameter file ``path``, the packaged default without one; a bare name means a packaged file as well.
 
-    The packaged file ``rich`` holds only what differs from the default, as a file for nodes may; any other is complete.
+    The packaged files ``rich`` and ``model`` hold only what differs from the default, as a file for nodes may; any
+    other is complete. Files are joined with ``+``, as in ``rich+model`` or ``mine.yaml+model``: the first is complete
+    or a packaged one, the others hold what differs from it. What two of these say differently is refused.
 
     Raises
     ------
     ParameterError
-        The file is not there, is no ROS parameter file, or holds an unknown, missing, mistyped or forbidden value.
+        The file is not there, is no ROS parameter file, or holds an unknown, missing, mistyped or forbidden value, or
+        files that are joined contradict one another.
 
     """
     default = config_directory() / DEFAULT_FILE
-    path = find(path) if path is not None else default
-    tree = parameter_file.read(path)
-    if path != default and path.parent.resolve() == default.parent.resolve():
-        complete = parameter_file.read(default)
-        tree = complete | {group: complete.get(group, {}) | values for group, values in tree.items()}
-    return from_tree(tree, str(path))
+    files = parts(path) if path is not None else [default]
+    where = str(path) if len(files) > 1 else str(files[0])
+    trees = [(str(file), parameter_file.read(file)) for file in files]
+    if _is_packaged_difference(files[0]):
+        trees.insert(0, (str(default), parameter_file.read(default)))
+    return from_tree(_joined(trees, where), where)
+
+
+def parts(path: str | Path) -> list[Path]:
+    """Return the files that ``path`` means: itself, a packaged one, or several that ``+`` joins."""
+    found = find(path)
+    several = [find(part) for part in str(path).split('+')]
+    if found.exists() or not any(part.exists() for part in several):
+        return [found]
+    return several
 
 
 def find(path: str | Path) -> Path:
@@ -38,6 +51,30 @@ def find(path: str | Path) -> Path:
         if str(path) in (packaged.name, packaged.stem) and not path.exists():
             return packaged
     return path
+
+
+def _is_packaged_difference(path: Path) -> bool:
+    return path.name != DEFAULT_FILE and path.parent.resolve() == config_directory().resolve()
+
+
+def _joined(trees: list[tuple[str, parameter_file.Tree]], where: str) -> parameter_file.Tree:
+    """Return the values of the first file with the differences that the others tell; each has its name beside it."""
+    (_, tree), *differences = trees
+    said: dict[tuple[str, str], tuple[str, Any]] = {}
+    for name, difference in differences:
+        for group, values in difference.items():
+            if not isinstance(values, dict):
+                said_here, tree = {'': values}, tree | {group: values}
+            else:
+                said_here, tree = values, tree | {group: (tree.get(group) or {}) | values}
+            for key, value in said_here.items():
+                other, before = said.setdefault((group, key), (name, value))
+                if value != before:
+                    raise ParameterError(
+                        f'{where}: {group}{"." * bool(key)}{key} is {shown(before)} in {other}, '
+                        f'but {shown(value)} in {name}'
+                    )
+    return tree
 
 
 def config_directory() -> Path:
