@@ -7,7 +7,7 @@ import numpy as np
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.view.page import Page
-from delta3_pacdrive.view.serving import HOST, port_for
+from delta3_pacdrive.view.serving import HOST, held
 from delta3_pacdrive.view.values import Facts, Instant
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
@@ -18,13 +18,13 @@ flower = (0.3 + 0.1 * np.cos(6.0 * angle))[:, None] * np.stack([np.cos(angle), n
 path = np.column_stack([flower, -0.8 + 0.05 * np.sin(3.0 * angle)])
 arms = d3.kinematics.inverse(path, robot)
 
-with port_for(HOST, None) as port:
-    page = Page(robot, HOST, port, 'a flower')
-page.plan(path)
-print(f'look at {page.url}')
-begin = time.monotonic()
-while (now := time.monotonic() - begin) < seconds:
-    page.read(Facts(state='playing', recording='a flower', bus_time_s=now))
-    page.show(Instant(now, arms[int(100.0 * now) % len(arms)]))
-    time.sleep(0.03)
-page.close()
+with held(HOST, None) as place:
+    page = Page(robot, place, 'a flower')
+    page.plan(path)
+    print(f'look at {page.url}')
+    begin = time.monotonic()
+    while (now := time.monotonic() - begin) < seconds:
+        page.read(Facts(state='playing', recording='a flower', bus_time_s=now))
+        page.show(Instant(now, arms[int(100.0 * now) % len(arms)]))
+        time.sleep(0.03)
+    page.close()

@@ -56,6 +56,7 @@ def test_other_endings_are_refused(name, tmp_path):
 
 
 def test_what_cannot_be_written_is_said_before_and_leaves_no_file(tmp_path):
+    pytest.importorskip('pyarrow', reason='Parquet needs the extra "parquet"')
     with pytest.raises(TraceError, match=r'cannot write record .*: there is no folder'):
         column_table.require_writable(tmp_path / 'none' / 'a.csv', 'record')
     with pytest.raises(TraceError, match=r'cannot write table .*: No such file or directory'):

@@ -35,7 +35,7 @@ def judged(monkeypatch):
     """Return the function that lets the catalogue end with outcomes."""
 
     def end(*found):
-        def run(_todo, _logs, outcomes, show):
+        def run(_todo, _logs, outcomes, show, _parameters):
             for outcome in found:
                 outcomes.append(outcome)
                 show(outcome)
