@@ -12,6 +12,10 @@ Arguments of the kernels here:
     The plan: a ``motion.plan.Tables``.
 ``number``, ``over``
     Number of the move that is driven, and whether the program is over.
+``motion``
+    Arm angles [rad], speeds [rad/s] and accelerations [rad/s^2], three of shape (3,).
+``payload``
+    What is gripped [kg].
 """
 
 import math
@@ -21,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.dynamics import INERTIA, motion_terms, multiply
+from delta3_pacdrive.dynamics import INERTIA, motion_terms, multiply, rotor_inertia
 from delta3_pacdrive.kinematics import GEOMETRY, arm_angles, plate_position
 from delta3_pacdrive.motion.execution import profile_at
 from delta3_pacdrive.motion.path_dynamics import arm_motion
@@ -49,6 +53,7 @@ STATE = np.dtype(
         ('tcp', 'f8', (3,)),  # commanded [m]
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
+        ('twist_history', 'f8', (HISTORY, 3)),  # of the gears [rad], arm side
         # actual arm angles of the two cycles before; what needs the past gets its first value in stand_at
         ('theta_before', 'f8', (3,)),
         ('theta_before_that', 'f8', (3,)),
@@ -74,6 +79,8 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
     'sends_torque': lambda p: p.sends_torque,
     'torque_lead': lambda p: p.drive.position_period_s + p.torque_dead_time_s,  # [s]: see feed_forward
+    'gear_compliance': lambda p: p.gear_compliance_rad_n_m,  # arm side
+    'rotor': rotor_inertia,
     # m_nt [kg] without payload
     'empty_plate': lambda p: p.dynamics.plate_total_mass_kg - p.dynamics.payload_mass_kg,
 }
@@ -113,11 +120,13 @@ def task_constants(parameters: Parameters) -> NDArray[Any]:
     return constants
 
 
-def stand_at(theta: Floats, tcp: Floats, state: np.void) -> None:
+def stand_at(theta: Floats, twist: Floats, tcp: Floats, state: np.void) -> None:
     """Give all of a ``STATE`` that keeps the past its first value: the robot has always stood there.
 
-    ``theta`` [rad] are the actual arm angles, ``tcp`` [m] is their place, shapes (3,).
+    ``theta`` [rad] are the actual arm angles, ``twist`` [rad] is that of their gears, ``tcp`` [m] is their place,
+    shapes (3,).
     """
+    state['twist_history'] = twist
     state['tcp'] = state['tcp_history'] = tcp
     state['theta_history'] = state['theta_before'] = state['theta_before_that'] = theta
 
@@ -144,7 +153,14 @@ def command_cycle(cycle, task, timeline):
     for i in range(3):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
-        task[0].motors[i] = on_grid(theta[i] * c.gear_ratio, c.increments_per_rad)
+    twist = (0.0, 0.0, 0.0)
+    if c.gear_compliance != 0.0:
+        twist = gear_twist(
+            _motion_at(cycle, 0.0, task, timeline), _coming_payload(cycle, task, timeline), task
+        )
+    for i in range(3):
+        s.twist_history[row, i] = twist[i]
+        task[0].motors[i] = on_grid((theta[i] + twist[i]) * c.gear_ratio, c.increments_per_rad)
     if c.sends_torque != 0.0:
         feed_forward(cycle, task, timeline)
 
@@ -163,13 +179,22 @@ def feed_forward(cycle, task, timeline):
     step of the fine interpolation ahead of their cycle: of that instant of the motion the torque has to be. What is
     gripped then is what MDT(k + 1) tells.
     """
-    s, c, tables = task[0].state, task[0].constants, timeline.tables
-    n, g, m = task[0].inertia, task[0].geometry, task[0].motor
-    payload = s.payload
-    place, speed, acceleration = triple(s.tcp), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    theta = triple(s.theta_history[cycle % HISTORY])
-    if (s.start_cycle - cycle) * c.cycle_time <= c.torque_lead:
-        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + c.torque_lead
+    c, m = task[0].constants, task[0].motor
+    motion = _motion_at(cycle, c.torque_lead, task, timeline)
+    torque = arm_torques(motion, _coming_payload(cycle, task, timeline), task)
+    speed = motion[1]
+    for i in range(3):
+        friction = friction_torque(c.gear_ratio * speed[i], m)
+        task[0].torques[i] = torque[i] / c.gear_ratio + friction
+
+
+@kernel
+def _motion_at(cycle, lead, task, timeline):
+    """Motion of the arms at the time of a command, or ``lead`` [s] later; that of the command at rest is known."""
+    s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
+    theta, speed, acceleration = triple(s.theta_history[cycle % HISTORY]), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if (s.start_cycle - cycle) * c.cycle_time <= lead:
+        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + lead
         number, distance, v, a = profile_at(time, s.move, timeline)
         place, first, second = plan_motion_at(distance, number, tables)
         if tables.moves[tables.order[number]].joints == 1:
@@ -179,14 +204,38 @@ def feed_forward(cycle, task, timeline):
         else:
             theta = arm_angles(place, g)
             speed, acceleration = arm_motion(theta, (place, first, second), v, a, g)
-    if s.start_cycle <= cycle + 1:
-        payload = _payload_at(cycle + 1, task, timeline)
+    return theta, speed, acceleration
+
+
+@kernel
+def arm_torques(motion, payload, task):
+    """Torques [N m, arm side] of a motion, rotors and weight included, without friction."""
+    c, n = task[0].constants, task[0].inertia
+    theta, speed, acceleration = motion
     n.plate = c.empty_plate + payload
-    mass, bias = motion_terms(theta, speed, g, n)
+    mass, bias = motion_terms(theta, speed, task[0].geometry, n)
     inertial = multiply(mass, acceleration)
-    for i in range(3):
-        friction = friction_torque(c.gear_ratio * speed[i], m)
-        task[0].torques[i] = (inertial[i] + bias[i]) / c.gear_ratio + friction
+    return (inertial[0] + bias[0], inertial[1] + bias[1], inertial[2] + bias[2])
+
+
+@kernel
+def gear_twist(motion, payload, task):
+    """Angles [rad, arm side] by which the shafts are ahead of their arms: all but the rotors hangs on the gears."""
+    c, torque, acceleration = task[0].constants, arm_torques(motion, payload, task), motion[2]
+    return (
+        (torque[0] - c.rotor * acceleration[0]) * c.gear_compliance,
+        (torque[1] - c.rotor * acceleration[1]) * c.gear_compliance,
+        (torque[2] - c.rotor * acceleration[2]) * c.gear_compliance,
+    )
+
+
+@kernel
+def _coming_payload(cycle, task, timeline):
+    """Payload [kg] that is there when what a cycle commands is reached: that of the next MDT."""
+    s = task[0].state
+    if s.start_cycle <= cycle + 1:
+        return _payload_at(cycle + 1, task, timeline)
+    return s.payload
 
 
 @kernel
@@ -240,14 +289,21 @@ def answer_cycle(cycle, positions, torques, task):
     ``positions`` [rad] and ``torques`` [N m] are those of the motor shafts as the drives answered, shapes (3,).
     """
     s, c, out = task[0].state, task[0].constants, task[0].answer
-    theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
-    p = plate_position(theta, task[0].geometry)
     row = cycle % HISTORY
     # the command that the actual position answers to, on the chord between two commands
     whole = math.floor(c.set_point_delay)
     share = c.set_point_delay - whole
     newer = max(cycle - int(whole), 0) % HISTORY
     older = max(cycle - int(whole) - 1, 0) % HISTORY
+    theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
+    if c.gear_compliance != 0.0:
+        twist, before = s.twist_history[newer], s.twist_history[older]
+        theta = (
+            theta[0] - (1.0 - share) * twist[0] - share * before[0],
+            theta[1] - (1.0 - share) * twist[1] - share * before[1],
+            theta[2] - (1.0 - share) * twist[2] - share * before[2],
+        )
+    p = plate_position(theta, task[0].geometry)
     error_square = 0.0
     for i in range(3):
         out.theta[i] = theta[i]

@@ -20,7 +20,7 @@ from delta3_pacdrive.controller.task_arrays import (
     stand_at,
     task_constants,
 )
-from delta3_pacdrive.dynamics import inertia
+from delta3_pacdrive.dynamics import gravity, inertia
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
@@ -43,6 +43,8 @@ from delta3_pacdrive.sercos.words import (
 MEASURED = (
     'measured_cycles', 'error_max', 'error_square_sum', 'following_error_max', 'current_peak', 'current_square_sum'
 )  # fmt: skip
+# each makes the error some thousand times smaller: the weight hardly changes within a twist
+TWIST_ITERATIONS = 4
 DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 
 
@@ -114,18 +116,26 @@ class Transformation:
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
-        theta, tcp = self._place(motor_positions_rad)
-        stand_at(theta, tcp, self.state[0])
+        theta, twist, tcp = self._place(motor_positions_rad)
+        stand_at(theta, twist, tcp, self.state[0])
         return tcp
 
     def distance_m(self, motor_positions_rad: ArrayLike) -> float:
         """Return how far the TCP is from where it is commanded to be [m]; raises UnreachableError."""
-        _, tcp = self._place(motor_positions_rad)
+        _, _, tcp = self._place(motor_positions_rad)
         return float(np.linalg.norm(tcp - self.state['tcp'][0]))
 
-    def _place(self, motor_positions_rad: ArrayLike) -> tuple[Floats, Floats]:
-        theta = np.asarray(motor_positions_rad, dtype=np.float64) / self._parameters.dynamics.gear_ratio
-        return theta, kinematics.forward(theta, self._parameters.kinematics)
+    def _place(self, motor_positions_rad: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return arm angles, twists of the gears [rad] and TCP [m] of a robot at rest."""
+        parameters = self._parameters
+        shaft = np.asarray(motor_positions_rad, dtype=np.float64) / parameters.dynamics.gear_ratio
+        theta, twist = shaft, np.zeros(3)
+        if compliance := parameters.gear_compliance_rad_n_m:
+            loaded = parameters.replace(dynamics__payload_mass_kg=self.payload)
+            for _ in range(TWIST_ITERATIONS):
+                twist = compliance * gravity(theta, loaded)
+                theta = shaft - twist
+        return theta, twist, kinematics.forward(theta, parameters.kinematics)
 
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``."""

@@ -59,6 +59,12 @@ class Control:
         'torque feed-forward: one constant inertia per axis in the drives, or that of the whole model',
         FEED_FORWARDS,
     )
+    gear_stiffness_n_m_rad: float = quantity(
+        'torsional stiffness of a gear that the set points allow for, arm side; 0: rigid',
+        0.0,
+        1e7,
+        default=0.0,
+    )
 
 
 @dataclass(frozen=True)

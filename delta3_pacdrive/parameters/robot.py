@@ -50,6 +50,12 @@ class Parameters:
         return self.control.feed_forward == MODEL
 
     @property
+    def gear_compliance_rad_n_m(self) -> float:
+        """What a gear gives, as the controller knows it, arm side; 0 for a rigid one."""
+        stiffness = self.control.gear_stiffness_n_m_rad
+        return 1.0 / stiffness if stiffness > 0.0 else 0.0
+
+    @property
     def torque_dead_time_s(self) -> float:
         """Dead time [s] of the drive from an additive torque command to the torque of its motor.
 

@@ -47,13 +47,19 @@ def torques_of(task, cycles):
     return np.array([(task.command(k), task.torques.copy())[1] for k in range(task.next_cycle, cycles)])
 
 
-def motor_torque(theta, robot):
-    """Torques [N m, motor side] in the middle of arm angles that are ``STEP_S`` apart, shape (n, 5, 3)."""
+def motion_of(theta):
+    """Angles, speeds and accelerations in the middle of arm angles ``STEP_S`` apart, shape (n, 5, 3)."""
     before, now, after = theta[:, 1], theta[:, 2], theta[:, 3]
     speed = (theta[:, 0] - 8.0 * before + 8.0 * after - theta[:, 4]) / (12.0 * STEP_S)
     acceleration = (-theta[:, 0] + 16.0 * before - 30.0 * now + 16.0 * after - theta[:, 4]) / (
         12.0 * STEP_S**2
     )
+    return now, speed, acceleration
+
+
+def motor_torque(theta, robot):
+    """Torques [N m, motor side] in the middle of arm angles that are ``STEP_S`` apart, shape (n, 5, 3)."""
+    now, speed, acceleration = motion_of(theta)
     motor = robot.motor
     rate = GEAR * speed
     friction = motor.static_friction_n_m * np.tanh(rate / motor.friction_smoothing_rad_s)
@@ -64,11 +70,15 @@ def motor_torque(theta, robot):
 def expected(plan, cycles, robot):
     """Torques of a plan at the instants that commands of cycles are to be for."""
     lead_s = robot.drive.position_period_s + robot.torque_dead_time_s
+    return motor_torque(angles_around(plan, cycles, robot, lead_s), robot)
+
+
+def angles_around(plan, cycles, robot, lead_s=0.0):
+    """Arm angles of a plan around the instants of cycles, shape (n, 5, 3), ``STEP_S`` apart."""
     times = (np.asarray(cycles) - START) * CYCLE_S + lead_s
     around = times[:, None] + STEP_S * np.arange(-2, 3)
     places, _, _ = sample_plan(plan, around.ravel())
-    theta = kinematics.inverse(places, robot.kinematics).reshape(len(times), 5, 3)
-    return motor_torque(theta, robot)
+    return kinematics.inverse(places, robot.kinematics).reshape(len(times), 5, 3)
 
 
 def test_it_is_that_of_the_coupled_arms_with_gravity_and_friction_on_every_kind_of_move(model):
@@ -195,3 +205,57 @@ def test_a_place_out_of_reach_has_no_torque_and_leaves_no_wrong_one_behind(model
     task.command(6)
     weight = dynamics.gravity(kinematics.inverse(HOME_M, model.kinematics), model) / GEAR
     assert task.torques == pytest.approx(weight, abs=1e-6)
+
+
+STIFFNESS = 50000.0  # [N m/rad]
+INCREMENT = 2.0 * np.pi / 2**19 / GEAR  # arm side
+
+
+def shafts_of(task, cycles):
+    return np.array([task.command(k).copy() for k in range(task.next_cycle, cycles)]) / GEAR
+
+
+def test_shafts_are_ahead_of_their_arms_by_what_elastic_gears_give(robot):
+    elastic = robot.replace(control__gear_stiffness_n_m_rad=STIFFNESS)
+    task, plan = started(elastic)
+    shafts = shafts_of(task, task.end_cycle)
+    cycles = np.arange(START + 2, task.end_cycle - 2)
+    theta, speed, acceleration = motion_of(angles_around(plan, cycles, robot))
+    through = (
+        dynamics.inverse(theta, speed, acceleration, robot) - dynamics.rotor_inertia(robot) * acceleration
+    )
+    twist = shafts[cycles] - theta
+    assert np.percentile(np.abs(twist - through / STIFFNESS).max(axis=1), 95) < 2.0 * INCREMENT
+    assert np.abs(twist).max() > 100.0 * INCREMENT
+
+
+def test_a_robot_that_is_located_behind_elastic_gears_is_held_where_it_stands(robot):
+    elastic = robot.replace(control__gear_stiffness_n_m_rad=STIFFNESS)
+    task, _ = started(elastic)
+    theta = kinematics.inverse(HOME_M, robot.kinematics)
+    assert np.abs(shafts_of(task, START) - theta).max() < 1.01 * INCREMENT
+    weight = dynamics.gravity(theta, robot)
+    located = kinematics.inverse(task.state['tcp'][0], robot.kinematics)
+    np.testing.assert_allclose(theta - located, weight / STIFFNESS, atol=2.0 * INCREMENT)
+
+
+def test_what_is_gripped_winds_elastic_gears_up_with_the_cycle_in_which_it_hangs_there(robot):
+    elastic = robot.replace(control__gear_stiffness_n_m_rad=STIFFNESS)
+    moves = [
+        {'dwell': {'time_s': 0.02}},
+        {'output': {'name': 'gripper', 'value': True, 'payload_kg': 2.0}},
+        {'dwell': {'time_s': 0.02}},
+    ]
+    task, _ = started(elastic, moves, payload_kg=0.0)
+    payloads, shafts = [], []
+    for k in range(task.end_cycle):
+        shafts.append(task.command(k).copy() / GEAR)
+        payloads.append(task.payload)
+    (gripped,) = (k for k in range(START + 1, task.end_cycle) if payloads[k] > payloads[k - 1])
+    jumps = np.abs(np.diff(shafts[START:], axis=0)).max(axis=1)
+    assert START + 1 + int(np.argmax(jumps)) == gripped - 1
+    theta = kinematics.inverse(task.state['tcp'][0], robot.kinematics)
+    empty, full = (
+        dynamics.gravity(theta, robot.replace(dynamics__payload_mass_kg=mass)) for mass in (0.0, 2.0)
+    )
+    np.testing.assert_allclose(shafts[-1] - shafts[START], (full - empty) / STIFFNESS, atol=2.0 * INCREMENT)

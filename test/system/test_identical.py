@@ -144,13 +144,14 @@ def test_exact_reference_runs_in_the_graph_too(
     _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
 
 
+@pytest.mark.parametrize('source', ['rich', 'rich+model+gears'])
 def test_the_rich_robot_gives_the_bits_of_its_simulation(
-    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+    source: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     """The noise of each drive's sensors, too, is that of the simulation."""
-    robot = parameters.load('rich')
+    robot = parameters.load(source)
     simulated = simulation.run(programs.load('experiment1', robot.motion), robot)
-    options = ['--real-time-factor', '0', '--parameters', 'rich']
+    options = ['--real-time-factor', '0', '--parameters', source]
     _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
 
 
