@@ -136,6 +136,11 @@ class Robot:
         """Let the drives know a payload [kg], of this MDT and the one before."""
         self.record['payload'] = self.record['next_payload'] = payload_kg
 
+    def take_payload(self, payload_kg: float) -> None:
+        """Take the payload [kg] of an MDT with the cycle that it begins: that of the MDT before hangs there now."""
+        self.record['payload'] = self.record['next_payload']
+        self.record['next_payload'] = payload_kg
+
     @property
     def payload(self) -> float:
         """What is gripped in this bus cycle [kg]."""

@@ -51,8 +51,7 @@ class ScopedRobot(Robot):
     ) -> None:
         """Run one bus cycle as ``Robot.cycle`` does, with the oscilloscopes."""
         r = self.record[0]
-        gripped = float(r['next_payload'])
-        r['payload'], r['next_payload'] = gripped, gripped if payload_kg is None else payload_kg
+        self.take_payload(float(r['next_payload']) if payload_kg is None else payload_kg)
         exchanges, beside = int(r['exchanges']), np.broadcast_to(torques, 3).tolist()
         for i, (drive, shaft) in enumerate(zip(self.drives, self._shafts(), strict=True)):
             if received[i]:
@@ -65,7 +64,7 @@ class ScopedRobot(Robot):
         for exchange in range(self._cycle * exchanges, (self._cycle + 1) * exchanges):
             shafts = self._shafts()
             released = [self._run(exchange, i, shaft) for i, shaft in enumerate(shafts)]
-            self.plant.advance(self.currents, released, gripped)
+            self.plant.advance(self.currents, released, self.payload)
         self._cycle += 1
 
     def _shafts(self) -> list[list[float]]:

@@ -62,6 +62,14 @@ def test_with_linear_interpolation_the_stairs_of_the_speed_are_left(robot, witho
     assert linear['tcp_error_max_m'] == pytest.approx(0.0264e-3, rel=0.02)
 
 
+def test_with_decoupled_arms_it_reaches_the_same(robot):
+    """The controller knows the robot, not the form of its equations."""
+    exact = figures_of('packaging', robot.replace(**MODEL))
+    decoupled = figures_of('packaging', robot.replace(dynamics__arm_coupling='decoupled', **MODEL))
+    assert decoupled['tcp_error_max_m'] == pytest.approx(exact['tcp_error_max_m'], rel=0.05)
+    assert max(decoupled['current_peak_a']) == pytest.approx(max(exact['current_peak_a']), rel=0.01)
+
+
 @pytest.mark.parametrize('cycle_time_s', [2e-3, 4e-3])
 def test_with_a_slower_bus_it_reaches_nearly_as_much(cycle_time_s, robot):
     slow = robot.replace(bus__cycle_time_s=cycle_time_s, **MODEL)
