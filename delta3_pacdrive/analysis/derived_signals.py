@@ -14,6 +14,8 @@ from delta3_pacdrive.analysis.run_signals import SLOPE_S, derivatives, noted_cyc
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
     from numpy.typing import NDArray
 
     from delta3_pacdrive.numerics.types import Floats
@@ -49,6 +51,25 @@ def derived(trace: Trace) -> dict[str, Floats]:
         found['tcp_velocity'] = _derivatives(place, period, 1)[0][rows]
         found['tcp_acceleration'] = _derivatives(place, period, wide)[1][rows]
     return {name: values for name, values in found.items() if name not in trace.signals}
+
+
+def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
+    """Return those of the named signals that nobody is shown unasked, and that a trace can tell; (cycles, columns)."""
+    found = {}
+    if 'tcp_speed' in names and 'tcp_velocity' in trace.signals:
+        found['tcp_speed'] = np.linalg.norm(trace['tcp_velocity'], axis=1, keepdims=True)
+    changes = trace.meta.get('drive_status')
+    if 'status_word' in names and changes:
+        period = positive(trace, 'cycle_time_s')
+        cycles = np.rint(trace.time_s / period).astype(np.int64)
+        found['status_word'] = np.column_stack([_words(cycles, own) for own in changes])
+    return found
+
+
+def _words(cycles: NDArray[np.int64], changes: Sequence[Sequence[int]]) -> Floats:
+    """Return the status word of a drive in bus cycles from its changes; before the first one its own."""
+    since, words = np.array(changes, dtype=np.float64).reshape(-1, 2).T
+    return np.asarray(words[np.searchsorted(since, cycles, side='right').clip(1) - 1])
 
 
 def _master(command: Floats, period_s: float, start: int) -> Floats:

@@ -1,30 +1,70 @@
-"""``delta3 export``: the robot as a model for other tools."""
+"""``delta3 export``: the robot as a model, the signals of a recording as a table, for other tools."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.command import Command, argument, option
-from delta3_pacdrive.cli.command import Options as CommonOptions
+from delta3_pacdrive.cli.command import Command, argument, flag, option
+from delta3_pacdrive.cli.option_types import integer_within, signal_names
+from delta3_pacdrive.cli.run_options import WindowOptions
 
-FORMATS = {
+TRACE = 'trace'
+MODELS = {
     'urdf': 'a tree with passive joints, for robot_state_publisher, RViz, Foxglove ...',
     'mjcf': 'a closed chain that moves like the plant, for MuJoCo',
 }
+FORMATS = MODELS | {TRACE: 'the signals of a trace or bag as .csv, .parquet or .npz, as --output ends'}
+EVERY_MAX = 1_000_000
 
 
 @dataclass
-class Options(CommonOptions):
+class Options(WindowOptions):
     """Options of the command."""
 
-    format: str = argument('urdf or mjcf', choices=tuple(FORMATS), metavar='FORMAT')
-    output: str | None = option('write it there instead of to the terminal', 'FILE')
-    parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
+    format: str = argument('urdf, mjcf or trace', choices=tuple(FORMATS), metavar='FORMAT')
+    recording: str | None = argument(
+        'for trace: trace (.npz), table (.csv, .parquet, .mat) or rosbag2 folder',
+        default=None,
+        metavar='RECORDING',
     )
+    output: str | None = option('write it there; a model goes to the terminal without it', 'FILE')
+    parameters: str | None = option(
+        'parameter file instead of the packaged one, or rich: the built robot', 'FILE', only=tuple(MODELS)
+    )
+    signals: list[str] | None = option(
+        "these only, such as current,tcp_error,'drive_*', or all: everything that it can tell (default: what it holds, "
+        'and what is computed from that without being asked for)',
+        'NAMES',
+        type=signal_names,
+        only=(TRACE,),
+    )
+    every: int = option(
+        'every n-th bus cycle, counted from the start of the program',
+        'N',
+        default=1,
+        type=integer_within(1, EVERY_MAX),
+        only=(TRACE,),
+    )
+    overwrite: bool = flag('replace a file that exists', only=(TRACE,))
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.format == TRACE:
+            if self.recording is None or self.output is None:
+                return 'trace needs a RECORDING and --output FILE'
+        else:
+            unused = [one for one in self.given() if one in ('--from', '--to', '--json')]
+            if self.recording is not None or unused:
+                return f'{unused[0] if unused else "a recording"} is for {TRACE}, not for {self.format}'
+        return self.refusal(self.format) or super().check()
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    return _trace(options) if options.format == TRACE else _model(options)
+
+
+def _model(options: Options) -> int:
     from delta3_pacdrive import parameters
     from delta3_pacdrive.analysis.provenance import write_text
     from delta3_pacdrive.scene.mjcf import mjcf
@@ -39,9 +79,44 @@ def run(options: Options) -> int:
     return 0
 
 
+def _trace(options: Options) -> int:
+    from delta3_pacdrive.analysis import trace_export
+    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.errors import TraceError
+    from delta3_pacdrive.recording import trace_file as files
+
+    name, output = str(options.recording), Path(str(options.output))
+    files.require_writable_trace(output)
+    if output.exists() and not options.overwrite:
+        raise TraceError(f'{output} exists already: --overwrite replaces it')
+    if options.signals:
+        trace_export.require_known(options.signals)
+    trace = files.load(name)
+    origin = Provenance.of(options.command_line, inputs=noted([name]))
+    trace = trace_export.completed(trace, options.signals, Path(name) if Path(name).is_dir() else None)
+    trace = trace_export.chosen(trace, options.signals, name)
+    trace = trace_export.thinned(trace_export.part(trace, options.from_s, options.to_s), options.every)
+    trace.meta['exported'] = origin.lines()
+    files.save(trace, output)
+    result = {
+        'ok': True,
+        'file': str(output),
+        'rows': len(trace.time_s),
+        'signals': list(trace.signals),
+        'provenance': origin.lines(),
+    }
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print(f'{output}: {len(trace.time_s)} rows of {", ".join(trace.signals)}')
+    return 0
+
+
 main = Command(
     'export',
-    'The robot as a model for other tools, from its parameters: lengths, masses, limits, shapes.',
+    'The robot as a model for other tools, from its parameters: lengths, masses, limits, shapes; or the signals of a '
+    'recording.',
     Options,
     run,
     FORMATS,

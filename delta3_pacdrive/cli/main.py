@@ -26,7 +26,7 @@ COMMANDS = {
     'simulate': 'run a program without ROS, as fast as possible',
     'view': 'the robot, or a recording, in three dimensions in the browser',
     'record': 'record a running robot into a rosbag2 folder',
-    'export': 'the robot as URDF or MJCF, from its parameters',
+    'export': 'the robot as URDF or MJCF; the signals of a recording as a table',
     'plot': 'draw the figures of a bag or a trace',
     'report': 'one HTML page of one or more runs: 3-D, all signals, moves, figures',
     'compare': 'how far two runs are apart, signal by signal and move by move',

@@ -71,6 +71,14 @@ def trace_file(text: str) -> str:
     return text
 
 
+def signal_names(text: str) -> list[str]:
+    """Take names of signals, or patterns such as ``tcp_*``, with commas between them."""
+    names = [part.strip() for part in text.split(',') if part.strip()]
+    if not names:
+        raise argparse.ArgumentTypeError('it names no signal')
+    return list(dict.fromkeys(names))
+
+
 def csv_file(text: str) -> Path:
     """Take the name of a table to be written."""
     if Path(text).suffix.lower() != '.csv':

@@ -53,7 +53,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
-    from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.recording import trace_csv, trace_file
 
     trace = derived_signals.added(trace_file.load(options.recording))
     starts = trace.meta.get('starts')
@@ -74,6 +74,7 @@ def run(options: Options) -> int:
     trace.meta['plotted'] = origin.lines()
     data = folder.path / 'signals.csv'
     trace_file.save(_written(trace, windowed, options.signals), data)
+    folder.add(trace_csv.beside(data))
     folder.add(data)
     folder.page(f'Figures of {options.recording}')
     if options.json:

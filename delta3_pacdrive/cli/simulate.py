@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
-from delta3_pacdrive.cli.option_types import filled, number_within, trace_file
+from delta3_pacdrive.cli.option_types import filled, number_within, signal_names, trace_file
 from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.reference import program_of
@@ -38,6 +38,12 @@ class Options(ReferenceOptions, ScopeOptions):
     )
     trace: str | None = option(
         'write every signal to this .npz, .csv or .parquet file', 'FILE', type=trace_file
+    )
+    signals: list[str] | None = option(
+        "with --trace: write these only, such as tcp_speed,payload,'drive_*', or all: everything, which is more than "
+        'there is unasked',
+        'NAMES',
+        type=signal_names,
     )
     one_motor: bool = flag(
         'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
@@ -73,6 +79,8 @@ class Options(ReferenceOptions, ScopeOptions):
                     return f'{one} is for --one-motor: it says what a single motor drives'
         elif self.scope is not None:
             return '--scope looks into the drives of a robot, so it is not for --one-motor'
+        if self.signals and (self.one_motor or not self.trace):
+            return '--signals says what --trace holds of a robot, which is not asked for'
         of_scope = {name(one) for one in fields(ScopeOptions) if one.metadata} | {'--scope-output'}
         if self.scope is None and (unused := [one for one in self.given() if one in of_scope]):
             return f'{unused[0]} is for --scope, which is not given'
@@ -85,7 +93,7 @@ def run(options: Options) -> int:
         return _run_one_motor(options)
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis import derived_signals, run_comparison
+    from delta3_pacdrive.analysis import run_comparison, trace_export
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.motion import arrival
     from delta3_pacdrive.motion import program_file as programs
@@ -93,6 +101,8 @@ def run(options: Options) -> int:
 
     if options.trace:
         trace_file.require_writable_trace(options.trace)
+    if options.signals:
+        trace_export.require_known(options.signals)
     announce_compilation(options.parameters)
     robot = core.load(options.parameters)
     if options.exchange_period is not None:
@@ -115,7 +125,8 @@ def run(options: Options) -> int:
 
         note_limits(trace, program, simulation.placed(robot, program))
         trace.meta['provenance'] = origin.lines()
-        trace_file.save(derived_signals.added(trace), options.trace)
+        whole = trace_export.completed(trace, options.signals)
+        trace_file.save(trace_export.chosen(whole, options.signals, program.name), options.trace)
     stopped, figures = trace.meta['stopped'], trace.meta['figures']
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
@@ -148,20 +159,31 @@ def _simulated(
     """Run a program, with oscilloscopes in the drives if they are asked for; raises Delta3Error."""
     from delta3_pacdrive import simulation
 
+    asked = _requested(options)
     if options.scope is None:
-        return simulation.run(program, robot), None
+        return simulation.run(program, robot, None, asked) if asked else simulation.run(program, robot), None
     from delta3_pacdrive.recording.acquisition import Acquisition
 
     records = Records(options, options.scope_output, origin)
     setting = options.setting(options.scope, robot, all_of_it=True)
     acquisition = Acquisition(setting, records.take)
-    trace = simulation.run(program, robot, acquisition)
+    trace = simulation.run(program, robot, acquisition, asked)
     if not records.written:
         raise RunError(
             f'the trigger never came: {setting.trigger.sentence if setting.trigger else ""} was awaited until the end '
             f'of the run, {trace.time_s[-1]:.3f} s'
         )
     return trace, records
+
+
+def _requested(options: Options) -> list[str]:
+    """Return the signals that a simulation holds on request, and that are asked for."""
+    if not options.signals:
+        return []
+    from delta3_pacdrive.analysis import trace_export
+    from delta3_pacdrive.recording import quantities, signals
+
+    return trace_export.matching(options.signals, [*signals.REQUESTED_SIGNALS, *quantities.of_drives()])
 
 
 def _run_one_motor(options: Options) -> int:

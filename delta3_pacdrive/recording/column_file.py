@@ -25,7 +25,7 @@ from delta3_pacdrive.configuration.located import numbered, place_of
 from delta3_pacdrive.configuration.readers import flag, line_of_text, number, one_of, whole_number_between
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.recording import quantities
-from delta3_pacdrive.recording.quantities import QUANTITIES, TIME, UNITS
+from delta3_pacdrive.recording.quantities import ONE, QUANTITIES, TIME, UNITS
 from delta3_pacdrive.recording.signals import columns_of
 
 NAME_MAX = 1000
@@ -111,11 +111,13 @@ def _columns(value: Any, where: str, errors: Errors) -> list[ChosenColumn]:
 def _column(value: Any, where: str, errors: Errors) -> ChosenColumn:
     fields = Section(value, where, errors, _KEYS, ('column', 'signal', 'unit'))
     column = fields.read('column', _name, '')
-    signal = fields.read('signal', one_of((TIME, *QUANTITIES)), '')
+    signal = fields.read(
+        'signal', one_of((TIME, *(name for name, (unit, _) in QUANTITIES.items() if unit != ONE))), ''
+    )
     place, si = 0, 's'
     if not signal:  # that has been told
         return ChosenColumn(column, signal, place, si)
-    if signal in quantities.NORMS:
+    if signal != TIME and quantities.width(signal) == 1:
         si = QUANTITIES[signal][0]
     elif signal != TIME:
         named = columns_of(signal, QUANTITIES[signal][0])

@@ -13,6 +13,8 @@ from typing import NamedTuple
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     DERIVED_SIGNALS,
+    OF_DRIVES,
+    REQUESTED_SIGNALS,
     SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
@@ -40,9 +42,10 @@ OF_ARMS = {
     'arm_acceleration_reference': ('rad/s2', 'arm acceleration that was commanded'),
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
-NORMS = ('tcp_error_norm',)  # signals of one column
-QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | MEASURED | OF_ARMS
+OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
+QUANTITIES = OF_RUNS | MEASURED | OF_ARMS | REQUESTED_SIGNALS
 
+ONE = '1'  # unit of what has none
 # unit in a file: (SI unit, factor)
 UNITS = {
     's': ('s', 1.0),
@@ -66,6 +69,9 @@ UNITS = {
     'mm/s': ('m/s', 1e-3),
     'm/s2': ('m/s2', 1.0),
     'mm/s2': ('m/s2', 1e-3),
+    'kg': ('kg', 1.0),
+    'increments': ('increments', 1.0),
+    'bits': ('bits', 1.0),
 }
 # the same units in other spellings
 SPELLINGS = {
@@ -101,15 +107,38 @@ class Column(NamedTuple):
     unit: str
 
 
-def columns() -> dict[str, Column]:
+def of_drives() -> dict[str, tuple[str, str]]:
+    """Return the signals that the channels of the drives are, once in a bus cycle, each with unit and meaning."""
+    from delta3_pacdrive.drive.channels import CHANNELS  # brings the compiler
+
+    return {OF_DRIVES + name: (row.unit, row.what) for name, row in CHANNELS.items()}
+
+
+def unit_of(name: str) -> str | None:
+    """Return the unit of a signal, None if there is no such signal."""
+    known = of_drives() if name.startswith(OF_DRIVES) else QUANTITIES
+    return known[name][0] if name in known else None
+
+
+def meaning_of(name: str) -> str:
+    """Return what a signal is."""
+    return (of_drives() if name.startswith(OF_DRIVES) else QUANTITIES)[name][1]
+
+
+def headings(name: str) -> list[str]:
+    """Return the headings of the columns of a signal; a number without a unit has none."""
+    return [
+        '_'.join(filter(None, (name, suffix))) + ('' if own == ONE else f' [{own}]')
+        for suffix, own in columns_of(name, unit_of(name) or ONE)
+    ]
+
+
+def columns(with_drives: bool = False) -> dict[str, Column]:
     """Return every column that there can be, by its plain name."""
     found = {TIME: Column(TIME, 0, 's')}
-    for name, (units, _) in QUANTITIES.items():
-        if name in NORMS:
-            found[name] = Column(name, 0, units)
-            continue
+    for name, (units, _) in (QUANTITIES | (of_drives() if with_drives else {})).items():
         for number, (suffix, unit) in enumerate(columns_of(name, units)):
-            found[f'{name}_{suffix}'] = Column(name, number, unit)
+            found['_'.join(filter(None, (name, suffix)))] = Column(name, number, unit)
     for told, name in NAMES_OF_THE_THESIS.items():
         for own in [key for key, column in found.items() if column.signal == name]:
             found[told + own.removeprefix(name)] = found[own]
@@ -118,7 +147,7 @@ def columns() -> dict[str, Column]:
 
 def width(signal: str) -> int:
     """Return how many columns a signal has."""
-    return 1 if signal in (TIME, *NORMS) else 3
+    return 1 if signal == TIME else len(columns_of(signal, ''))
 
 
 def plain(label: str) -> str:

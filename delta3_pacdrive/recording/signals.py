@@ -1,5 +1,7 @@
 """Names of the signals of a run, each with its unit and what it is. Light: the help of a command tells them."""
 
+from collections.abc import Sequence
+
 # name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
 SIGNALS = {
     'motor_command': ('rad', 'motor shaft command of the MDT'),
@@ -38,10 +40,31 @@ DERIVED_SIGNALS = {
     'tcp_velocity': ('m/s', 'velocity of the actual TCP'),
     'tcp_acceleration': ('m/s2', 'acceleration of the actual TCP'),
 }
+# what is told on request only; of the outputs each column has its own name
+REQUESTED_SIGNALS = {
+    'tcp_speed': ('m/s', 'speed of the actual TCP'),
+    'payload': ('kg', 'payload that the MDT of the bus cycle tells'),
+    'outputs': ('1', 'digital outputs: gripper, output1 to output7'),
+    'status_word': ('bits', 'status word S-0-0135 of the AT'),
+    'fault': ('1', '1 from the bus cycle on whose answers tell a fault of the robot'),
+    'lost_telegrams': ('1', 'AT that did not reach the master, since bus time 0'),
+    'overruns': ('1', 'bus cycles that began late, since bus time 0'),
+}
+OF_DRIVES = (
+    'drive_'  # before the name of a channel (``drive/channels.py``): that of all three drives, on request
+)
+OUTPUT_COLUMNS = ('gripper', *'1234567')
+ONE_COLUMN = ('tcp_error_norm', 'tcp_speed', 'payload', 'fault', 'lost_telegrams', 'overruns')
 
 
 def columns_of(name: str, unit: str) -> list[tuple[str, str]]:
-    """Return name and unit of each column of a signal."""
-    names = 'sva' if name == 'master' else 'xyz' if name.startswith('tcp_') else '123'
+    """Return name and unit of each column of a signal; that of a single one has no name."""
+    names: Sequence[str] = 'xyz' if name.startswith('tcp_') else '123'
+    if name in ONE_COLUMN:
+        names = ('',)
+    elif name == 'master':
+        names = 'sva'
+    elif name == 'outputs':
+        names = OUTPUT_COLUMNS
     units = unit.split(', ')
     return list(zip(names, units if len(units) == len(names) else units * len(names), strict=True))

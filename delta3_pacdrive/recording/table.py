@@ -14,7 +14,8 @@ import numpy as np
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.recording import quantities
-from delta3_pacdrive.recording.quantities import TIME, UNITS
+from delta3_pacdrive.recording.quantities import ONE, TIME, UNITS
+from delta3_pacdrive.recording.signals import OF_DRIVES
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -122,7 +123,8 @@ def _require_increasing(path: Path, time_s: Floats) -> None:
 
 
 def _by_headings(table: Table) -> dict[str, list[Source]]:
-    known = quantities.columns()
+    labels = [quantities.plain(quantities.parted(heading)[0]) for heading in table.headings]
+    known = quantities.columns(any(label.startswith(OF_DRIVES) for label in labels))
     found: dict[str, list[Source | None]] = {}
     for place, heading in enumerate(table.headings):
         label, unit = quantities.parted(heading)
@@ -132,7 +134,11 @@ def _by_headings(table: Table) -> dict[str, list[Source]]:
                 f'{table.path} has an unknown column {shown(heading)}, expected names like time [s]'
                 f'{nearest_of(quantities.plain(label), known)}; a column file (--columns) says what others are'
             )
-        if unit is None or UNITS.get(unit, ('', 0.0))[0] != column.unit:
+        if column.unit == ONE and unit in (None, ONE):
+            unit, factor = ONE, 1.0
+        elif unit is not None and UNITS.get(unit, ('', 0.0))[0] == column.unit:
+            factor = UNITS[unit][1]
+        else:
             raise TraceError(
                 f'{table.path}: column {shown(heading)} must tell its unit, one of '
                 f'{quantities.possible_units(column.unit)}'
@@ -140,7 +146,7 @@ def _by_headings(table: Table) -> dict[str, list[Source]]:
         own = found.setdefault(column.signal, [None] * quantities.width(column.signal))
         if own[column.number] is not None:
             raise TraceError(f'{table.path} has the column {shown(heading)} twice')
-        own[column.number] = Source(place, UNITS[unit][1])
+        own[column.number] = Source(place, factor)
     return _complete(table.path, found)
 
 

@@ -81,6 +81,7 @@ def _columns(name: str, values: Floats) -> list[tuple[str, Floats]]:
     if values.shape[1] != 3:
         return [(f'{signal}_{n}{told}', column) for n, column in enumerate(values.T, start=1)]
     names = [suffix for suffix, _ in columns_of(signal, '')]
+    names = names if len(names) == 3 else ['1', '2', '3']
     return [(f'{signal}_{suffix}{told}', column) for suffix, column in zip(names, values.T, strict=True)]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.signals import columns_of
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Trace:
     time_s
         Bus time of each cycle, shape (cycles,).
     signals
-        Arrays (cycles, 3) by the names in ``SIGNALS``, of simulations in ``TRUE_SIGNALS`` as well.
+        Arrays (cycles, 3) by the names in ``SIGNALS``, of simulations in ``TRUE_SIGNALS`` as well; on request others,
+        with as many columns as ``signals.columns_of`` says.
     meta
         Where it comes from: program, parameter checksum, gear ratio, timing, results.
 
@@ -84,7 +86,8 @@ class Trace:
         if not isinstance(self.meta, dict):
             raise ValueError('its meta is no JSON object')
         for name, values in {'time_s': self.time_s, **self.signals}.items():
-            shape = self.time_s.shape[:1] + (3,) * (name != 'time_s')
+            columns = 0 if name == 'time_s' else len(columns_of(name, ''))
+            shape = self.time_s.shape[:1] + (columns,) * (columns > 0)
             if values.dtype != np.float64 or values.shape != shape or not values.ndim:
                 raise ValueError(f'its {name} is of type {values.dtype} and shape {values.shape}')
         if not (np.isfinite(self.time_s).all() and (np.diff(self.time_s) > 0.0).all()):

@@ -6,10 +6,9 @@ import numpy as np
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import table_csv, table_mat, table_parquet, trace_csv
+from delta3_pacdrive.recording import quantities, table_mat, table_parquet, trace_csv
 from delta3_pacdrive.recording.bag_trace import read_bag
 from delta3_pacdrive.recording.column_file import ColumnFile
-from delta3_pacdrive.recording.quantities import QUANTITIES, parted
 from delta3_pacdrive.recording.table import Table, trace_of
 from delta3_pacdrive.recording.trace import Trace, told
 
@@ -69,7 +68,7 @@ def _table(path: Path, columns: ColumnFile | None) -> Table:
             return table_parquet.read(path)
         case '.mat':
             return table_mat.read(path)
-    return table_csv.read(path, columns.form if columns else None)
+    return trace_csv.read_table(path, columns.form if columns else None)
 
 
 def save(trace: Trace, path: str | Path) -> None:
@@ -86,9 +85,9 @@ def save(trace: Trace, path: str | Path) -> None:
 
 def _write_parquet(trace: Trace, path: Path) -> None:
     """Write the columns that CSV has, each with its unit, and what the trace tells of its run."""
-    named = [name for name in trace.signals if name in QUANTITIES]
-    headings = ['time [s]', *(heading for name in named for heading in trace_csv.columns_of(name))]
-    units = [str(parted(heading)[1]) for heading in headings]
+    named = [name for name in trace.signals if quantities.unit_of(name)]
+    headings = ['time [s]', *(heading for name in named for heading in quantities.headings(name))]
+    units = [quantities.parted(heading)[1] or quantities.ONE for heading in headings]
     columns = np.column_stack([trace.time_s, *(trace[name] for name in named)]).T
     with told(f'write trace {path}'), whole_file.replacing(path) as partial:
         table_parquet.write(partial, headings, units, list(columns), trace.meta)

@@ -42,6 +42,7 @@ from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import in_torque
+from delta3_pacdrive.simulation.requested import Requested
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
@@ -145,6 +146,8 @@ class SimulatedOperation:
         Faults that are injected, counted from ``motion.start_cycle``. Without any, a drive that trips is an error.
     parameters
         Of the robot.
+    signals
+        On request: see ``Requested``.
 
     Attributes
     ----------
@@ -163,9 +166,15 @@ class SimulatedOperation:
     """
 
     def __init__(
-        self, robot: Robot, task: Transformation, faults: Sequence[Fault], parameters: Parameters
+        self,
+        robot: Robot,
+        task: Transformation,
+        faults: Sequence[Fault],
+        parameters: Parameters,
+        signals: Sequence[str] = (),
     ) -> None:
         self._robot, self._task, self._parameters = robot, task, parameters
+        self._requested = Requested(signals, robot, parameters)
         self._start = parameters.motion.start_cycle
         self._must_succeed = not faults
         self._schedule = Schedule()
@@ -177,7 +186,7 @@ class SimulatedOperation:
         self._controller = ControllerCycle(task, self._axes, parameters)
         self._signals = np.empty((len(NAMES), task.last_cycle + 1, 3))
         self.stopped = self.stop_source = ''
-        self.stop_cycle = NEVER
+        self.stop_cycle = self._fault_cycle = NEVER
         self.drive_status: list[list[list[int]]] = [[] for _ in DRIVES]
 
     @property
@@ -204,7 +213,7 @@ class SimulatedOperation:
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
                 del signals[name]
-        return signals
+        return signals | self._requested.signals(self._fault_cycle)
 
     def _without_torque(self) -> bool:
         return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)
@@ -215,10 +224,13 @@ class SimulatedOperation:
         after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
         robot, task, axes = self._robot, self._task, self._axes
         status = robot.status
-        if after <= cycle or robot.observed or not axes.is_checked(status.tolist()):
+        one_by_one = robot.observed or bool(self._requested)
+        if after <= cycle or one_by_one or not axes.is_checked(status.tolist()):
             self._make_room(cycle + 1)
+            self._requested.note_begin()
             self._begin(cycle)
             self._evaluate(cycle)
+            self._requested.note_end(task, axes)
             return cycle + 1
         after = min(after, max(2 * cycle, self._signals.shape[1]))
         self._make_room(after)
@@ -286,7 +298,7 @@ class SimulatedOperation:
     def _stop(self, stop: Stop, cause: str = '') -> None:
         if not self.stopped:
             self.stopped, self.stop_source = f'{stop.fault}{cause}', stop.fault.source
-            self.stop_cycle = stop.first
+            self.stop_cycle, self._fault_cycle = stop.first, stop.fault.cycle
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:

@@ -1,5 +1,6 @@
 """All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,12 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     return parameters.replace(motion__home_m=program.start_m)
 
 
-def run(program: Program, parameters: Parameters, acquisition: Acquisition | None = None) -> Trace:
+def run(
+    program: Program,
+    parameters: Parameters,
+    acquisition: Acquisition | None = None,
+    signals: Sequence[str] = (),
+) -> Trace:
     """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
 
     Parameters
@@ -44,6 +50,9 @@ def run(program: Program, parameters: Parameters, acquisition: Acquisition | Non
         Of the robot.
     acquisition
         Takes what oscilloscopes in the drives show, if any have some; the signals are the same.
+    signals
+        Held on request, beside the usual ones, which are the same: ``payload``, ``outputs``, ``lost_telegrams``, and
+        ``drive_`` with the name of a channel of the drives.
 
     Returns
     -------
@@ -73,13 +82,13 @@ def run(program: Program, parameters: Parameters, acquisition: Acquisition | Non
         raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
     task.enable(motion.enable_cycle)
     task.start(motion.start_cycle)
-    operation = SimulatedOperation(robot, task, program.faults, parameters)
+    operation = SimulatedOperation(robot, task, program.faults, parameters, signals)
     try:
-        signals = operation.run()
+        found = operation.run()
     finally:
         if isinstance(robot, ScopedRobot):
             robot.finish()
-    signals['current'] /= parameters.motor.torque_constant_n_m_a
+    found['current'] /= parameters.motor.torque_constant_n_m_a
     for axis, drive in enumerate(robot.drives):
         task.current_peak[axis], task.current_rms[axis] = drive.program_current()
     meta = _meta(planned, parameters, task) | {
@@ -91,7 +100,7 @@ def run(program: Program, parameters: Parameters, acquisition: Acquisition | Non
         'drive_status': operation.drive_status,
     }
     return Trace(
-        np.arange(len(signals['current']), dtype=np.float64) * parameters.bus.cycle_time_s, signals, meta
+        np.arange(len(found['current']), dtype=np.float64) * parameters.bus.cycle_time_s, found, meta
     )
 
 

@@ -48,6 +48,16 @@ def channels() -> Rows:
         yield f'`{row.name}`', '' if row.unit == '1' else row.unit, row.what
 
 
+def signals() -> Rows:
+    """Return the signals that traces hold on request."""
+    from delta3_pacdrive.recording.signals import REQUESTED_SIGNALS
+
+    yield 'signal', 'unit', 'what'
+    for name, (unit, what) in REQUESTED_SIGNALS.items():
+        yield f'`{name}`', '' if unit == '1' else unit, what
+    yield '`drive_` and a channel', '', 'channels of the drives: `delta3 scope list`'
+
+
 def diagnostics() -> Rows:
     """Return the messages of a drive."""
     from delta3_pacdrive.drive.diagnostics import FAULTS, WARNINGS
@@ -231,6 +241,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     for rows in (
         idns,
         channels,
+        signals,
         diagnostics,
         fault_kinds,
         parameters,

@@ -100,7 +100,13 @@ def test_a_trace_file_holds_them_with_their_units(suffix, tmp_path, capsys):
     )
     files = json.loads(capsys.readouterr().out)['files']
     names = {file.rpartition('/')[2] for file in files}
-    assert names == {'index.html', 'master.png', 'tcp_acceleration.png', 'signals.csv'}
+    assert names == {
+        'index.html',
+        'master.png',
+        'tcp_acceleration.png',
+        'signals.csv',
+        'signals.csv-metadata.json',
+    }
 
 
 def test_a_robot_that_was_away_for_months_takes_no_memory_for_it(trace):

@@ -211,6 +211,7 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
         'currents.png',
         'coupling_torque.png',
         'signals.csv',
+        'signals.csv-metadata.json',
         'index.html',
     }
     data = trace_file.load(folder / 'signals.csv')

@@ -1,13 +1,17 @@
-"""Facts about ``delta3 export``: the model goes to the terminal or into a file, of the robot that was asked for."""
+"""Facts about ``delta3 export``: the model of the robot that was asked for, the signals of a recording."""
 
+import json
 import os
 import resource
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.cli import export
+from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.scene.mjcf import mjcf
 from delta3_pacdrive.scene.urdf import urdf
 
@@ -72,3 +76,104 @@ def test_a_model_that_goes_to_a_pipe_leaves_it_a_pipe(tmp_path, robot):
     finally:
         os.close(reader)
     assert path.is_fifo()
+
+
+def traced(tmp_path):
+    cycles = np.arange(30.0)
+    signals = {'current': np.column_stack([cycles, -cycles, 0.1 * cycles]), 'tcp_actual': np.ones((30, 3))}
+    meta = {
+        'cycle_time_s': 1e-3,
+        'start_cycle': 10,
+        'gear_ratio': 32.0,
+        'program': 'a',
+        'parameters': {'a.b': 1.0},
+    }
+    trace = Trace(cycles * 1e-3, signals, meta)
+    trace.save(tmp_path / 'run.npz')
+    return trace
+
+
+@pytest.mark.parametrize('ending', ['csv', 'npz', 'parquet'])
+def test_signals_go_into_each_kind_of_file_to_the_last_bit(ending, tmp_path, capsys):
+    if ending == 'parquet':
+        pytest.importorskip('pyarrow')
+    trace, output = traced(tmp_path), tmp_path / f'out.{ending}'
+    options = '--output', str(output), '--signals', 'current,tcp_[ava]*', '--from', '0.005', '--json'
+    assert export.main(['trace', str(tmp_path / 'run.npz'), *options]) == 0
+    told = json.loads(capsys.readouterr().out)
+    names = ['current', 'tcp_actual', 'tcp_velocity', 'tcp_acceleration']
+    assert (told['ok'], told['rows'], told['signals']) == (True, 15, names)
+    back = trace_file.load(output)
+    assert list(back.signals) == names
+    assert np.array_equal(back['current'], trace['current'][15:])
+    assert np.array_equal(back.time_s, trace.time_s[15:])
+    assert {key: back.meta[key] for key in trace.meta} == trace.meta
+    assert back.meta['exported']['command'].startswith('delta3 export trace ')
+
+
+def test_a_file_that_exists_is_replaced_on_request_only(tmp_path, capsys):
+    traced(tmp_path)
+    output = tmp_path / 'out.csv'
+    output.write_text('old')
+    command = ['trace', str(tmp_path / 'run.npz'), '--output', str(output)]
+    assert export.main(command) == 1
+    assert capsys.readouterr().err == f'error: {output} exists already: --overwrite replaces it\n'
+    assert output.read_text() == 'old'
+    assert export.main([*command, '--overwrite', '--every', '7']) == 0
+    assert [line.split(',')[0] for line in output.read_text().splitlines()[2:]] == [
+        '0.003',
+        '0.01',
+        '0.017',
+        '0.024',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['trace'], 'trace needs a RECORDING and --output FILE'),
+        (['trace', 'run.npz'], 'trace needs a RECORDING and --output FILE'),
+        (['urdf', 'run.npz'], 'a recording is for trace, not for urdf'),
+        (['mjcf', '--from', '1'], '--from is for trace, not for mjcf'),
+        (['urdf', '--every', '2'], '--every is for trace, not for urdf'),
+        (
+            ['trace', 'run.npz', '--output', 'a.csv', '--parameters', 'rich'],
+            '--parameters is for urdf and mjcf',
+        ),
+        (
+            ['trace', 'run.npz', '--output', 'a.csv', '--from', '2', '--to', '1'],
+            '--from is 2, but must be less',
+        ),
+        (['trace', 'run.npz', '--output', 'a.csv', '--signals', ','], 'it names no signal'),
+    ],
+)
+def test_what_does_not_fit_is_a_usage_error(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as ended:
+        export.main(arguments)
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['--output', 'out.txt'], 'the name ends in .txt, but must end in .npz, .csv or .parquet'),
+        (['--output', 'none/out.csv'], 'there is no folder none'),
+        (
+            ['--output', 'out.csv', '--signals', 'curent'],
+            "there is no signal 'curent': did you mean current?",
+        ),
+        (['--output', 'out.csv', '--signals', 'payload'], "run.npz holds no signal 'payload'"),
+        (['--output', 'out.csv', '--from', '9'], 'nothing of that window'),
+    ],
+)
+def test_what_cannot_be_had_is_one_sentence_and_leaves_no_file(
+    options, sentence, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    traced(tmp_path)
+    assert export.main(['trace', 'run.npz', *options]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith('error: ')
+    assert sentence in error
+    assert [path.name for path in tmp_path.iterdir()] == ['run.npz']

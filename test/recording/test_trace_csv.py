@@ -1,5 +1,6 @@
 """Facts about CSV traces: every unit that is read means what it says, every column goes to its own signal."""
 
+import json
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import quantities, trace_csv
+from delta3_pacdrive.recording.trace import Trace
 
 # unit in the file: (a signal of that quantity, its axis names, SI value of 1.5 of it)
 MEANING = {
@@ -28,6 +30,8 @@ MEANING = {
     'mm/s': ('tcp_velocity', 'xyz', 0.0015),
     'm/s2': ('tcp_acceleration', 'xyz', 1.5),
     'mm/s2': ('tcp_acceleration', 'xyz', 0.0015),
+    'increments': ('drive_encoder_increments', '123', 1.5),
+    'bits': ('status_word', '123', 1.5),
 }
 
 
@@ -45,8 +49,14 @@ def test_one_and_a_half_of_a_unit_is_its_value_in_si(unit, tmp_path):
     assert trace[name][1, 0] == pytest.approx(2.0 * value, rel=1e-15)
 
 
+def test_a_signal_of_one_column_has_no_axes_and_a_number_needs_no_unit(tmp_path):
+    trace = trace_csv.read(write(tmp_path / 'a.csv', 'fault,payload [kg],time [s]', '0,1.5,0', '1,2.5,1'))
+    assert trace['payload'].tolist() == [[1.5], [2.5]]
+    assert trace['fault'].tolist() == [[0.0], [1.0]]
+
+
 def test_every_unit_that_is_read_has_its_meaning_here():
-    assert set(quantities.UNITS) == {*MEANING, 's', 'ms', 'us'}
+    assert set(quantities.UNITS) == {*MEANING, 's', 'ms', 'us', 'kg'}
 
 
 @pytest.mark.parametrize(('unit', 'second'), [('s', 1.0), ('ms', 1000.0), ('us', 1e6)])
@@ -70,3 +80,63 @@ def test_a_column_that_stands_twice_is_refused(tmp_path):
     header = 'time [s],current_1 [A],current_2 [A],current_3 [A],current_1 [mA]'
     with pytest.raises(TraceError, match='twice'):
         trace_csv.read(write(tmp_path / 'a.csv', header, '0,1,2,3,4'))
+
+
+META = {
+    'cycle_time_s': 1e-3,
+    'program': 'p' * 200,
+    'gear_ratio': 32.0,
+    'start_cycle': 4,
+    'parameters': {'a.b': 1.5},
+}
+
+
+def written(path, **meta):
+    rows = np.arange(6.0).reshape(2, 3) / 7.0
+    return trace_csv.write(
+        Trace(np.array([0.0, 1e-3]), {'current': rows, 'nobodys': rows}, META | meta), path
+    )
+
+
+def test_a_short_comment_stands_in_the_file_and_everything_else_beside_it(tmp_path):
+    path = written(tmp_path / 'run.csv')
+    comment, header, *rows = path.read_text().splitlines()
+    assert comment.startswith('# {"program": "ppp')
+    assert len(comment) < 300
+    assert header == 'time [s],current_1 [A],current_2 [A],current_3 [A]'
+    assert len(rows) == 2
+    document = json.loads((tmp_path / 'run.csv-metadata.json').read_text())
+    assert document['@context'] == 'http://www.w3.org/ns/csvw'
+    assert document['url'] == 'run.csv'
+    assert [column['titles'] for column in document['tableSchema']['columns']] == header.split(',')
+    assert document['tableSchema']['columns'][1]['schema:unitText'] == 'A'
+    assert trace_csv.read(path).meta == META
+
+
+def test_without_the_file_beside_it_a_table_has_its_numbers_and_what_its_comment_tells(tmp_path):
+    path = written(tmp_path / 'run.csv')
+    whole = trace_csv.read(path)
+    (tmp_path / 'run.csv-metadata.json').unlink()
+    alone = trace_csv.read(path)
+    assert np.array_equal(alone['current'], whole['current'])
+    assert alone.meta == {'cycle_time_s': 1e-3, 'program': 'p' * 80, 'gear_ratio': 32.0, 'start_cycle': 4}
+
+
+def test_a_file_beside_it_that_is_of_another_run_counts_for_nothing(tmp_path):
+    path = written(tmp_path / 'run.csv')
+    other = written(tmp_path / 'other.csv', start_cycle=5)
+    (tmp_path / 'other.csv-metadata.json').replace(tmp_path / 'run.csv-metadata.json')
+    assert 'parameters' not in trace_csv.read(path).meta
+    assert trace_csv.read(other).meta['start_cycle'] == 5
+
+
+@pytest.mark.parametrize(
+    'text', ['', '[]', '{"notes": []}', '{"notes": [{"delta3_pacdrive": 3}]}', 'null', '\xff']
+)
+def test_a_damaged_file_beside_it_is_one_sentence(text, tmp_path):
+    path = written(tmp_path / 'run.csv')
+    (tmp_path / 'run.csv-metadata.json').write_bytes(text.encode('latin-1'))
+    with pytest.raises(
+        TraceError, match=r'^cannot read what .*run\.csv-metadata\.json tells of run\.csv: .+'
+    ):
+        trace_csv.read(path)

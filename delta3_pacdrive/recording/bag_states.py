@@ -1,0 +1,137 @@
+"""States that a bag tells when they change: outputs, payload, fault, counters; as signals of its bus cycles."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording.sessions import Sessions
+from delta3_pacdrive.recording.signals import OUTPUT_COLUMNS
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from rosbags.typesys.store import Typestore
+
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.recording.trace import Trace
+
+OUTPUTS, PROGRESS = 'outputs', 'motion/progress'
+JOINT_STATE, TEXT = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
+WIDTH = len(OUTPUT_COLUMNS) + 1  # and the payload
+PAYLOAD = 'dynamics.payload_mass_kg'
+COUNTERS = ('lost_telegrams', 'overruns')
+SPOILT = (AttributeError, LookupError, RecursionError, TypeError, ValueError, OverflowError)
+CYCLE_MAX = 2**53
+
+
+def read(path: Path, trace: Trace) -> dict[str, Floats]:
+    """Return the states of the bag of a trace in each of its bus cycles, shapes (cycles, columns).
+
+    Outputs and payload hold from the bus cycle of their change on, a fault from the one in which it was found until a
+    report says that it is gone. Counters are those of the newest report, which comes five times a second. Before
+    anything was told there are none. What is not recorded is not there.
+
+    Raises
+    ------
+    TraceError
+        The bag cannot be read.
+
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    from delta3_pacdrive.recording.bag_reader import PHASE, open_bag
+
+    told = _States(get_typestore(Stores.ROS2_JAZZY), float(trace.meta['cycle_time_s']))
+    try:
+        bag = open_bag(path)
+        bag.read(
+            {
+                bag.robot + OUTPUTS: told.take(JOINT_STATE, told.outputs),
+                bag.robot + PROGRESS: told.take(TEXT, told.progress),
+                bag.robot + PHASE: told.sessions.add,
+            }
+        )
+    except (OSError, TraceError) as error:
+        raise TraceError(f'cannot read recording {path}: {error}') from error
+    cycles = np.rint(trace.time_s / float(trace.meta['cycle_time_s'])).astype(np.int64)
+    parameters = trace.meta.get('parameters')
+    payload = parameters.get(PAYLOAD, 0.0) if isinstance(parameters, dict) else 0.0
+    return told.signals(cycles, payload)
+
+
+class _States:
+    """The states take the messages of a bag in their order."""
+
+    def __init__(self, typestore: Typestore, period_s: float) -> None:
+        self._typestore, self._period_s = typestore, period_s
+        self.sessions = Sessions()
+        self._switched: list[tuple[int, list[float]]] = []
+        self._reports: list[
+            tuple[int, str, int, list[float]]
+        ] = []  # cycle, session, fault's cycle or -1, counters
+
+    def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
+        """Return what takes the bytes of a message; those of a foreign writer count for nothing."""
+        from rosbags.serde import SerdeError
+
+        def take(data: bytes) -> None:
+            try:
+                add(self._typestore.deserialize_cdr(data, kind))
+            except (SerdeError, *SPOILT):
+                return
+
+        return take
+
+    def outputs(self, message: Any) -> None:
+        """Take the state of all outputs, and the payload, since a bus cycle."""
+        values = [float(value) for value in message.position]
+        if len(values) == WIDTH and np.isfinite(values).all():
+            stamp = message.header.stamp
+            self._switched.append((self._cycle(stamp.sec + stamp.nanosec / NANOSECONDS), values))
+
+    def progress(self, message: Any) -> None:
+        """Take a report."""
+        facts = json.loads(message.data)
+        counters = [float(facts[name]) for name in COUNTERS]
+        fault = int(facts['fault_cycle']) if facts['fault'] else -1
+        if np.isfinite(counters).all() and abs(fault) < CYCLE_MAX:
+            cycle = self._cycle(float(facts['bus_time_s']))
+            self._reports.append((cycle, str(facts['session']), fault, counters))
+
+    def _cycle(self, time_s: float) -> int:
+        cycle = round(time_s / self._period_s)
+        if abs(cycle) > CYCLE_MAX:
+            raise ValueError('no bus time')
+        return cycle
+
+    def signals(self, cycles: Any, payload_kg: float) -> dict[str, Floats]:
+        """Return what was told in each of the bus cycles."""
+        found: dict[str, Floats] = {}
+        if self._switched:
+            before = [0.0] * len(OUTPUT_COLUMNS) + [float(payload_kg)]
+            values = _held(cycles, self._switched, before)
+            found['payload'] = values[:, -1:].copy()
+            found['outputs'] = values[:, :-1].copy()
+        reports = [report for report in self._reports if self.sessions.holds(report[1])]
+        if reports:
+            counted = [(cycle, counters) for cycle, _, _, counters in reports]
+            values = _held(cycles, counted, [0.0] * len(COUNTERS))
+            found |= {name: values[:, n : n + 1].copy() for n, name in enumerate(COUNTERS)}
+            faults = [
+                (cycle if fault < 0 else fault, [0.0 if fault < 0 else 1.0]) for cycle, _, fault, _ in reports
+            ]
+            found['fault'] = _held(cycles, faults, [0.0])
+        return found
+
+
+def _held(cycles: Any, changes: list[tuple[int, list[float]]], before: list[float]) -> Floats:
+    """Return the values that hold in bus cycles: those of the last change before, or of that cycle."""
+    ordered = sorted(changes, key=lambda change: change[0])
+    values = np.array([before, *(value for _, value in ordered)])
+    return np.asarray(values[np.searchsorted([cycle for cycle, _ in ordered], cycles, side='right')])

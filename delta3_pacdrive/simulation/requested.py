@@ -1,0 +1,88 @@
+"""Signals of a simulation on request: what the task and the drives know beside their telegrams, once in a bus cycle.
+
+Who asks for none gets none, and the same loops as ever. With some the bus cycles are run one by one, which changes no
+bit.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.drive.channels import CHANNELS
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.signals import OF_DRIVES, OUTPUT_COLUMNS, columns_of
+from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.simulation.robot import Robot
+
+OF_TASK = ('payload', 'outputs', 'lost_telegrams', 'overruns', 'fault')
+
+
+class Requested:
+    """The requested signals are noted while a simulation runs.
+
+    Parameters
+    ----------
+    names
+        Of ``OF_TASK``, or ``drive_`` and a channel of the drives; others are left to who computes them.
+    robot, parameters
+        The machine, and what it is.
+
+    """
+
+    def __init__(self, names: Sequence[str], robot: Robot, parameters: Parameters) -> None:
+        self._drives, self._parameters = robot.drives, parameters
+        self._channels = {
+            name: CHANNELS[name.removeprefix(OF_DRIVES)] for name in names if name.startswith(OF_DRIVES)
+        }
+        self._of_task = [name for name in OF_TASK if name in names]
+        sources = dict.fromkeys(source for channel in self._channels.values() for source in channel.sources)
+        self._columns = {source: place for place, source in enumerate(sources)}
+        self._states: list[list[list[float]]] = []  # by cycle and axis
+        self._task: dict[str, list[list[float]]] = {name: [] for name in self._of_task}
+
+    def __bool__(self) -> bool:
+        """Whether anything is noted."""
+        return bool(self._channels or self._of_task)
+
+    def note_begin(self) -> None:
+        """Note what the bus cycle before has left in the drives: their samples of the instant of the AT."""
+        if self._channels:
+            states = (drive.state[0] for drive in self._drives)
+            self._states.append([[float(state[name]) for name in self._columns] for state in states])
+
+    def note_end(self, task: Transformation, axes: AxisMonitor) -> None:
+        """Note what the task commands in a bus cycle, and what is lost up to it; nothing is late without a clock."""
+        for name, rows in self._task.items():
+            if name == 'payload':
+                rows.append([task.payload])
+            elif name == 'outputs':
+                rows.append([float(task.outputs >> n & 1) for n in range(len(OUTPUT_COLUMNS))])
+            elif name == 'lost_telegrams':
+                rows.append([float(sum(axes.losses))])
+            else:
+                rows.append([0.0])
+
+    def signals(self, fault_cycle: int) -> dict[str, Floats]:
+        """Return the signals, shapes (cycles, columns); a fault of the robot was found in a cycle, or ``NEVER``."""
+        found = {
+            name: np.array(rows, dtype=np.float64).reshape(-1, len(columns_of(name, '')))
+            for name, rows in self._task.items()
+        }
+        if 'fault' in found:
+            found['fault'][fault_cycle:] = 1.0
+        if self._channels:
+            states = np.array(self._states, dtype=np.float64)
+            for name, channel in self._channels.items():
+                places = [self._columns[source] for source in channel.sources]
+                of_axes = [
+                    channel.formula(
+                        self._parameters,
+                        drive.constants[0],
+                        *(np.ascontiguousarray(states[:, axis, place]) for place in places),
+                    )
+                    for axis, drive in enumerate(self._drives)
+                ]
+                found[name] = np.column_stack(of_axes)
+        return found
