@@ -35,7 +35,7 @@ def test_a_trajectory_is_simulated_and_tells_where_it_comes_from(here, capsys):
 
 
 def test_a_column_file_says_what_a_foreign_trajectory_is(here, capsys):
-    rows = (here / 'path.csv').read_text().splitlines()[2:]
+    rows = (here / 'path.csv').read_text().splitlines()[1:]
     (here / 'other.csv').write_text('t;a;b;c\n' + '\n'.join(row.replace(',', ';') for row in rows) + '\n')
     columns = ['columns:', '- {column: t, signal: time, unit: s}']
     columns += [
