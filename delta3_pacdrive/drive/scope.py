@@ -5,6 +5,7 @@ at the ends of chosen periods of the current loop, in the compiled loop; what ch
 for every block. Nothing that a drive computes depends on it.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from delta3_pacdrive.parameters import Parameters
 
 BLOCK_CYCLES = 8  # bus cycles of a block
 WORD_BYTES = 8
+WHOLE = 1e-9  # of a period: what divisions leave
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Block:
 
 def decimation_of(rate_hz: float, parameters: Parameters) -> int:
     """Return how many periods of the current loop lie between samples, so that there are not more than ``rate_hz``."""
-    return max(1, round(1.0 / (rate_hz * parameters.drive.current_period_s)))
+    periods = 1.0 / (rate_hz * parameters.drive.current_period_s)
+    return max(1, math.ceil(periods - WHOLE))
 
 
 class DriveScope:

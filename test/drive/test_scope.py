@@ -182,7 +182,8 @@ def test_blocks_come_every_eight_bus_cycles(exchanging):
 
 
 @pytest.mark.parametrize(
-    ('rate_hz', 'decimation'), [(16_000.0, 1), (8_000.0, 2), (1_000.0, 16), (1.0, 16_000), (15_000.0, 1)]
+    ('rate_hz', 'decimation'),
+    [(16_000.0, 1), (8_000.0, 2), (1_000.0, 16), (1.0, 16_000), (15_000.0, 2), (5_000.0, 4)],
 )
 def test_a_rate_is_every_nth_period(rate_hz, decimation, robot):
     assert decimation_of(rate_hz, robot) == decimation
