@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from delta3_pacdrive.analysis.run_signals import SLOPE_S, derivatives, noted_cycle, positive
+from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.recording.signals import JOINT_MOTION
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -39,8 +41,7 @@ def derived(trace: Trace) -> dict[str, Floats]:
     """Return the derived signals that a trace does not hold, each of shape (cycles, 3); cycles it lacks are bridged."""
     period = positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
-    # a robot that was away for hours leaves a gap of as many numbers as a short one
-    rows = np.concatenate([[0], np.cumsum(np.minimum(np.diff(cycles), GAP_CYCLES))])
+    rows = _rows(cycles)
     found = {}
     if 'tcp_command' in trace.signals and 'master' not in trace.signals:
         start = int(np.interp(noted_cycle(trace, 'start_cycle') or 0, cycles, rows))
@@ -58,12 +59,41 @@ def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
     found = {}
     if 'tcp_speed' in names and 'tcp_velocity' in trace.signals:
         found['tcp_speed'] = np.linalg.norm(trace['tcp_velocity'], axis=1, keepdims=True)
+    if wanted := [name for name in JOINT_MOTION if name in names and name not in trace.signals]:
+        found |= {name: values for name, values in _joint_motion(trace).items() if name in wanted}
     changes = trace.meta.get('drive_status')
     if 'status_word' in names and changes:
         period = positive(trace, 'cycle_time_s')
         cycles = np.rint(trace.time_s / period).astype(np.int64)
         found['status_word'] = np.column_stack([_words(cycles, own) for own in changes])
     return found
+
+
+def _joint_motion(trace: Trace) -> dict[str, Floats]:
+    """Return joint motion through the Jacobian; nothing if the trace tells no command, or not its robot.
+
+    Before the first cycle and behind the last one the command stands.
+    """
+    from delta3_pacdrive.controller.joint_motion import joint_motions  # brings the compiler
+    from delta3_pacdrive.kinematics import geometry
+    from delta3_pacdrive.parameters import from_flat
+
+    try:
+        robot = from_flat(dict(trace.meta['parameters']), 'the parameters of the recording')
+    except (ParameterError, LookupError, TypeError, ValueError):  # none, or those of another version
+        return {}
+    if 'tcp_command' not in trace.signals:
+        return {}
+    period = positive(trace, 'cycle_time_s')
+    cycles = np.rint(trace.time_s / period).astype(np.int64)
+    rows = _rows(cycles)
+    places = np.pad(_without_gaps(trace['tcp_command'], rows), ((1, 1), (0, 0)), mode='edge')
+    return {name: values[rows] for name, values in joint_motions(places, period, geometry(robot)).items()}
+
+
+def _rows(cycles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return places of bus cycles on a grid; hours without a robot leave a gap of as many numbers as a short one."""
+    return np.concatenate([[0], np.cumsum(np.minimum(np.diff(cycles), GAP_CYCLES))])
 
 
 def _words(cycles: NDArray[np.int64], changes: Sequence[Sequence[int]]) -> Floats:

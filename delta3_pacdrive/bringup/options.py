@@ -28,6 +28,7 @@ class Options:
     exchange_period_s: float | None = None
     real_time_priority: bool = True
     markers: bool = False  # whether the robot is shown in RViz and Foxglove by markers as well
+    joint_motion: bool = False  # whether the task tells joint motion through the Jacobian
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
     view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
 

@@ -71,7 +71,10 @@ class RobotProcesses:
     def start(self) -> None:
         """Start all of them; the planner waits."""
         options, program = self._options, self._options.program
-        task = {'real_time_factor': float(options.real_time_factor)}
+        task = {
+            'real_time_factor': float(options.real_time_factor),
+            'joint_motion': options.joint_motion,
+        }
         nodes: Nodes = {
             'plant': (PlantNode, {}),
             **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in AXES},

@@ -28,6 +28,10 @@ class GraphOptions(NodeOptions, RobotOptions):
     ordinary_priority: bool = flag('no real-time scheduling even where it is permitted')
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
     markers: bool = flag('also show the robot as markers for RViz and Foxglove, and tell bus time as /clock')
+    joint_motion: bool = flag(
+        'also tell joint speeds and accelerations through the Jacobian, and its condition, in every cycle: topics '
+        'joint_motion and jacobian'
+    )
     logs: str | None = option('keep the log of every process in this folder', 'DIR')
     view: bool = flag('show the robot as a page in the browser (delta3 view)')
     view_port: int | None = option(
@@ -100,6 +104,7 @@ def bring_up(
             exchange_period_s=options.exchange_period,
             real_time_priority=not options.ordinary_priority,
             markers=options.markers,
+            joint_motion=options.joint_motion,
             logs=logs,
             view=page,
         )

@@ -43,6 +43,9 @@ DERIVED_SIGNALS = {
 # what is told on request only; of the outputs each column has its own name
 REQUESTED_SIGNALS = {
     'tcp_speed': ('m/s', 'speed of the actual TCP'),
+    'joint_speed': ('rad/s', 'arm speeds through the Jacobian from the TCP of the command (4.12)'),
+    'joint_acceleration': ('rad/s2', 'arm accelerations through the Jacobian, from the same (4.16)'),
+    'jacobian': ('1, m/s, m/s2', 'of the TCP of the command: condition number of J, speed, acceleration'),
     'payload': ('kg', 'payload that the MDT of the bus cycle tells'),
     'outputs': ('1', 'digital outputs: gripper, output1 to output7'),
     'status_word': ('bits', 'status word S-0-0135 of the AT'),
@@ -54,6 +57,12 @@ OF_DRIVES = (
     'drive_'  # before the name of a channel (``drive/channels.py``): that of all three drives, on request
 )
 OUTPUT_COLUMNS = ('gripper', *'1234567')
+NAMED_COLUMNS: dict[str, Sequence[str]] = {
+    'master': 'sva',
+    'outputs': OUTPUT_COLUMNS,
+    'jacobian': ('condition', 'speed', 'acceleration'),
+}
+JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # what ``controller/joint_motion.py`` gives
 ONE_COLUMN = ('tcp_error_norm', 'tcp_speed', 'payload', 'fault', 'lost_telegrams', 'overruns')
 
 
@@ -62,9 +71,7 @@ def columns_of(name: str, unit: str) -> list[tuple[str, str]]:
     names: Sequence[str] = 'xyz' if name.startswith('tcp_') else '123'
     if name in ONE_COLUMN:
         names = ('',)
-    elif name == 'master':
-        names = 'sva'
-    elif name == 'outputs':
-        names = OUTPUT_COLUMNS
+    elif name in NAMED_COLUMNS:
+        names = NAMED_COLUMNS[name]
     units = unit.split(', ')
     return list(zip(names, units if len(units) == len(names) else units * len(names), strict=True))

@@ -49,7 +49,7 @@ def write(trace: Trace, path: str | Path) -> Path:
     names = [name for name in trace.signals if quantities.unit_of(name)]
     header = ['time [s]', *(column for name in names for column in quantities.headings(name))]
     table = np.column_stack([trace.time_s, *(trace[name] for name in names)])
-    about = _short(trace.meta)
+    about = _short(trace.meta) or ({'metadata': beside(path).name} if trace.meta else {})
     is_file = path.is_file() or not path.exists()
     with (
         told(f'write trace {path}'),

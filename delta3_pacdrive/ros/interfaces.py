@@ -252,6 +252,7 @@ class Topic:
 
 
 CYCLE, EXCHANGE, CHANGE, ASKED = 'every cycle', 'every exchange', 'on a change', 'on request'
+JOINT_MOTION_RATE = 'every cycle, if the parameter `joint_motion` of the node asks for it'
 _BASE = BASE_FRAME.decode()
 
 
@@ -359,6 +360,17 @@ TCP_ERROR = _telegram(
 )
 MASTER = _telegram(
     telegrams.MASTER, 'virtual master: distance [m], speed [m/s], number of the move', recorded=True,
+)
+JOINT_MOTION = _telegram(
+    telegrams.JOINT_MOTION,
+    'speeds [rad/s] of the arms and, as efforts, their accelerations [rad/s2] through the Jacobian from the TCP of the '
+    'command (4.12, 4.16); stamped with the cycle of which they are, told one cycle later',
+    rate=JOINT_MOTION_RATE, recorded=True,
+)
+JACOBIAN = _telegram(
+    telegrams.JACOBIAN,
+    'condition number of J, speed [m/s] and acceleration [m/s2] of the TCP of the command, with the same stamp',
+    rate=JOINT_MOTION_RATE, recorded=True,
 )
 JOINT_STATES = _telegram(
     telegrams.JOINT_STATES,

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from rclpy.node import Node
 
+from delta3_pacdrive.controller.joint_motion import JointMotion
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.numerics.types import Floats
@@ -20,10 +21,38 @@ ACYCLIC = (ACYCLIC_SEC, 0)
 AT_EASE = [0.0] * (len(JOINTS) - 3)  # torques of the passive joints
 
 
-class TaskOutputs:
-    """The task tells what the answers of a cycle give (``interfaces.ANSWER_TOPICS``), joint states, the master."""
+class JointMotionOutputs:
+    """The outputs tell joint motion through the Jacobian, of each cycle when the next one is known."""
 
-    def __init__(self, node: Node, parameters: Parameters, controller: RobotController) -> None:
+    def __init__(self, node: Node, parameters: Parameters) -> None:
+        self._motion = JointMotion(parameters)
+        self._joints = TelegramOutput(node, interfaces.JOINT_MOTION)
+        self._jacobian = TelegramOutput(node, interfaces.JACOBIAN)
+        self._stamp = ACYCLIC  # of the cycle before
+
+    def send(self, cycle: int, stamp: tuple[int, int], place: Floats) -> None:
+        """Take the TCP of the command in a cycle; publish what that says of the one before."""
+        known, before, self._stamp = self._motion.take(cycle, place), self._stamp, stamp
+        if not known or not (self._joints.wanted or self._jacobian.wanted):
+            return
+        told = self._motion.told()
+        numbers = told['joint_speed'] + told['joint_acceleration']
+        if math.isfinite(sum(numbers)):
+            self._joints.send(before, numbers)
+            self._jacobian.send(before, told['jacobian'])
+
+
+class TaskOutputs:
+    """The task tells what the answers of a cycle give (``interfaces.ANSWER_TOPICS``), joint states, the master.
+
+    Joint motion through the Jacobian is computed only if it is asked for.
+    """
+
+    def __init__(
+        self, node: Node, parameters: Parameters, controller: RobotController, joint_motion: bool = False
+    ) -> None:
+        self._through_jacobian = JointMotionOutputs(node, parameters) if joint_motion else None
+        self._tcp_command: Floats = controller.task.answer['tcp_command']
         answer, self._axes = controller.task.answer, controller.axes
         self._theta: Floats = answer['theta']
         self._answers: list[tuple[TelegramOutput, Floats]] = [
@@ -47,6 +76,8 @@ class TaskOutputs:
         for output, values in self._answers:
             if output.wanted:
                 output.send(stamp, values.tolist())
+        if self._through_jacobian is not None:
+            self._through_jacobian.send(cycle, stamp, self._tcp_command)
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
             # of the joints that are shown: the arms, behind the gears
             torques = [torque * self._ratio for torque in self._axes.torques.tolist()]

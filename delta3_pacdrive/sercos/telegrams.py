@@ -77,6 +77,8 @@ JOINT_STATES = Telegram('joint_states', JOINT_STATE, JOINTS, (len(JOINTS),) * 3,
 TCP_COMMAND = Telegram.triple('tcp/command', POINT)
 TCP_ACTUAL = Telegram.triple('tcp/actual', POINT)
 TCP_ERROR = Telegram.triple('tcp/error', VECTOR)
+JOINT_MOTION = Telegram('joint_motion', JOINT_STATE, DRIVES, (0, 3, 3), len(BASE_FRAME))
+JACOBIAN = Telegram.triple('jacobian', VECTOR)
 MASTER = Telegram.triple('motion/master', VECTOR)
 
 

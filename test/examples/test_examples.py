@@ -158,6 +158,17 @@ def test_look_into_a_drive(run):
     assert linear_swing > 3 * cubic_swing
 
 
+def test_signals_for_others(run):
+    text, (shape, (carrying, fast, asked), (empty, fast_empty, asked_empty)) = run('signals_for_others')
+    trace = d3.simulate('packaging')
+    start = trace.meta['start_cycle']
+    assert shape == [len(trace.time_s[start % 5 :: 5]), 14]
+    assert 'payload [kg]: payload that the MDT' in text
+    assert carrying == pytest.approx(empty, rel=0.02)
+    assert max(fast, fast_empty) == pytest.approx(4.0, abs=0.05)
+    assert 1.1 * asked_empty < asked < 1.5 * asked_empty
+
+
 def test_feed_forward_of_the_model(run):
     _, rows = run('feed_forward_of_the_model')
     *rows, (torque,) = [[number for number in row if number != 1] for row in rows]

@@ -122,6 +122,13 @@ def test_without_the_file_beside_it_a_table_has_its_numbers_and_what_its_comment
     assert alone.meta == {'cycle_time_s': 1e-3, 'program': 'p' * 80, 'gear_ratio': 32.0, 'start_cycle': 4}
 
 
+def test_a_trace_of_which_the_comment_could_tell_nothing_says_where_the_rest_is(tmp_path):
+    trace = Trace(np.array([0.0]), {'current': np.ones((1, 3))}, {'seed': 3})
+    path = trace_csv.write(trace, tmp_path / 'run.csv')
+    assert path.read_text().splitlines()[0] == '# {"metadata": "run.csv-metadata.json"}'
+    assert trace_csv.read(path).meta == {'seed': 3}
+
+
 def test_a_file_beside_it_that_is_of_another_run_counts_for_nothing(tmp_path):
     path = written(tmp_path / 'run.csv')
     other = written(tmp_path / 'other.csv', start_cycle=5)

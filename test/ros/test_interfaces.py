@@ -23,6 +23,7 @@ from delta3_pacdrive.ros.interfaces import (
 )
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -38,7 +39,9 @@ BY_NAME = {name: topic for topic in TOPICS for name in topic.names}
 
 @pytest.fixture(scope='module')
 def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    shared_graph.robot(motion__start_cycle=-1)
+    shared_graph.robot(('plant', '1', '2', '3'), motion__start_cycle=-1)
+    # the master comes last; it tells everything
+    shared_graph.add(TransformationTaskNode, real_time_factor=0.0, motion__start_cycle=-1, joint_motion=True)
     shared_graph.add(UnitRobotNode, motion__start_cycle=-1)
     shared_graph.add(RecorderNode, bag=str(tmp_path_factory.mktemp('bags') / 'bag'))
     shared_graph.add(OperatorNode, shared_graph.spin_for)

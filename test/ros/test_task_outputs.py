@@ -9,7 +9,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.controller.joint_motion import joint_motions
 from delta3_pacdrive.controller.task_arrays import ANSWER
+from delta3_pacdrive.kinematics import geometry
+from delta3_pacdrive.ros.interfaces import JACOBIAN, JOINT_MOTION
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.ros.task_outputs import TaskOutputs
 from delta3_pacdrive.scene.joints import joints
@@ -51,3 +54,37 @@ def test_arms_that_close_a_chain_have_those_of_the_chain(graph: Any) -> None:
     assert np.array_equal(message.position, joints([0.1, 0.3, 0.2], ROBOT))
     assert np.isfinite(message.velocity).all()
     assert np.abs(message.velocity[3:]).min() > 0.0
+
+
+@pytest.mark.parametrize('asked', [False, True])
+def test_joint_motion_is_told_of_the_cycle_before_and_only_if_it_is_asked_for(
+    asked: bool, graph: Any
+) -> None:
+    heard = {
+        topic.name: graph.listen(topic.type, topic.name, CYCLIC_PUBLISHER)
+        for topic in (JOINT_MOTION, JACOBIAN)
+    }
+    answer = np.zeros(1, ANSWER)[0]
+    controller: Any = SimpleNamespace(task=SimpleNamespace(answer=answer), axes=None)
+    node = graph.add(Node, 'teller')
+    outputs = TaskOutputs(node, ROBOT, controller, asked)
+    assert {name: node.count_publishers(name) for name in heard} == dict.fromkeys(heard, int(asked))
+    if not asked:
+        return
+    graph.spin_until(lambda: all(node.count_subscribers(name) for name in heard), 'a listener')
+    graph.spin_for(0.1)
+    places = np.array(
+        [[0.0, 0.01, -0.8], [0.001, 0.01, -0.8], [0.003, 0.01, -0.801], [3.0, 0.0, -0.8], [3.0, 0.0, 0.0]]
+    )
+    for cycle, place in enumerate(places, 7):
+        answer['tcp_command'] = place
+        outputs.send(cycle, (0, cycle * 1_000_000))
+    found = joint_motions(places[:4], 1e-3, geometry(ROBOT))
+    graph.spin_until(lambda: all(len(messages) == 2 for messages in heard.values()), 'joint motion')
+    for row, (joints_told, jacobian_told) in enumerate(zip(*heard.values(), strict=True)):
+        assert joints_told.header.stamp == jacobian_told.header.stamp
+        assert joints_told.header.stamp.nanosec == (8 + row) * 1_000_000
+        assert list(joints_told.velocity) == found['joint_speed'][row].tolist()
+        assert list(joints_told.effort) == found['joint_acceleration'][row].tolist()
+        vector = jacobian_told.vector
+        assert [vector.x, vector.y, vector.z] == found['jacobian'][row].tolist()

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.analysis import derived_signals, runs
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_file
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
@@ -124,6 +124,23 @@ def test_graph_gives_the_bits_of_the_simulation(
     recorded, result = _run(delta3, tmp_path / 'bag', *options)
     _assert_same(simulated, recorded, result)
     assert result['lost_telegrams'] == 0
+
+
+def test_joint_motion_on_line_has_the_bits_that_a_trace_gives(
+    simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    recorded, _ = _run(delta3, tmp_path / 'bag', '--real-time-factor', '0', '--joint-motion')
+    cycles = _assert_same_where_recorded(simulated, recorded, 1e-3)
+    assert len(cycles) > 300
+    rows = np.searchsorted(np.rint(recorded.time_s / 1e-3), cycles)
+    of_simulation = derived_signals.on_request(simulated, JOINT_MOTION)
+    for name in JOINT_MOTION:
+        np.testing.assert_array_equal(recorded[name][rows], of_simulation[name][cycles], err_msg=name)
+    without = Trace(recorded.time_s, {'tcp_command': recorded['tcp_command']}, recorded.meta)
+    of_bag = derived_signals.on_request(without, JOINT_MOTION)
+    inside = np.flatnonzero(np.diff(recorded.time_s, 2) < 1e-9) + 1
+    for name in JOINT_MOTION:
+        np.testing.assert_array_equal(recorded[name][inside], of_bag[name][inside], err_msg=name)
 
 
 def test_a_busy_processor_changes_no_bit_in_real_time(

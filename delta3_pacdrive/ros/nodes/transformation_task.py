@@ -42,6 +42,7 @@ FACTOR = descriptor('bus time over wall time; 0 = as fast as possible', 0.0, 1e3
 WAIT = descriptor(
     'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
 )
+JOINT_MOTION = descriptor('also publish joint_motion and jacobian in every cycle', 0, 1, bool)
 
 
 class TransformationTaskNode(PollingNode):
@@ -62,6 +63,7 @@ class TransformationTaskNode(PollingNode):
         if 0.0 < factor < FACTOR_MIN:
             raise ParameterError(f'real_time_factor is {factor:g}, but must be 0 or at least {FACTOR_MIN:g}')
         wait_for_program = declare(self, 'wait_for_program', False, WAIT)
+        joint_motion = declare(self, 'joint_motion', False, JOINT_MOTION)
         parameters = declare_robot(self, 'transformation_task')
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
@@ -75,7 +77,7 @@ class TransformationTaskNode(PollingNode):
         self.progress, self.statistics = controller.progress, controller.totals
         self.commands = CommandSender(self, parameters.sends_torque, controller.services)
         self._phases = PHASE.publisher(self)
-        self._outputs = TaskOutputs(self, parameters, controller)
+        self._outputs = TaskOutputs(self, parameters, controller, joint_motion)
         self._receiver = AtReceiver(
             self, clock, factor > 0.0, self._cycles.statistics, self._cycles.take, controller.greeted
         )
