@@ -28,14 +28,8 @@ from delta3_pacdrive.analysis.path_figure import WHOLE, frame_path, path_axes
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.run_signals import ZOOM_S, busiest, derivatives, positive, program_part, slope
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import (
-    CURRENT_SIGNALS,
-    DERIVED_SIGNALS,
-    SIGNALS,
-    TORQUE_SIGNALS,
-    TRUE_SIGNALS,
-    columns_of,
-)
+from delta3_pacdrive.recording import quantities
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, columns_of
 from delta3_pacdrive.recording.trace import Trace
 
 if TYPE_CHECKING:
@@ -51,6 +45,7 @@ TOLD: dict[str, Any] = {
     'color': '#111111',
     'zorder': 3.0,
 }
+HEIGHT_IN, PANEL_IN = 1.4, 1.0  # of a figure without its panels, and of a panel where there are not three
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': DASHED, 'color': '#111111'}
 
 
@@ -65,7 +60,7 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     folder
         Where to write. Files of the same names are overwritten.
     signals
-        What is drawn, by the names in ``SIGNALS``; None: the thesis' figures.
+        What is drawn, by name; None: the thesis' figures.
 
     Returns
     -------
@@ -233,11 +228,17 @@ def tcp_speed(trace: Trace) -> Figure:
 
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
-    known = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
-    unit, meaning = known[signal]
-    labels = [f'{name} ({of_column})' for name, of_column in columns_of(signal, unit)]
-    run = program_part(trace)
-    return _three_panels(run, meaning, labels, run[signal])
+    run, meaning = program_part(trace), quantities.meaning_of(signal)
+    named = columns_of(signal, quantities.unit_of(signal) or quantities.ONE)
+    labels = [f'{name or signal} ({unit})'.replace(f' ({quantities.ONE})', '') for name, unit in named]
+    if len(labels) == len(AXIS_COLOURS):
+        return _three_panels(run, meaning, labels, run[signal])
+    figure = figure_of_program(meaning, run.meta.get('program'), HEIGHT_IN + PANEL_IN * len(labels))
+    panels = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
+    _dress(run, panels, labels)
+    for axes, column in zip(panels, run[signal].T, strict=True):
+        axes.plot(run.time_s, column, color=NORM_COLOUR, **ACTUAL)
+    return figure
 
 
 # the thesis' figures, and the signal that asks for each

@@ -13,6 +13,8 @@ from delta3_pacdrive.cli.run_options import WindowOptions
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     DERIVED_SIGNALS,
+    OF_DRIVES,
+    REQUESTED_SIGNALS,
     SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
@@ -21,13 +23,13 @@ from delta3_pacdrive.recording.signals import (
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
 
-KNOWN = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
+KNOWN = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | REQUESTED_SIGNALS
 
 
 def _signals(text: str) -> list[str]:
     names = [name.strip() for name in text.split(',') if name.strip()]
     for name in names:
-        if name not in KNOWN:
+        if name not in KNOWN and not name.startswith(OF_DRIVES):
             raise argparse.ArgumentTypeError(f'{name!r} is no signal, expected some of {", ".join(KNOWN)}')
     if not names:
         raise argparse.ArgumentTypeError('it names no signal')
@@ -49,13 +51,17 @@ class Options(WindowOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals
+    from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals, trace_export
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.recording import trace_csv, trace_file
 
-    trace = derived_signals.added(trace_file.load(options.recording))
+    recording = Path(options.recording)
+    trace = derived_signals.added(trace_file.load(recording))
+    if options.signals:
+        trace_export.require_known(options.signals)
+        trace = trace_export.completed(trace, options.signals, recording if recording.is_dir() else None)
     starts = trace.meta.get('starts')
     starts = [start for start in starts if isinstance(start, int)] if isinstance(starts, list) else []
     if len(starts) > 1 and 'cycle_time_s' in trace.meta:

@@ -139,6 +139,28 @@ def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_
     assert label == 'time from program start (s)'
 
 
+@pytest.mark.parametrize(
+    ('signal', 'labels'),
+    [
+        ('tcp_speed', ['tcp_speed (m/s)']),
+        ('jacobian', ['condition', 'speed (m/s)', 'acceleration (m/s2)']),
+        ('outputs', ['gripper', *'1234567']),
+        ('drive_voltage', ['1 (V)', '2 (V)', '3 (V)']),
+        ('status_word', ['1 (bits)', '2 (bits)', '3 (bits)']),
+    ],
+)
+def test_a_signal_on_request_has_a_panel_for_each_of_its_columns(
+    signal: str, labels: list[str], trace: Trace
+) -> None:
+    values = np.arange(float(len(trace.time_s) * len(labels))).reshape(-1, len(labels))
+    figure = run_figures.signal_panels(Trace(trace.time_s, {signal: values}, trace.meta), signal)
+    assert [axes.get_ylabel() for axes in figure.axes] == labels
+    for axes, column in zip(figure.axes, values.T, strict=True):
+        drawn_values = axes.lines[0].get_ydata()
+        assert np.isin(drawn_values, column).all()
+        assert len(drawn_values) > 100
+
+
 @pytest.mark.parametrize(('rest_s', 'together'), [(2.0, True), (60.0, False)])
 def test_a_program_long_after_the_first_makes_no_spikes_of_it(
     rest_s: float, together: bool, trace: Trace
