@@ -18,7 +18,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from delta3_pacdrive import dynamics, kinematics
@@ -124,7 +124,9 @@ def load_trace(path: str | Path) -> Trace:
     return trace_file.load(path)
 
 
-def simulate(program: Program | str | Path, parameters: Parameters | None = None) -> Trace:
+def simulate(
+    program: Program | str | Path, parameters: Parameters | None = None, signals: Sequence[str] = ()
+) -> Trace:
     """Run a program on a robot, without ROS and without a clock: the same control and plant code as the nodes.
 
     Parameters
@@ -133,6 +135,8 @@ def simulate(program: Program | str | Path, parameters: Parameters | None = None
         A program, its file, or the name of a packaged one.
     parameters
         Of the robot; without them the packaged nominal one.
+    signals
+        What is told on request only, by names and patterns: ``payload``, ``outputs``, ``tcp_speed``, ``drive_*``.
 
     Returns
     -------
@@ -146,13 +150,21 @@ def simulate(program: Program | str | Path, parameters: Parameters | None = None
         The program cannot be read, or a move breaks a limit; says which, where and by how much.
     RunError
         A drive cannot be enabled.
+    TraceError
+        There is no such signal.
 
     """
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.simulation import run
 
     robot = load_parameters() if parameters is None else parameters
-    return run(program if isinstance(program, Program) else load_program(program, robot), robot)
+    read = program if isinstance(program, Program) else load_program(program, robot)
+    if not signals:
+        return run(read, robot)
+    from delta3_pacdrive.analysis import trace_export
+
+    trace_export.require_known(signals)
+    return trace_export.completed(run(read, robot, signals=trace_export.on_request(signals)), signals)
 
 
 def __getattr__(name: str) -> Any:

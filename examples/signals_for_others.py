@@ -6,16 +6,13 @@ import json
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import trace_export
 from delta3_pacdrive.recording import trace_file
 
 NAMES = ['payload', 'outputs', 'drive_current_reference', 'tcp_speed']
 
-robot = d3.load_parameters()
-trace = simulation.run(d3.load_program('packaging', robot), robot, signals=NAMES)
-whole = trace_export.completed(trace, NAMES)  # the speed of the TCP is computed
-table = trace_export.thinned(trace_export.chosen(whole, NAMES, 'packaging'), 5)
+trace = d3.simulate('packaging', signals=NAMES)
+table = trace_export.thinned(trace_export.chosen(trace, NAMES, 'packaging'), 5)
 trace_file.save(table, 'packaging.csv')
 
 # somebody else's tool: headings with units, numbers, and beside it what each column is

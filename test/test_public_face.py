@@ -44,6 +44,15 @@ def test_a_program_is_simulated_by_its_name_or_as_it_was_read():
     assert isinstance(by_name, d3.Trace)
 
 
+def test_signals_on_request_are_told_beside_the_others_and_unknown_ones_refused():
+    trace = d3.simulate('experiment3', signals=['payload', 'tcp_sp*', 'drive_voltage'])
+    assert {'current', 'payload', 'tcp_speed', 'drive_voltage'} <= trace.signals.keys()
+    speed = np.linalg.norm(trace['tcp_velocity'], axis=1)
+    np.testing.assert_array_equal(trace['tcp_speed'][:, 0], speed)
+    with pytest.raises(TraceError, match="there is no signal 'drive_votage': did you mean drive_voltage"):
+        d3.simulate('experiment3', signals=['drive_votage'])
+
+
 def test_a_program_may_be_written_in_python_and_is_checked_as_a_file_is():
     robot = d3.load_parameters()
     there = d3.load_program({'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.75]}}]}, robot)

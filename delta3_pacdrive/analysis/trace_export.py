@@ -34,6 +34,11 @@ def known() -> list[str]:
     return [*quantities.QUANTITIES, *quantities.of_drives()]
 
 
+def on_request(patterns: Iterable[str]) -> list[str]:
+    """Return the names of the signals that are told on request only, and that patterns fit."""
+    return matching(patterns, [*REQUESTED_SIGNALS, *quantities.of_drives()])
+
+
 def require_known(patterns: Sequence[str]) -> None:
     """Refuse a pattern that fits no signal; raises TraceError."""
     names = known()

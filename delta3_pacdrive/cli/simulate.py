@@ -158,8 +158,9 @@ def _simulated(
 ) -> 'tuple[Trace, Records | None]':
     """Run a program, with oscilloscopes in the drives if they are asked for; raises Delta3Error."""
     from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis import trace_export
 
-    asked = _requested(options)
+    asked = trace_export.on_request(options.signals or ())
     if options.scope is None:
         return simulation.run(program, robot, None, asked) if asked else simulation.run(program, robot), None
     from delta3_pacdrive.recording.acquisition import Acquisition
@@ -174,16 +175,6 @@ def _simulated(
             f'of the run, {trace.time_s[-1]:.3f} s'
         )
     return trace, records
-
-
-def _requested(options: Options) -> list[str]:
-    """Return the signals that a simulation holds on request, and that are asked for."""
-    if not options.signals:
-        return []
-    from delta3_pacdrive.analysis import trace_export
-    from delta3_pacdrive.recording import quantities, signals
-
-    return trace_export.matching(options.signals, [*signals.REQUESTED_SIGNALS, *quantities.of_drives()])
 
 
 def _run_one_motor(options: Options) -> int:

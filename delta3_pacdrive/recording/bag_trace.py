@@ -13,7 +13,7 @@ import numpy as np
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording.carried import CARRIED
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION, SIGNALS, TORQUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
@@ -343,4 +343,4 @@ def _signals(
     if len(answers) == len(telegrams.AT):
         for i, signal in enumerate(CARRIED[telegrams.AT[0]]):
             found[signal] = np.stack([answer[:, i] for answer in answers], axis=1)
-    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *JOINT_MOTION) if signal in found}
+    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS) if signal in found}

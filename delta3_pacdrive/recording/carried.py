@@ -11,7 +11,5 @@ CARRIED = {
     telegrams.TCP_COMMAND: ('tcp_command',),
     telegrams.TCP_ACTUAL: ('tcp_actual',),
     telegrams.TCP_ERROR: ('tcp_error',),
-    telegrams.JOINT_MOTION: ('joint_speed', 'joint_acceleration'),
-    telegrams.JACOBIAN: ('jacobian',),
     telegrams.SHAFTS: ('shaft_position', 'shaft_speed', 'coupling_torque'),
 }

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.drive.channels import CHANNELS
+from delta3_pacdrive.drive.channels import channel_named
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import OF_DRIVES, OUTPUT_COLUMNS, columns_of
@@ -34,7 +34,7 @@ class Requested:
     def __init__(self, names: Sequence[str], robot: Robot, parameters: Parameters) -> None:
         self._drives, self._parameters = robot.drives, parameters
         self._channels = {
-            name: CHANNELS[name.removeprefix(OF_DRIVES)] for name in names if name.startswith(OF_DRIVES)
+            name: channel_named(name.removeprefix(OF_DRIVES)) for name in names if name.startswith(OF_DRIVES)
         }
         self._of_task = [name for name in OF_TASK if name in names]
         sources = dict.fromkeys(source for channel in self._channels.values() for source in channel.sources)
