@@ -112,6 +112,8 @@ class JointMotion:
         self._period_s, self._geometry = parameters.bus.cycle_time_s, geometry(parameters)
         self._places = np.zeros((3, 3))  # of three bus cycles
         self._cycle, self._known = -1, 0  # the last one, and how many follow one another up to it
+        # compiled and loaded before a bus cycle has to wait for it
+        joint_motions(np.tile(parameters.motion.home_m, (3, 1)), self._period_s, self._geometry)
 
     def take(self, cycle: int, place: Floats) -> bool:
         """Take the set point of the TCP [m] in a bus cycle; return whether the motion in the one before is known."""
