@@ -234,7 +234,7 @@ def signal_panels(trace: Trace, signal: str) -> Figure:
     if len(labels) == len(AXIS_COLOURS):
         return _three_panels(run, meaning, labels, run[signal])
     figure = figure_of_program(meaning, run.meta.get('program'), HEIGHT_IN + PANEL_IN * len(labels))
-    panels = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
+    panels: Any = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
     _dress(run, panels, labels)
     for axes, column in zip(panels, run[signal].T, strict=True):
         axes.plot(run.time_s, column, color=NORM_COLOUR, **ACTUAL)
