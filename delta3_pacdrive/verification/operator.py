@@ -4,6 +4,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from delta3_pacdrive.bringup.bringup import Bringup
@@ -93,7 +94,7 @@ class AutomatedOperator:
             self._reset()
         if operator.state in ('stopped', 'stopping', 'moving'):
             self.wait(lambda: operator.state != 'stopping', 'standstill')
-            operator.call('abort')
+            self.call('abort')
             self.wait(lambda: operator.state == 'idle', 'end of the program')
         if not self.fresh()['in_torque']:
             operator.enable(True)
@@ -126,7 +127,13 @@ class AutomatedOperator:
         self.wait(lambda: operator.state == 'idle' or self.progress['fault'], 'idle robot')
         self._send(json.dumps({'moves': moves, 'faults': list(faults), **more}))
         before = operator.state_changes
-        operator.call('start')
+        try:
+            self.call('start')
+        except Delta3Error:
+            # what waits would go before the moves of the next program, or refuse them
+            with suppress(Delta3Error):
+                operator.call('clear')
+            raise
         self.wait(lambda: operator.state_changes > before or self.progress['fault'], 'start')
 
     def _send(self, document: str) -> None:
@@ -142,6 +149,18 @@ class AutomatedOperator:
                 if not unheard or time.monotonic() > deadline:
                     raise
                 self.fresh()
+
+    def call(self, name: str) -> None:
+        """Ask for what a service does; a planner that has hung is listened to again when it has been heard."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                self.operator.call(name)
+                return
+            except RefusedError as error:
+                for_good = error.reason.code is not Code.BUS or self.fresh()['fault']
+                if for_good or time.monotonic() > deadline:
+                    raise
 
     @property
     def fault(self) -> RobotFault | None:

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RefusedError, RobotFault, RunError
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State, cases
 from delta3_pacdrive.verification.fault_catalogue.runner import judge_reference
 from delta3_pacdrive.verification.fault_catalogue.signatures import (
@@ -418,6 +418,42 @@ class Operated(AutomatedOperator):
 )
 def test_a_robot_stands_when_nothing_moves_any_more(state, fault, in_torque, stands):
     assert Operated(state, fault, in_torque).stands() is stands
+
+
+def told_to_start(*answers):
+    """Return an operator of an idle robot whose planner answers starts so, and what it was asked for."""
+    one, asked, left = Operated('idle', '', True), [], list(answers)
+
+    def call(name):
+        asked.append(name)
+        if name == 'start' and (code := left.pop(0)) is not None:
+            raise RefusedError(Reason(code, 'not now'))
+        one.operator.state_changes += 1
+
+    one.operator = SimpleNamespace(
+        state='idle', state_changes=0, call=call, send_program=lambda _: '', wait_until=lambda *_: None
+    )
+    return one, asked
+
+
+def test_a_planner_that_has_hung_is_asked_again_until_it_is_listened_to(monkeypatch):
+    monkeypatch.setattr(Operated, 'fresh', lambda self: self.progress)
+    one, asked = told_to_start(Code.BUS, Code.BUS, None)
+    one.drive([{'dwell': {'time_s': 0.1}}])
+    assert asked == ['start'] * 3
+
+
+def test_a_program_that_may_not_start_does_not_wait_before_the_next_one(monkeypatch):
+    monkeypatch.setattr(Operated, 'fresh', lambda self: self.progress)
+    one, asked = told_to_start(Code.STATE)
+    with pytest.raises(RefusedError):
+        one.drive([{'dwell': {'time_s': 0.1}}])
+    assert asked == ['start', 'clear']
+    one, asked = told_to_start(Code.BUS)
+    one.progress['fault'] = 'axis1 silent'
+    with pytest.raises(RefusedError):
+        one.drive([{'dwell': {'time_s': 0.1}}])
+    assert asked == ['start', 'clear']
 
 
 def test_the_reference_move_after_a_recovery_is_judged(robot):

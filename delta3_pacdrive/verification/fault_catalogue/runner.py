@@ -295,10 +295,10 @@ class Catalogue(FaultObserver):
     def _resume(self) -> None:
         """Go on with what was held; a planner that was started again knows nothing of it."""
         try:
-            self.operator.call('resume')
+            self.call('resume')
             self.wait(lambda: self.operator.state != 'stopped', 'motion')
         except Delta3Error:
-            self.operator.call('abort')
+            self.call('abort')
         self.wait(self.stands, 'end of the motion')
 
     def _grip(self) -> None:
