@@ -56,7 +56,9 @@ SIX_RODS = {
         'tool_length_m',
     )
 }
-OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | {'control.gear_stiffness_n_m_rad'}
+OPTIONAL = (
+    CORRECTIONS | SINGLE_MOTOR | SIX_RODS | {'control.gear_stiffness_n_m_rad', 'control.gear_backlash_rad'}
+)
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,

@@ -38,6 +38,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.increments import on_grid
 
 HISTORY = 64  # cycles of commands kept for the answers that are still on their way
+FLANKS_N_M = 10.0  # [N m, arm side] in which a set point goes from one flank of a gear to the other
 SETTLE_CYCLES = 100  # after the end of a program, before the final position is taken
 
 STATE = np.dtype(
@@ -79,7 +80,9 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
     'sends_torque': lambda p: p.sends_torque,
     'torque_lead': lambda p: p.drive.position_period_s + p.torque_dead_time_s,  # [s]: see feed_forward
+    'gear_gives': lambda p: p.gear_gives,
     'gear_compliance': lambda p: p.gear_compliance_rad_n_m,  # arm side
+    'half_backlash': lambda p: 0.5 * p.control.gear_backlash_rad,
     'rotor': rotor_inertia,
     # m_nt [kg] without payload
     'empty_plate': lambda p: p.dynamics.plate_total_mass_kg - p.dynamics.payload_mass_kg,
@@ -154,7 +157,7 @@ def command_cycle(cycle, task, timeline):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
     twist = (0.0, 0.0, 0.0)
-    if c.gear_compliance != 0.0:
+    if c.gear_gives != 0.0:
         twist = gear_twist(
             _motion_at(cycle, 0.0, task, timeline), _coming_payload(cycle, task, timeline), task
         )
@@ -223,10 +226,16 @@ def gear_twist(motion, payload, task):
     """Angles [rad, arm side] by which the shafts are ahead of their arms: all but the rotors hangs on the gears."""
     c, torque, acceleration = task[0].constants, arm_torques(motion, payload, task), motion[2]
     return (
-        (torque[0] - c.rotor * acceleration[0]) * c.gear_compliance,
-        (torque[1] - c.rotor * acceleration[1]) * c.gear_compliance,
-        (torque[2] - c.rotor * acceleration[2]) * c.gear_compliance,
+        give(torque[0] - c.rotor * acceleration[0], c.gear_compliance, c.half_backlash),
+        give(torque[1] - c.rotor * acceleration[1], c.gear_compliance, c.half_backlash),
+        give(torque[2] - c.rotor * acceleration[2], c.gear_compliance, c.half_backlash),
     )
+
+
+@kernel
+def give(torque, compliance, half_backlash):
+    """Angle [rad] by which a gear gives under a torque [N m], arm side; it changes flanks without a jump."""
+    return compliance * torque + half_backlash * math.tanh(torque / FLANKS_N_M)
 
 
 @kernel
@@ -296,7 +305,7 @@ def answer_cycle(cycle, positions, torques, task):
     newer = max(cycle - int(whole), 0) % HISTORY
     older = max(cycle - int(whole) - 1, 0) % HISTORY
     theta = (positions[0] / c.gear_ratio, positions[1] / c.gear_ratio, positions[2] / c.gear_ratio)
-    if c.gear_compliance != 0.0:
+    if c.gear_gives != 0.0:
         twist, before = s.twist_history[newer], s.twist_history[older]
         theta = (
             theta[0] - (1.0 - share) * twist[0] - share * before[0],

@@ -17,6 +17,7 @@ from delta3_pacdrive.controller.task_arrays import (
     TASK,
     answer_cycle,
     command_cycle,
+    give,
     stand_at,
     task_constants,
 )
@@ -130,10 +131,12 @@ class Transformation:
         parameters = self._parameters
         shaft = np.asarray(motor_positions_rad, dtype=np.float64) / parameters.dynamics.gear_ratio
         theta, twist = shaft, np.zeros(3)
-        if compliance := parameters.gear_compliance_rad_n_m:
+        if parameters.gear_gives:
+            compliance, half = parameters.gear_compliance_rad_n_m, 0.5 * parameters.control.gear_backlash_rad
             loaded = parameters.replace(dynamics__payload_mass_kg=self.payload)
             for _ in range(TWIST_ITERATIONS):
-                twist = compliance * gravity(theta, loaded)
+                weight = gravity(theta, loaded).tolist()
+                twist = np.array([give(torque, compliance, half) for torque in weight])
                 theta = shaft - twist
         return theta, twist, kinematics.forward(theta, parameters.kinematics)
 

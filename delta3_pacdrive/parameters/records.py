@@ -65,6 +65,12 @@ class Control:
         1e7,
         default=0.0,
     )
+    gear_backlash_rad: float = quantity(
+        'lost motion between the flanks of a gear that the set points allow for, arm side',
+        0.0,
+        0.1,
+        default=0.0,
+    )
 
 
 @dataclass(frozen=True)

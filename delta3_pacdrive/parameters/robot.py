@@ -50,6 +50,11 @@ class Parameters:
         return self.control.feed_forward == MODEL
 
     @property
+    def gear_gives(self) -> bool:
+        """Whether the controller knows of gears that give."""
+        return self.control.gear_stiffness_n_m_rad > 0.0 or self.control.gear_backlash_rad > 0.0
+
+    @property
     def gear_compliance_rad_n_m(self) -> float:
         """What a gear gives, as the controller knows it, arm side; 0 for a rigid one."""
         stiffness = self.control.gear_stiffness_n_m_rad

@@ -259,3 +259,20 @@ def test_what_is_gripped_winds_elastic_gears_up_with_the_cycle_in_which_it_hangs
         dynamics.gravity(theta, robot.replace(dynamics__payload_mass_kg=mass)) for mass in (0.0, 2.0)
     )
     np.testing.assert_allclose(shafts[-1] - shafts[START], (full - empty) / STIFFNESS, atol=2.0 * INCREMENT)
+
+
+def test_set_points_go_from_flank_to_flank_of_a_gear_with_its_torque(robot):
+    """A gear that hangs on one flank is ahead by half of its backlash."""
+    lost = 4e-4
+    task, plan = started(robot.replace(control__gear_backlash_rad=lost))
+    shafts = shafts_of(task, task.end_cycle)
+    cycles = np.arange(START + 2, task.end_cycle - 2)
+    theta, speed, acceleration = motion_of(angles_around(plan, cycles, robot))
+    through = (
+        dynamics.inverse(theta, speed, acceleration, robot) - dynamics.rotor_inertia(robot) * acceleration
+    )
+    ahead = shafts[cycles] - theta
+    assert np.abs(ahead).max() < 0.5 * lost + INCREMENT
+    assert (np.sign(ahead) == np.sign(through))[np.abs(through) > 1.0].all()
+    assert (through > 30.0).any()
+    assert ahead[through > 30.0] == pytest.approx(0.5 * lost, rel=0.01)
