@@ -16,6 +16,8 @@ Arguments of the kernels here:
     Arm angles [rad], speeds [rad/s] and accelerations [rad/s^2], three of shape (3,).
 ``payload``
     What is gripped [kg].
+``torque``, ``compliance``, ``half_backlash``
+    What a gear passes on [N m], what it gives by that [rad/(N m)], and half of its lost motion [rad], arm side.
 """
 
 import math
