@@ -1,5 +1,6 @@
 """Path segments of a move: the curves of its statements, joined with rounded corners."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ def blamed_on(number: int, name: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PathSegment:
-    """One statement's stretch of a move: its curve, limits, number of the statement, and its name in sentences."""
+    """One statement's stretch of a move: its curve, how it is to be driven, its number, and its name in sentences."""
 
     curve: Curve
     limits: Limits
@@ -48,6 +49,8 @@ class PathSegment:
     kind: MoveKind
     number: int
     name: str
+    time_optimal: bool = False
+    torque_rate_n_m_s: float = math.inf
 
 
 def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple[float, Limits]]]:

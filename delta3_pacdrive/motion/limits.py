@@ -294,7 +294,8 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     return override * limit / fastest if fastest > 0.0 else math.inf
 
 
-def _phase_voltage_max(parameters: Parameters) -> float:
+def phase_voltage_max(parameters: Parameters) -> float:
+    """Largest rms voltage of a phase [V] that the DC link allows."""
     return float(parameters.drive.dc_link_voltage_v / np.sqrt(6.0))
 
 
@@ -303,7 +304,7 @@ def highest_motor_speed(parameters: Parameters) -> float:
     motor = parameters.motor
     emf = motor.torque_constant_n_m_a / 3.0
     drop = motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a
-    return min(motor.max_speed_rad_s, (_phase_voltage_max(parameters) - drop) / emf)
+    return min(motor.max_speed_rad_s, (phase_voltage_max(parameters) - drop) / emf)
 
 
 def place_text(distance_m: Floats, position_m: Floats, n: int) -> str:
@@ -420,7 +421,7 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
     motor = parameters.motor
     rpm = np.abs(dynamics.motor_speed_rad_s) * 60.0 / (2.0 * np.pi)
     volts, amperes = np.abs(dynamics.phase_voltage_v), np.abs(dynamics.motor_current_a)
-    voltage_max = _phase_voltage_max(parameters)
+    voltage_max = phase_voltage_max(parameters)
     standing = dynamics.standing_current_a
     moving = dynamics.motor_current_a - standing
     with np.errstate(divide='ignore', invalid='ignore'):

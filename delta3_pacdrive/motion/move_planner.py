@@ -128,7 +128,7 @@ class MovePlanner:
         """Limits of every place for ``timing``."""
         motor, coefficients = self._parameters.motor, self._coefficients[::2]
         second = np.linalg.norm(self.samples[::2, 2], axis=1)
-        third = _worse(np.linalg.norm(self.samples[:, 3], axis=1))
+        third = worse_of_both(np.linalg.norm(self.samples[:, 3], axis=1))
         with np.errstate(divide='ignore'):
             caps = [
                 speed,
@@ -190,7 +190,7 @@ class MovePlanner:
             phases, jerk_found = time_parametrization.smoothed(self.distance, profile, jerk, window)
             d = self.dynamics(phases)
             found = self.excess(d) if with_motors else Excess(self._tcp_stretch(d), '')
-            stretch = np.maximum(_worse(found.stretch), self._stretch_at_joints(phases))
+            stretch = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
             factor = max(
                 float(stretch.max()), (jerk_found / jerk) ** (1.0 / 3.0) if math.isfinite(jerk) else 1.0, 1.0
             )
@@ -257,7 +257,7 @@ def _both_sides(distance: Floats) -> Floats:
     return np.concatenate([distance[:1], np.stack([before, distance[1:]], axis=1).ravel()])
 
 
-def _worse(values: Floats) -> Floats:
+def worse_of_both(values: Floats) -> Floats:
     """Return the larger of the values on both sides of each place of a grid."""
     return np.concatenate([values[:1], np.maximum(values[1::2], values[2::2])])
 

@@ -22,6 +22,7 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
 from delta3_pacdrive.motion.plan import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.thermal_load import ThermalLoad, dwell_load, thermal_load
+from delta3_pacdrive.motion.time_optimal_planner import TimeOptimalPlanner
 from delta3_pacdrive.motion.time_parametrization import slowed
 from delta3_pacdrive.motion.virtual_master import plan_master, rest
 from delta3_pacdrive.numerics.types import Floats
@@ -84,14 +85,63 @@ def plan_move(
     payload_kg: float,
     parameters: Parameters,
     returning: bool = False,
+    heat: float = 0.0,
 ) -> PlannedMove:
-    """Time one move and check it; one that is ``returning`` may begin beyond limits."""
+    """Time one move and check it; one that is ``returning`` may begin beyond limits.
+
+    ``heat`` is what the warmth of the motors weighs beside the time in a time-optimal one.
+    """
     ordered = sorted(events, key=lambda event: event.distance_m)
     changes = [(event.distance_m, event.payload_kg) for event in ordered if event.payload_kg is not None]
-    planner = MovePlanner(curve, stretches, [(0.0, payload_kg), *changes], parameters, returning)
+    payloads = [(0.0, payload_kg), *changes]
+    name = name_of(segments)
+    notices: list[str] = []
+    optimal = _time_optimal(segments)
+    if optimal:
+        rate = min(segment.torque_rate_n_m_s for segment in segments)
+        fastest = TimeOptimalPlanner(curve, stretches, payloads, parameters, rate, returning)
+        planner: MovePlanner = fastest
+        phases = fastest.fastest_of_third_order(heat)
+    else:
+        planner = MovePlanner(curve, stretches, payloads, parameters, returning)
+        phases, notices = _as_asked(planner, segments)
+    require_end_of_time(float(phases[-1, 0]))
+    acceleration = min(one.acceleration_m_s2 for _, one in stretches)
+    jerk = min(one.jerk_m_s3 for _, one in stretches)
+    if optimal:  # where nothing but the motors limits it, it may be stopped as hard as it brakes by itself
+        acceleration = min(acceleration, float(np.abs(phases[:, 3]).max()))
+        jerk = min(jerk, float(np.abs(phases[:, 4]).max()))
+    move = Move(
+        segments[0].kind if len(segments) == 1 else MoveKind.BLENDED,
+        phases,
+        curve.segments,
+        acceleration,
+        jerk,
+        payload_kg,
+        event_rows(ordered),
+    )
+    return PlannedMove(move, planner.load(phases), name, stretches, notices)
+
+
+def _time_optimal(segments: Sequence[PathSegment]) -> bool:
+    """Whether a move is time-optimal; refuses one of which only a part is."""
+    asked = [segment.time_optimal for segment in segments]
+    if any(asked) and not all(asked):
+        first = segments[asked.index(not asked[0])]
+        raise ProgramError(
+            f'moves that are joined by blends must be time-optimal all of them or none: {first.name} differs from '
+            f'{segments[0].name}'
+        )
+    return asked[0]
+
+
+def _as_asked(planner: MovePlanner, segments: Sequence[PathSegment]) -> tuple[Floats, list[str]]:
+    """Phases of a move within the limits that it asks for, slower where a motor needs that, and what is to be told."""
     name, limits = name_of(segments), segments[0].limits
     if len(segments) == 1:
-        phases = plan_master(curve.length_m, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
+        phases = plan_master(
+            planner.curve.length_m, limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
+        )
     else:
         phases = planner.fastest(with_motors=False)
     asked = float(phases[-1, 0])
@@ -102,17 +152,7 @@ def plan_move(
             raise ProgramError(f'{found.text} (strict)')
         phases = planner.fastest(with_motors=True)
         notices.append(_slowed_down(name, float(phases[-1, 0]), asked, found.text))
-    require_end_of_time(float(phases[-1, 0]))
-    move = Move(
-        segments[0].kind if len(segments) == 1 else MoveKind.BLENDED,
-        phases,
-        curve.segments,
-        min(limits.acceleration_m_s2 for _, limits in stretches),
-        min(limits.jerk_m_s3 for _, limits in stretches),
-        payload_kg,
-        event_rows(ordered),
-    )
-    return PlannedMove(move, planner.load(phases), name, stretches, notices)
+    return phases, notices
 
 
 def _slowed_down(name: str, taken: float, asked: float, why: str) -> str:

@@ -1,5 +1,6 @@
 """Programs as values: what statements there are, and what each says."""
 
+import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -25,11 +26,17 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class PathMove:
-    """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed."""
+    """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed.
+
+    A time-optimal one is as fast as the motors allow within its limits, and changes their torques no faster than its
+    torque rate.
+    """
 
     limits: Limits
     blend_m: float = 0.0
     strict: bool = False
+    time_optimal: bool = False
+    torque_rate_n_m_s: float = math.inf
 
 
 @dataclass(frozen=True)

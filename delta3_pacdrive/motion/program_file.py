@@ -4,7 +4,8 @@ name: pick and place            # optional
 start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
 repeat: 1                       # optional
 payload_kg: 0.0                 # optional: carried at the start
-limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each
+time_optimal: false             # optional: as fast as the motors allow; also in each move
+limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each; torque_rate_n_m_s if optimal
 points: {pick: [0.15, 0.0, -0.85]}                                    # optional: names for points
 moves:
 - move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0, blend_m: 0.02}     # limits may stand in each move
@@ -102,8 +103,9 @@ def packaged_names() -> list[str]:
     return packaged.program_names()
 
 
-_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
-_PATH_KEYS = (*_LIMIT_KEYS, 'blend_m', 'strict')
+_TCP_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
+_LIMIT_KEYS = (*_TCP_LIMIT_KEYS, 'torque_rate_n_m_s')
+_PATH_KEYS = (*_LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal')
 
 
 def parse(document: Any, motion: Motion, name: str = 'program', file: str = '') -> Program:
@@ -131,18 +133,29 @@ def parse(document: Any, motion: Motion, name: str = 'program', file: str = '') 
 
 def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Program:
     """Build a program; it is good for nothing if there are errors."""
-    allowed = ('name', 'start_m', 'repeat', 'payload_kg', 'limits', 'points', 'moves', 'faults')
+    allowed = (
+        'name',
+        'start_m',
+        'repeat',
+        'payload_kg',
+        'time_optimal',
+        'limits',
+        'points',
+        'moves',
+        'faults',
+    )
     fields = Section(document, 'the program', errors, allowed, ('moves',))
     defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
     limits = fields.read(
         'limits',
-        lambda value, where: _limits(Section(value, where, errors, _LIMIT_KEYS), defaults),
-        defaults,
+        lambda value, where: _given_limits(Section(value, where, errors, _LIMIT_KEYS)),
+        {},
         prefix='',
     )
+    time_optimal = fields.read('time_optimal', flag, False, prefix='')
     points = fields.read('points', lambda value, where: _points(value, where, errors), {}, prefix='')
     repeat = fields.read('repeat', whole_number_between(1, REPEAT_MAX), 1, prefix='')
-    reader = _StatementReader(limits, points, errors)
+    reader = _StatementReader(defaults, limits, time_optimal, points, errors)
 
     def statements(value: Any, where: str) -> tuple[Statement, ...]:
         if not isinstance(value, list) or not value:
@@ -230,8 +243,20 @@ def _limit(value: Any, where: str) -> float:
     return limit
 
 
-def _limits(fields: Section, defaults: Limits) -> Limits:
-    return Limits(*(fields.read(key, _limit, getattr(defaults, key)) for key in _LIMIT_KEYS))
+def _given_limits(fields: Section) -> dict[str, float]:
+    """Return the limits that are given, by their keys."""
+    return {key: fields.read(key, _limit) for key in _LIMIT_KEYS if key in fields}
+
+
+def _limits_of(given: dict[str, float], defaults: Limits, time_optimal: bool) -> Limits:
+    """Return the limits of the TCP; the motors alone limit a time-optimal move where none are given.
+
+    Without a torque rate its jerk is limited all the same.
+    """
+    if time_optimal:
+        jerk = math.inf if 'torque_rate_n_m_s' in given else defaults.jerk_m_s3
+        defaults = Limits(math.inf, math.inf, jerk)
+    return Limits(*(given.get(key, getattr(defaults, key)) for key in _TCP_LIMIT_KEYS))
 
 
 def _blend(value: Any, where: str) -> float:
@@ -258,8 +283,16 @@ def _duration(value: Any, where: str) -> float:
 class _StatementReader:
     """The reader of statements, which may refer to limits and points of the program."""
 
-    def __init__(self, limits: Limits, points: dict[str, Point | None], errors: Errors) -> None:
-        self._limits, self._points, self._errors = limits, points, errors
+    def __init__(
+        self,
+        defaults: Limits,
+        limits: dict[str, float],
+        time_optimal: bool,
+        points: dict[str, Point | None],
+        errors: Errors,
+    ) -> None:
+        self._defaults, self._limits, self._time_optimal = defaults, limits, time_optimal
+        self._points, self._errors = points, errors
         # of each kind of statement: its class, its fields by their keys with a reader, and the keys that it must have
         self._kinds: dict[str, tuple[type[Statement], dict[str, tuple[str, Read]], tuple[str, ...]]] = {
             'move_l': (MoveL, {'to_m': ('to', self._target)}, ('to_m',)),
@@ -312,7 +345,17 @@ class _StatementReader:
             there = {key: name_read for key, name_read in keys.items() if key in fields or key in required}
             values = {name: fields.read(key, read) for key, (name, read) in there.items()}
             if along_path:
-                values['limits'] = _limits(fields, self._limits)
+                optimal = values['time_optimal'] = fields.read('time_optimal', flag, self._time_optimal)
+                own = _given_limits(fields)
+                if 'torque_rate_n_m_s' in own and not optimal:
+                    refuse(
+                        f'{where}.{kind}.torque_rate_n_m_s is a limit of time-optimal moves: add time_optimal: true'
+                    )
+                given = {**self._limits, **own}
+                values['limits'] = _limits_of(given, self._defaults, optimal)
+                values['torque_rate_n_m_s'] = (
+                    given.get('torque_rate_n_m_s', math.inf) if optimal else math.inf
+                )
                 values['blend_m'] = fields.read('blend_m', _blend, 0.0)
                 values['strict'] = fields.read('strict', flag, False)
             return made(**values)

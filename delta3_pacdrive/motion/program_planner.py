@@ -21,6 +21,9 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 SAME_DECIMALS = 9  # of two starts [m] that are one
+# weights of the warmth of the motors that are tried until time-optimal moves keep the rms current
+HEAT_FIRST, HEAT_STEP, HEAT_TRIALS = 1.0, 5.0, 12
+HEAT_KEPT = 0.998  # of the nominal current, within as much
 START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
 )
@@ -100,8 +103,28 @@ def plan(
         The robot stands elsewhere than the program starts, or moves break limits; says which, how and where, up to ten.
 
     """
+    require_start(program, position_m)
+
+    def rounds(heat: float) -> _Rounds:
+        return _rounds(program, position_m, parameters, returning, open_end, progress, heat)
+
+    found = rounds(0.0)
+    if any(isinstance(one, PathMove) and one.time_optimal for one in program.statements):
+        found = _cooled(found, rounds, parameters.motor.nominal_current_a, before)
+    return _whole(program, found, parameters, before)
+
+
+def _rounds(
+    program: Program,
+    position_m: ArrayLike,
+    parameters: Parameters,
+    returning: bool,
+    open_end: bool,
+    progress: Callable[[int, int], None] | None,
+    heat: float,
+) -> '_Rounds':
+    """Plan every round of a program; ``heat`` is what the warmth of the motors weighs in time-optimal moves."""
     here = np.array(position_m, dtype=np.float64)
-    require_start(program, here)
     payload = parameters.dynamics.payload_mass_kg if program.payload_kg is None else program.payload_kg
     planned: list[PlannedMove] = []
     order: list[int] = []
@@ -113,7 +136,8 @@ def plan(
         key = (tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
         if key not in known:
             last = open_end and round_number + 1 == program.repeat
-            round_ = RoundPlanner(program, here, payload, parameters, returning and not order, last, progress)
+            first = returning and not order
+            round_ = RoundPlanner(program, here, payload, parameters, first, last, progress, heat)
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))
@@ -130,7 +154,33 @@ def plan(
         for statement, distance in planned[number].statements:
             ends[statement] = last_round + n, distance
     tail = _Tail(tuple(ends), open_from, payload)
-    return _whole(program, planned, order, parameters, open_notices, tail, before)
+    return _Rounds(planned, order, open_notices, tail)
+
+
+def _cooled(
+    hottest: '_Rounds', rounds: Callable[[float], '_Rounds'], nominal: float, before: ThermalLoad | None
+) -> '_Rounds':
+    """Return the fastest rounds whose rms current is kept, or nearly: what is left is taken from all moves alike."""
+
+    def excess(found: _Rounds) -> float:
+        return math.log(found.load(before).rms(1.0).max() / (HEAT_KEPT * nominal))
+
+    low, over = 0.0, excess(hottest)
+    if over <= 0.0:
+        return hottest
+    best, high, heat = hottest, math.inf, HEAT_FIRST
+    for _ in range(HEAT_TRIALS):
+        found = rounds(heat)
+        found_over = excess(found)
+        best = found
+        if abs(found_over) <= 1.0 - HEAT_KEPT:
+            break
+        if found_over > 0.0:
+            low = heat
+        else:
+            high = heat
+        heat = heat * HEAT_STEP if math.isinf(high) else math.sqrt(max(low, HEAT_FIRST / HEAT_STEP) * high)
+    return best
 
 
 @dataclass(frozen=True)
@@ -140,6 +190,27 @@ class _Tail:
     ends: tuple[tuple[int, float] | None, ...]
     open_from: int | None
     payload_kg: float
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """Different moves of a program, the order in which they are driven, and notices about its open end."""
+
+    planned: list[PlannedMove]
+    order: list[int]
+    open_notices: list[str]
+    tail: _Tail
+
+    def load(self, before: ThermalLoad | None) -> ThermalLoad | LoadBehind:
+        """Return what all moves ask of the motors, behind those ``before``; raises ProgramError if there are none."""
+        counts = np.bincount(self.order, minlength=len(self.planned))
+        used = [n for n in range(len(self.planned)) if counts[n]]
+        if not used:
+            raise ProgramError('the program moves nothing and takes no time')
+        total = self.planned[used[0]].load.times(counts[used[0]])
+        for n in used[1:]:
+            total = total + self.planned[n].load.times(counts[n])
+        return total if before is None else LoadBehind(total, before)
 
 
 def require_start(program: Program, position_m: ArrayLike) -> None:
@@ -179,23 +250,14 @@ def capped(program: Program, caps: tuple[float, float, float]) -> Program:
 
 def _whole(
     program: Program,
-    planned: list[PlannedMove],
-    order: list[int],
+    found: _Rounds,
     parameters: Parameters,
-    open_notices: list[str],
-    tail: _Tail,
     before: ThermalLoad | None,
 ) -> Planned:
     """Check what only the whole program shows, the rms current, and put the plan together."""
-    counts = np.bincount(order, minlength=len(planned))
-    used = [n for n in range(len(planned)) if counts[n]]
-    if not used:
-        raise ProgramError('the program moves nothing and takes no time')
-    total = planned[used[0]].load.times(counts[used[0]])
-    for n in used[1:]:
-        total = total + planned[n].load.times(counts[n])
-    load = total if before is None else LoadBehind(total, before)
-    notices = [notice for move in planned for notice in move.notices] + open_notices
+    planned, order, tail = found.planned, found.order, found.tail
+    load = found.load(before)
+    notices = [notice for move in planned for notice in move.notices] + found.open_notices
     nominal = parameters.motor.nominal_current_a
     moves = [move.move for move in planned]
     rate = 1.0

@@ -54,12 +54,14 @@ class RoundPlanner:
         returning: bool,
         open_end: bool,
         progress: Callable[[int, int], None] | None,
+        heat: float = 0.0,
     ) -> None:
         self._statements, self._places = program.statements, program.places
         self._errors = Errors(program.source)
         self._failed = False  # whether anything could not be planned
         self._broken = False  # whether that was the last move
         self._open_end, self._progress = open_end, progress
+        self._heat = heat  # what the warmth of the motors weighs beside the time of time-optimal moves
         self.notices: list[str] = []
         self._returning = returning  # whether the first move may begin beyond limits
         self._parameters = parameters
@@ -160,7 +162,17 @@ class RoundPlanner:
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
         self._segments.append(
-            PathSegment(curve, statement.limits, statement.blend_m, statement.strict, kind, number, name)
+            PathSegment(
+                curve,
+                statement.limits,
+                statement.blend_m,
+                statement.strict,
+                kind,
+                number,
+                name,
+                statement.time_optimal,
+                statement.torque_rate_n_m_s,
+            )
         )
         self.here = curve.at(curve.length_m)[0]
 
@@ -226,7 +238,9 @@ class RoundPlanner:
                 self.payload = event.payload_kg
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(segments[0].number, name_of(segments)):
-            planned = plan_move(segments, curve, stretches, events, payload, self._parameters, returning)
+            planned = plan_move(
+                segments, curve, stretches, events, payload, self._parameters, returning, self._heat
+            )
         places = tuple((one.number, end) for one, end in zip(segments, ends, strict=True))
         self._planned.append(replace(planned, statements=places))
 

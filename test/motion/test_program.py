@@ -375,8 +375,8 @@ moves:
 """
 MISTAKES = [
     '2:9: repeat is 0, but must be a whole number between 1 and 10000',
-    "3:10: limits: unknown key 'spede_m_s', expected one of acceleration_m_s2, jerk_m_s3, speed_m_s: "
-    'did you mean speed_m_s?',
+    "3:10: limits: unknown key 'spede_m_s', expected one of acceleration_m_s2, jerk_m_s3, speed_m_s, "
+    'torque_rate_n_m_s: did you mean speed_m_s?',
     "3:45: limits.acceleration_m_s2 must be a number, not 'fast'",
     '5:9: points.pick must be a list of 3 numbers [m], not [0.1, 0.0]',
     "8:26: moves[0].move_l.to_m[1] must be a number, not 'abc'",

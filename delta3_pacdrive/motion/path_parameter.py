@@ -1,0 +1,109 @@
+"""A smooth parameter u of a path, from 0 to 1, that runs slowly where the path turns quickly, and as t^3 at both ends.
+
+Between even steps of u lie places on the path: few on its long pieces, some on each of its short ones. From one step to
+the next the places move apart geometrically, so that what is smooth over the path is smooth over u.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from delta3_pacdrive.motion.curves import Curve
+from delta3_pacdrive.numerics.types import Floats
+
+RAMP_M = 0.25  # at the ends, in which the parameter gets up its speed; at most half of the path each
+POINTS_MIN, POINTS_MAX, POINT_M = 200, 6000, 1.6e-3
+PER_PIECE = 8  # points on a piece
+NEWTON = 8  # steps that find a place
+INVERTED = 2001  # places between which they begin
+
+
+class PathParameter(NamedTuple):
+    """Distance over an even grid of u with three derivatives by u, and how the density of the grid changes."""
+
+    u: Floats
+    distance_m: Floats
+    first: Floats
+    second: Floats
+    third: Floats
+    grading: Floats  # |derivative of the logarithm of the density by u|
+
+
+def path_parameter(curve: Curve) -> PathParameter:
+    """Return the parameter of a path on its grid."""
+    length = curve.length_m
+    ramp = float(np.clip(RAMP_M / length, 0.01, 0.5))
+    count = int(np.clip(length / POINT_M, POINTS_MIN, POINTS_MAX))
+    centres, widths, heights = _clusters(curve, ramp, count)
+
+    def place(x: Floats) -> Floats:
+        return np.asarray(x + (np.arcsinh((x[:, None] - centres) / widths) + origin) @ (heights * widths))
+
+    origin = np.arcsinh(centres / widths)
+    whole = float(place(np.ones(1))[0])
+    u = np.linspace(0.0, 1.0, min(int(count * whole), POINTS_MAX) + 1)
+    near = (centres[:, None] + widths[:, None] * np.sinh(np.linspace(-8.0, 8.0, 65))).ravel()
+    guesses = np.unique(np.concatenate([np.linspace(0.0, 1.0, INVERTED), near[(near > 0.0) & (near < 1.0)]]))
+    x = np.interp(u * whole, place(guesses), guesses)
+    for _ in range(NEWTON):
+        x = np.clip(x - (place(x) - u * whole) / _density(x, centres, widths, heights)[0], 0.0, 1.0)
+    x[0], x[-1] = 0.0, 1.0
+    rho, rho1, rho2 = _density(x, centres, widths, heights)
+    x1 = whole / rho
+    x2 = -rho1 * x1**2 / rho
+    x3 = -(rho2 * x1**3 + 3.0 * rho1 * x1 * x2) / rho
+    s, s1, s2, s3 = (length * one for one in _ramped(x, ramp))
+    s[-1] = length
+    return PathParameter(
+        u,
+        s,
+        s1 * x1,
+        s2 * x1**2 + s1 * x2,
+        s3 * x1**3 + 3.0 * s2 * x1 * x2 + s1 * x3,
+        np.abs(x2 / x1),
+    )
+
+
+def _ramped(x: Floats, ramp: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Share of a path from 0 to 1 with three derivatives; its speed rises as r^2 (6 - 8 r + 3 r^2) at both ends."""
+    behind = x > 0.5
+    away = np.where(behind, 1.0 - x, x)
+    r = np.minimum(away / ramp, 1.0)
+    speed = 1.0 / (1.0 - 0.8 * ramp)
+    way = speed * (ramp * r**3 * (2.0 - 2.0 * r + 0.6 * r**2) + np.maximum(away - ramp, 0.0))
+    sign = np.where(behind, -1.0, 1.0)
+    return (
+        np.where(behind, 1.0 - way, way),
+        speed * r**2 * (6.0 - 8.0 * r + 3.0 * r**2),
+        sign * speed * 12.0 * r * (1.0 - r) ** 2 / ramp,
+        speed * 12.0 * (1.0 - r) * (1.0 - 3.0 * r) / ramp**2,
+    )
+
+
+def _density(x: Floats, centres: Floats, widths: Floats, heights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Density of the grid with two derivatives."""
+    z = (x[:, None] - centres) / widths
+    one = 1.0 / (1.0 + z * z)
+    root = np.sqrt(one)
+    return (
+        1.0 + root @ heights,
+        (-z * root * one) @ (heights / widths),
+        ((2.0 * z * z - 1.0) * root * one * one) @ (heights / widths**2),
+    )
+
+
+def _clusters(curve: Curve, ramp: float, count: int) -> tuple[Floats, Floats, Floats]:
+    """Centres, widths and heights of the clusters of points that short pieces of a path need."""
+    fine = np.linspace(0.0, 1.0, INVERTED)
+    edges = np.append(curve.segments[:, 0], curve.length_m)
+    at = np.interp(edges, curve.length_m * _ramped(fine, ramp)[0], fine)
+    middles, widths = 0.5 * (at[1:] + at[:-1]), np.maximum(np.diff(at), 1e-6)
+    found: list[tuple[float, float, float]] = []
+    for n in np.argsort(widths):
+        centre, width = float(middles[n]), float(widths[n])
+        there = 1.0 + sum(h / np.hypot(1.0, (centre - c) / w) for c, w, h in found)
+        lacking = PER_PIECE / (count * width) - there
+        if lacking > 0.0:
+            found.append((centre, width, lacking))
+    centres, wide, heights = np.array(found).reshape(-1, 3).T
+    return centres, wide, heights

@@ -1,0 +1,331 @@
+"""The time-optimal master over a given path: within torques, voltages and speeds of the motors, and of third order.
+
+The distance is a fixed smooth function s(u) of a parameter u from 0 to 1 that begins and ends with a constant third
+derivative, as a master that leaves rest with a constant jerk does. What is sought is y(u) = (du/dt)^2 > 0, a cubic
+B-spline over an even grid. With y' and y'' its derivatives by u, everything is linear in them but for roots of y:
+
+    speed^2       v^2 = s'^2 y
+    acceleration  a   = s'' y + s' y'/2
+    jerk          j   = sqrt(y) (s''' y + 3/2 s'' y' + s' y''/2)
+    torque        tau = m a + c v^2 + g            (``path_dynamics``)
+    torque rate       = sqrt(y) dtau/du
+    time          T   = integral of 1/sqrt(y)
+
+so that limits of jerk and torque rate read |row . (y, y', y'')| <= limit / sqrt(y): the difference of two convex
+functions. The time with a logarithmic barrier in front of each limit is minimised by Newton's method, whose Hessian
+leaves out what is concave (convex-concave procedure: Debrouwere et al. 2013). The Hessian has five diagonals, so that a
+step costs as little as evaluating the limits. Every iterate keeps all limits at the grid points.
+
+Arguments of the kernels here:
+
+``c``, ``step``
+    Coefficients of the spline [1/s^2], shape (n + 2,), and how they are to change.
+``demand``
+    ``Demand``.
+``n``
+    Number of a grid point.
+``y``, ``d``, ``e``
+    y, y', y'' [1/s^2] at a grid point.
+``time``, ``sharpness``
+    Factor of the time over the barrier [1/s], at a grid point and as a whole.
+``heat``
+    Weight of the squared shares of the torques beside the time.
+``weight``, ``a``, ``b``, ``c``
+    A row (a, b, c) by y, y', y'', and its factor.
+``gradient``, ``band``
+    Take the gradient, shape (n + 2,), and the Hessian's diagonal and two below it, shape (3, n + 2).
+``with_derivatives``
+    Whether they are asked for.
+``warm``
+    Whether the coefficients are those for limits that were nearly the same.
+``local``
+    Takes gradient and Hessian by y, y', y'' at a grid point: shape (4, 3), the gradient in the last row.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+
+# of the barrier, first in terms of its number of terms: the last stage ends 1 part in SHARPER^(STAGES - 1) above
+SHARPNESS, SHARPER, STAGES = 1.0, 8.0, 5
+WARM_STAGES, WARM_STEP = (
+    2,
+    0.99,
+)  # of a solution that is known nearly: how it is brought back within all limits
+NEWTON_MAX, SEARCH_MAX = 60, 40
+DECREMENT = 0.05  # of Newton's steps, at which the barrier is made sharper
+START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
+
+
+class Demand(NamedTuple):
+    """What a motion asks for at the grid points in terms of y, y', y'', each in shares of its limit.
+
+    Arrays without rows stand for limits that there are none of.
+    """
+
+    square_max: Floats  # largest y [1/s^2], (n,)
+    change_max: Floats  # largest |y'| in terms of y, (n,)
+    bounded: Floats  # torques, then voltages: per y, y', of 1, per sqrt(y), (n, 6, 4)
+    accelerated: Floats  # acceleration of the TCP along the path and across: per y, y', (n, 2, 2)
+    jerked: (
+        Floats  # jerk of the TCP by sqrt(y), towards the points before and behind: per y, y', y'', (n, 6, 3)
+    )
+    rated: Floats  # torque rates by sqrt(y), likewise: per y, y', y'', of 1, (n, 6, 4)
+
+
+@kernel
+def _add_square(weight, a, b, c, local):
+    """Add the square of a row to the Hessian."""
+    local[0, 0] += weight * a * a
+    local[1, 0] += weight * a * b
+    local[1, 1] += weight * b * b
+    local[2, 0] += weight * a * c
+    local[2, 1] += weight * b * c
+    local[2, 2] += weight * c * c
+
+
+@kernel
+def _add_slope(weight, a, b, c, local):
+    """Add a row to the gradient."""
+    local[3, 0] += weight * a
+    local[3, 1] += weight * b
+    local[3, 2] += weight * c
+
+
+@kernel
+def _at_point(n, y, d, e, time, heat, demand, local):
+    """Barrier, time and heat at a grid point: fills ``local`` and returns the value, inf beyond a limit."""
+    local[:] = 0.0
+    if not 0.0 < y < demand.square_max[n]:
+        return np.inf
+    root = np.sqrt(y)
+    value = time / root
+    local[3, 0] -= 0.5 * time / (root * y)
+    local[0, 0] += 0.75 * time / (root * y * y)
+    room = 1.0 - y / demand.square_max[n]
+    product = room
+    inverse = 1.0 / (demand.square_max[n] - y)
+    local[3, 0] += inverse
+    local[0, 0] += inverse * inverse
+    for i in range(demand.bounded.shape[1]):
+        p, q = demand.bounded[n, i, 0], demand.bounded[n, i, 1]
+        k = demand.bounded[n, i, 3]
+        f = p * y + q * d + demand.bounded[n, i, 2] + k * root
+        if not -1.0 < f < 1.0:
+            return np.inf
+        p += 0.5 * k / root
+        up, down = 1.0 / (1.0 - f), 1.0 / (1.0 + f)
+        product *= (1.0 - f) * (1.0 + f)
+        _add_slope(up - down, p, q, 0.0, local)
+        _add_square(up * up + down * down, p, q, 0.0, local)
+        if heat > 0.0 and i < 3:
+            # f^2 / sqrt(y) is convex
+            h = heat * time / root
+            value += h * f * f
+            _add_slope(2.0 * h * f, p, q, 0.0, local)
+            local[3, 0] -= 0.5 * h * f * f / y
+            _add_square(2.0 * h, p - 0.5 * f / y, q, 0.0, local)
+            local[0, 0] += 0.25 * h * f * f / (y * y)
+    # between two grid points y changes little: else it would jump where no limit is looked at
+    even = demand.change_max[n]
+    up, down = 1.0 / (even * y - d), 1.0 / (even * y + d)
+    if not (up > 0.0 and down > 0.0):
+        return np.inf
+    product *= (even - d / y) * (even + d / y) / (even * even)
+    value -= 2.0 * np.log(y)
+    _add_slope(-up, even, -1.0, 0.0, local)
+    _add_slope(-down, even, 1.0, 0.0, local)
+    _add_square(up * up, even, -1.0, 0.0, local)
+    _add_square(down * down, even, 1.0, 0.0, local)
+    value -= np.log(product)
+    for _ in range(demand.accelerated.shape[1] // 2):
+        p, q = demand.accelerated[n, 0, 0], demand.accelerated[n, 0, 1]
+        r = demand.accelerated[n, 1, 0]
+        along, across = p * y + q * d, r * y
+        left = 1.0 - along * along - across * across
+        if not left > 0.0:
+            return np.inf
+        value -= np.log(left)
+        a, b = 2.0 * (along * p + across * r) / left, 2.0 * along * q / left
+        _add_slope(1.0, a, b, 0.0, local)
+        _add_square(1.0, a, b, 0.0, local)
+        _add_square(2.0 / left, p, q, 0.0, local)
+        _add_square(2.0 / left, r, 0.0, 0.0, local)
+    bound, slope = 1.0 / root, -0.5 / (root * y)
+    for first in range(0, demand.jerked.shape[1], 3):
+        left, a, b, c = bound * bound, bound * slope, 0.0, 0.0
+        for i in range(first, first + 3):
+            p, q, r = demand.jerked[n, i, 0], demand.jerked[n, i, 1], demand.jerked[n, i, 2]
+            f = p * y + q * d + r * e
+            left -= f * f
+            a, b, c = a - f * p, b - f * q, c - f * r
+        if not left > 0.0:
+            return np.inf
+        value -= np.log(left)
+        _add_slope(-2.0 / left, a, b, c, local)
+        _add_square(4.0 / (left * left), a, b, c, local)
+        local[0, 0] -= 2.0 * slope * slope / left
+        for i in range(first, first + 3):
+            p, q, r = demand.jerked[n, i, 0], demand.jerked[n, i, 1], demand.jerked[n, i, 2]
+            _add_square(2.0 / left, p, q, r, local)
+    for i in range(demand.rated.shape[1]):
+        p, q, r = demand.rated[n, i, 0], demand.rated[n, i, 1], demand.rated[n, i, 2]
+        f = p * y + q * d + r * e + demand.rated[n, i, 3]
+        if not -bound < f < bound:
+            return np.inf
+        up, down = 1.0 / (bound - f), 1.0 / (bound + f)
+        value -= np.log((bound - f) * (bound + f))
+        _add_slope(up, p - slope, q, r, local)
+        _add_slope(down, -p - slope, -q, -r, local)
+        _add_square(up * up, p - slope, q, r, local)
+        _add_square(down * down, p + slope, q, r, local)
+    return value
+
+
+@kernel
+def _evaluate(c, demand, sharpness, heat, gradient, band, local, with_derivatives):
+    """Barrier and weighted time of a spline; inf if it breaks a limit."""
+    count = demand.square_max.shape[0]
+    h = 1.0 / (count - 1)
+    # y, y', y'' of three coefficients
+    y0, y1, d0, e0 = 1.0 / 6.0, 4.0 / 6.0, 0.5 / h, 1.0 / (h * h)
+    total = 0.0
+    if with_derivatives:
+        gradient[:] = 0.0
+        band[:] = 0.0
+    g = np.empty(3)
+    for n in range(count):
+        y = y0 * (c[n] + c[n + 2]) + y1 * c[n + 1]
+        d = d0 * (c[n + 2] - c[n])
+        e = e0 * (c[n] - 2.0 * c[n + 1] + c[n + 2])
+        weight = 0.5 if n == 0 or n == count - 1 else 1.0
+        value = _at_point(n, y, d, e, sharpness * weight * h, heat, demand, local)
+        if not value < np.inf:
+            return np.inf
+        total += value
+        if not with_derivatives:
+            continue
+        local[0, 1], local[0, 2], local[1, 2] = local[1, 0], local[2, 0], local[2, 1]
+        g[0], g[1], g[2] = local[3, 0], local[3, 1], local[3, 2]
+        gradient[n] += y0 * g[0] - d0 * g[1] + e0 * g[2]
+        gradient[n + 1] += y1 * g[0] - 2.0 * e0 * g[2]
+        gradient[n + 2] += y0 * g[0] + d0 * g[1] + e0 * g[2]
+        # B^T H B for the three columns of B
+        for j in range(3):
+            b0 = y1 if j == 1 else y0
+            b1 = (j - 1) * d0
+            b2 = -2.0 * e0 if j == 1 else e0
+            for i in range(3):
+                g[i] = local[i, 0] * b0 + local[i, 1] * b1 + local[i, 2] * b2
+            band[0, n + j] += b0 * g[0] + b1 * g[1] + b2 * g[2]
+            if j == 0:
+                band[1, n] += y1 * g[0] - 2.0 * e0 * g[2]
+                band[2, n] += y0 * g[0] + d0 * g[1] + e0 * g[2]
+            elif j == 1:
+                band[1, n + 1] += y0 * g[0] + d0 * g[1] + e0 * g[2]
+    return total
+
+
+@kernel
+def _newton_step(gradient, band, step):
+    """Fill ``step`` with the solution of the banded system, by a Cholesky factorisation in place; or say no."""
+    count = gradient.shape[0]
+    for n in range(count):
+        if n >= 2:
+            band[0, n] -= band[2, n - 2] ** 2
+        if n >= 1:
+            band[0, n] -= band[1, n - 1] ** 2
+        if not band[0, n] > 0.0:
+            return False
+        band[0, n] = np.sqrt(band[0, n])
+        if n + 1 < count:
+            if n >= 1:
+                band[1, n] -= band[1, n - 1] * band[2, n - 1]
+            band[1, n] /= band[0, n]
+        if n + 2 < count:
+            band[2, n] /= band[0, n]
+    for n in range(count):
+        value = -gradient[n]
+        if n >= 1:
+            value -= band[1, n - 1] * step[n - 1]
+        if n >= 2:
+            value -= band[2, n - 2] * step[n - 2]
+        step[n] = value / band[0, n]
+    for n in range(count - 1, -1, -1):
+        value = step[n]
+        if n + 1 < count:
+            value -= band[1, n] * step[n + 1]
+        if n + 2 < count:
+            value -= band[2, n] * step[n + 2]
+        step[n] = value / band[0, n]
+    return True
+
+
+@kernel
+def _minimise(c, demand, heat, warm):
+    """Set the coefficients to those of the fastest motion; return the number of Newton's steps, -1 if none is legal."""
+    count = c.shape[0]
+    gradient, band, local = np.empty(count), np.empty((3, count)), np.empty((4, 3))
+    step, other = np.empty(count), np.empty(count)
+    value = np.inf
+    if not warm:
+        c[:] = START
+    for _ in range(START_HALVINGS):
+        value = _evaluate(c, demand, 1.0, 0.0, gradient, band, local, False)
+        if value < np.inf:
+            break
+        c *= WARM_STEP if warm else 0.5
+    if not value < np.inf:
+        return -1
+    c *= WARM_STEP if warm else 0.5
+    terms = demand.square_max.shape[0] * (
+        1.0
+        + 2.0 * demand.bounded.shape[1]
+        + demand.accelerated.shape[1] / 2.0
+        + demand.jerked.shape[1] / 1.5
+        + 2.0 * demand.rated.shape[1]
+    )
+    duration = 0.0
+    for n in range(count):
+        duration += 1.0 / np.sqrt(c[n])
+    sharpness = SHARPNESS * terms / (duration / count)
+    if warm:
+        sharpness *= SHARPER ** (STAGES - WARM_STAGES)
+    steps = 0
+    for _ in range(WARM_STAGES if warm else STAGES):
+        for _ in range(NEWTON_MAX):
+            value = _evaluate(c, demand, sharpness, heat, gradient, band, local, True)
+            if not _newton_step(gradient, band, step):
+                break
+            steps += 1
+            decrement = 0.0
+            for n in range(count):
+                decrement -= gradient[n] * step[n]
+            if decrement < DECREMENT * DECREMENT * terms * 0.01:
+                break
+            share = 1.0
+            for _ in range(SEARCH_MAX):
+                for n in range(count):
+                    other[n] = c[n] + share * step[n]
+                found = _evaluate(other, demand, sharpness, heat, gradient, band, local, False)
+                if found <= value - 0.1 * share * decrement:
+                    break
+                share *= 0.6
+            else:
+                break
+            c[:] = other
+        sharpness *= SHARPER
+    return steps
+
+
+def fastest(demand: Demand, heat: float = 0.0, before: Floats | None = None) -> Floats:
+    """Return the coefficients (n + 2,) of the spline y; empty if nothing keeps the limits, however slow.
+
+    ``heat`` is what an integral of the squared shares of the torques [s] weighs beside the time. ``before`` is the
+    solution for limits that were nearly the same.
+    """
+    c = np.empty(len(demand.square_max) + 2) if before is None else before.copy()
+    return c if _minimise(c, demand, heat, before is not None) >= 0 else np.empty(0)

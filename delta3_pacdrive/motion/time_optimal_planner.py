@@ -1,0 +1,234 @@
+"""Planning of a time-optimal move: what its path asks for becomes the demand of the solver, its answer a master."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import time_optimal
+from delta3_pacdrive.motion.curves import Curve
+from delta3_pacdrive.motion.limits import (
+    excess,
+    legal_coefficients,
+    phase_voltage_max,
+    require_holdable,
+)
+from delta3_pacdrive.motion.move_planner import NEARLY_KEPT, MovePlanner, Stretches, limits_at, worse_of_both
+from delta3_pacdrive.motion.path import sample_path
+from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
+from delta3_pacdrive.motion.path_parameter import PathParameter, path_parameter
+from delta3_pacdrive.motion.time_optimal import Demand
+from delta3_pacdrive.motion.time_parametrization import slowed
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+USED = 0.999  # of what the motors can do: the rest is for what lies between two grid points
+ROUNDS_MAX = (
+    4  # of planning with limits of jerk that are lower where they were broken between two grid points
+)
+SPREAD = 1  # grid points beside such a place
+CHANGE = 0.05  # largest relative change of y from one grid point to the next, but for the grading of the grid
+BESIDE_M = 1e-6  # around a point, where derivatives by the distance are taken
+SPEED_MAX = 1e9  # of the square of the parameter, where the path stands
+
+
+class TimeOptimalPlanner(MovePlanner):
+    """Planner of the fastest master over a path within motors and TCP limits, jerk or torque rate included.
+
+    Parameters
+    ----------
+    torque_rate_n_m_s
+        Largest change of each motor's torque [N m/s], without that of friction; inf for none.
+
+    The others are those of ``MovePlanner``.
+
+    """
+
+    def __init__(
+        self,
+        curve: Curve,
+        stretches: Stretches,
+        payloads: Sequence[tuple[float, float]],
+        parameters: Parameters,
+        torque_rate_n_m_s: float = math.inf,
+        returning: bool = False,
+    ) -> None:
+        super().__init__(curve, stretches, payloads, parameters, returning)
+        self._torque_rate = torque_rate_n_m_s
+        self._parameter = path_parameter(curve)
+        self._samples = sample_path(self._parameter.distance_m, curve.segments)
+        changes, carried = zip(*payloads, strict=True)
+        self._payload = np.searchsorted(changes[1:], self._parameter.distance_m, side='right')
+        self._demands = legal_coefficients(
+            self._parameter.distance_m, self._samples, self._payload, carried, parameters, returning
+        )
+        self._limits = limits_at(self._parameter.distance_m, stretches)
+        self._by_distance = (
+            self._derivatives(carried) if math.isfinite(torque_rate_n_m_s) else np.empty((0, 9))
+        )
+
+    def fastest_of_third_order(self, heat: float = 0.0) -> Floats:
+        """Phases of the fastest master; the more ``heat`` weighs, the less the motors get warm.
+
+        Raises
+        ------
+        ProgramError
+            A motor cannot hold its arm somewhere on the path.
+
+        """
+        jerk_share = np.ones(len(self._parameter.u))
+        before: Floats | None = None
+        best, chosen = math.inf, np.empty((0, 5))
+        for _ in range(ROUNDS_MAX):
+            spline = time_optimal.fastest(self._demand(jerk_share), heat, before)
+            if not len(spline):
+                require_holdable(excess(self._standing(), self._parameters))
+                raise ProgramError('a motor cannot hold the arm somewhere on the path')
+            phases = _phases(spline, self._parameter)
+            stretch = self._third_order_stretch(phases)
+            found = max(float(stretch.max()), 1.0)
+            if phases[-1, 0] * found < best:
+                best, chosen = float(phases[-1, 0]) * found, slowed(phases, found)
+            if found <= NEARLY_KEPT:
+                break
+            jerk_share /= _widened(np.maximum(stretch, 1.0)) ** 3
+            before = spline / found**2
+        return chosen
+
+    def torque_rates(self, phases: Floats) -> Floats:
+        """Change of each motor's torque [N m/s] at both ends of each step of the grid, (n - 1, 2, 3), without friction.
+
+        ``phases`` are those of a master with one phase from one grid point to the next.
+        """
+        t, jerk = np.diff(phases[:, 0])[:, None], phases[:-1, 4:5]
+        speed, start = phases[:, 2:3], phases[:-1, 3:4]
+        c, by_s = self._demands, self._by_distance
+        ends = []
+        for n, a in ((slice(None, -1), start), (slice(1, None), start + t * jerk)):
+            v = speed[n]
+            along = by_s[n, :3] * a + by_s[n, 3:6] * v**2 + by_s[n, 6:]
+            ends.append(v * along + c[n, INERTIAL] * jerk + 2.0 * c[n, CENTRIFUGAL] * v * a)
+        return np.stack(ends, axis=1)
+
+    def _derivatives(self, carried: tuple[float, ...]) -> Floats:
+        """Derivatives of inertial, centrifugal and weight torques by the distance, (n, 9), on each point's piece."""
+        s, segments = self._parameter.distance_m, self.curve.segments
+        edges = np.append(segments[:, 0], self.curve.length_m)
+        piece = np.clip(np.searchsorted(edges, s, side='right') - 1, 0, len(segments) - 1)
+        before, behind = np.maximum(s - BESIDE_M, edges[piece]), np.minimum(s + BESIDE_M, edges[piece + 1])
+        columns = np.r_[INERTIAL, CENTRIFUGAL, WEIGHT]
+        low, high = (
+            path_coefficients(sample_path(one, segments), self._payload, carried, self._parameters)[
+                :, columns
+            ]
+            for one in (before, behind)
+        )
+        return np.asarray((high - low) / (behind - before)[:, None])
+
+    def _demand(self, jerk_share: Floats) -> Demand:
+        """What the path asks for in shares of its limits, those of jerk and torque rate lowered to shares."""
+        p, c, motor = self._parameter, self._demands, self._parameters.motor
+        speed, acceleration, jerk = self._limits
+        s1, s2, s3 = p.first[:, None], p.second[:, None], p.third[:, None]
+        per_y = c[:, INERTIAL] * s2 + c[:, CENTRIFUGAL] * s1**2
+        per_change = 0.5 * c[:, INERTIAL] * s1
+        shaft = self._parameters.dynamics.gear_ratio * c[:, RATE] * s1
+        amount = c[:, WEIGHT] + motor.static_friction_n_m * np.sign(shaft)
+        torque = np.stack([per_y, per_change, amount, motor.viscous_friction_n_m_s_rad * shaft], axis=2)
+        ohms = motor.winding_resistance_ohm / 2.0 / motor.torque_constant_n_m_a
+        voltage = ohms * torque
+        voltage[:, :, 3] += motor.torque_constant_n_m_a / 3.0 * shaft
+        peak = motor.torque_constant_n_m_a * motor.peak_current_a
+        bounded = (
+            np.concatenate([torque / peak, voltage / phase_voltage_max(self._parameters)], axis=1) / USED
+        )
+        with np.errstate(divide='ignore'):
+            turns = (USED * motor.max_speed_rad_s / np.abs(shaft)).min(axis=1)
+            square_max = np.minimum(np.minimum(turns, speed / p.first), math.sqrt(SPEED_MAX)) ** 2
+        _, first, second, third = np.moveaxis(self._samples, 1, 0)
+        count = len(p.u)
+        accelerated, jerked, rated = np.empty((count, 0, 2)), np.empty((count, 0, 3)), np.empty((count, 0, 4))
+        if np.isfinite(acceleration).any():
+            accelerated = np.zeros((count, 2, 2))
+            accelerated[:, 0] = np.stack([p.second, 0.5 * p.first], axis=1)
+            accelerated[:, 1, 0] = np.linalg.norm(second, axis=1) * p.first**2
+            accelerated /= acceleration[:, None, None]
+        if np.isfinite(jerk).any():
+            rows = [
+                np.stack(
+                    [
+                        first * s3 + 3.0 * second * s1 * s2 + beside * s1**3,
+                        1.5 * first * s2 + 1.5 * second * s1**2,
+                        0.5 * first * s1,
+                    ],
+                    axis=2,
+                )
+                for beside in _beside(third)
+            ]
+            jerked = np.concatenate(rows, axis=1) / (jerk * jerk_share)[:, None, None]
+        if math.isfinite(self._torque_rate):
+            rows = []
+            for beside in _beside(self._by_distance):
+                m, bend, weight = beside[:, :3], beside[:, 3:6], beside[:, 6:]
+                by_y = m * s1 * s2 + c[:, INERTIAL] * s3 + bend * s1**3 + 2.0 * c[:, CENTRIFUGAL] * s1 * s2
+                by_change = 0.5 * (m * s1**2 + c[:, INERTIAL] * s2)
+                rows.append(np.stack([by_y, per_y + by_change, per_change, weight * s1], axis=2))
+            rated = np.concatenate(rows, axis=1)
+            rated /= (self._torque_rate * jerk_share)[:, None, None]
+        change_max = CHANGE * (count - 1) + 2.0 * p.grading
+        return Demand(square_max, change_max, bounded, accelerated, jerked, rated)
+
+    def _third_order_stretch(self, phases: Floats) -> Floats:
+        """Factor of time that each grid point of the parameter needs to keep every limit."""
+        found = self.excess(self.dynamics(phases))
+        places = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
+        distance = self._parameter.distance_m
+        stretch = np.interp(distance, self.distance, places)
+        after = np.searchsorted(distance, self.distance)
+        np.maximum.at(stretch, after, places)
+        np.maximum.at(stretch, np.maximum(after - 1, 0), places)
+        if math.isfinite(self._torque_rate):
+            needed = np.cbrt(np.abs(self.torque_rates(phases)).max(axis=(1, 2)) / self._torque_rate)
+            stretch[1:] = np.maximum(stretch[1:], needed)
+            stretch[:-1] = np.maximum(stretch[:-1], needed)
+        return stretch
+
+
+def _beside(values: Floats) -> tuple[Floats, Floats]:
+    """Values at the points before and behind each point: one of them holds on every side of it."""
+    return np.concatenate([values[:1], values[:-1]]), np.concatenate([values[1:], values[-1:]])
+
+
+def _widened(values: Floats) -> Floats:
+    """Return the largest of the values around each place."""
+    padded = np.pad(values, SPREAD, mode='edge')
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * SPREAD + 1).max(axis=1))
+
+
+def _phases(c: Floats, p: PathParameter) -> Floats:
+    """Phases (n, 5) of the master of a spline y, its acceleration linear between two grid points."""
+    y = (c[:-2] + 4.0 * c[1:-1] + c[2:]) / 6.0
+    middle = (c[:-3] + 23.0 * (c[1:-2] + c[2:-1]) + c[3:]) / 48.0
+    h = p.u[1]
+    slowness = 1.0 / np.sqrt(y)
+    steps = h / 6.0 * (slowness[1:] + slowness[:-1] + 4.0 / np.sqrt(middle))
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    acceleration = p.second * y + 0.25 * p.first * (c[2:] - c[:-2]) / h
+    acceleration[0] = acceleration[-1] = 0.0
+    # what is left of the speed at the end is taken from the whole way, least from both ends
+    bump = times * (times[-1] - times)
+    left = (steps * (acceleration[1:] + acceleration[:-1])).sum() / (steps * (bump[1:] + bump[:-1])).sum()
+    acceleration -= left * bump
+    jerk = np.diff(acceleration) / steps
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * steps * (acceleration[1:] + acceleration[:-1]))])
+    way = np.concatenate(
+        [[0.0], np.cumsum(steps * (speed[:-1] + steps * (acceleration[:-1] / 2.0 + steps * jerk / 6.0)))]
+    )
+    length = p.distance_m[-1]
+    scale = length / way[-1]
+    rows = np.zeros((len(times), 5))
+    rows[:, 0], rows[:, 1], rows[:, 2] = times, way * scale, speed * scale
+    rows[:-1, 3], rows[:-1, 4] = acceleration[:-1] * scale, jerk * scale
+    rows[-1, 1:] = length, 0.0, 0.0, 0.0
+    return rows
