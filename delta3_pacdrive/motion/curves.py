@@ -258,11 +258,29 @@ def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
     turn = np.arccos(np.clip(np.dot(corner_before, corner_after), -1.0, 1.0))
     if turn > TURN_MAX_RAD:
         raise ProgramError('the path turns back at this corner, which cannot be rounded; use blend_m: 0')
-    reach = (BLEND_REACH - BLEND_REACH_PER_RAD * turn) * radius_m
+    return rounded(start, end, (radius_m, radius_m), turn, 'blend')
+
+
+def rounded(start: Floats, end: Floats, legs_m: tuple[float, float], turn_rad: float, what: str) -> Curve:
+    """Round a corner that begins and ends like two curves, at a distance before it and behind it.
+
+    Parameters
+    ----------
+    start, end
+        Position there, with its first two derivatives by the distance, shapes (3, 3) or more.
+    legs_m
+        Distances of the two from the corner [m].
+    turn_rad
+        Angle between the directions before and behind it.
+    what
+        It is called in sentences.
+
+    """
+    first, last = ((BLEND_REACH - BLEND_REACH_PER_RAD * turn_rad) * leg for leg in legs_m)
     coefficients = _hermite(
         np.array([start[0], end[0]]),
-        np.array([start[1], end[1]]) * reach,
-        np.array([start[2], end[2]]) * reach**2,
+        np.array([start[1] * first, end[1] * last]),
+        np.array([start[2] * first**2, end[2] * last**2]),
         np.ones(1),
     )[0]
     polynomials = [np.polynomial.Polynomial(coefficients[1 + 6 * axis : 7 + 6 * axis]) for axis in range(3)]
@@ -270,7 +288,7 @@ def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
     return by_arc_length(
         lambda t: tuple(np.stack([q(t) for q in row], axis=1) for row in derivatives),  # type: ignore[arg-type, return-value]
         np.linspace(0.0, 1.0, 3),
-        'blend',
+        what,
     )
 
 

@@ -13,7 +13,7 @@ from delta3_pacdrive.numerics.types import Floats
 
 RAMP_M = 0.25  # at the ends, in which the parameter gets up its speed; at most half of the path each
 POINTS_MIN, POINTS_MAX, POINT_M = 200, 6000, 1.6e-3
-PER_PIECE = 8  # points on a piece
+PER_PIECE = 12  # points on a piece
 NEWTON = 8  # steps that find a place
 INVERTED = 2001  # places between which they begin
 

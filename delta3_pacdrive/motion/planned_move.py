@@ -10,6 +10,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.blending import PathSegment, name_of
 from delta3_pacdrive.motion.curves import Curve
+from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.limits import excess, legal_coefficients, require_holdable
 from delta3_pacdrive.motion.move_planner import (
     GRID_MAX,
@@ -58,6 +59,8 @@ class PlannedMove:
         Sentences about what is not as the program has it.
     statements
         Numbers of the statements that it is made of, and where on it each ends [m].
+    energy
+        What it takes as it is planned here.
 
     """
 
@@ -67,6 +70,7 @@ class PlannedMove:
     stretches: Stretches = ()
     notices: list[str] = field(default_factory=list)
     statements: tuple[tuple[int, float], ...] = ()
+    energy: Energy = field(default_factory=Energy)
 
 
 def event_rows(events: Sequence[Event]) -> Floats:
@@ -120,7 +124,8 @@ def plan_move(
         payload_kg,
         event_rows(ordered),
     )
-    return PlannedMove(move, planner.load(phases), name, stretches, notices)
+    d = planner.dynamics(phases)
+    return PlannedMove(move, planner.load(phases), name, stretches, notices, energy=energy(d, parameters))
 
 
 def _time_optimal(segments: Sequence[PathSegment]) -> bool:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import ClassVar
 
 import numpy as np
@@ -61,6 +62,35 @@ class MoveSB(PathMove):
     through: tuple[Target, ...]
 
 
+class Aim(StrEnum):
+    """What the shape of an arch is best for."""
+
+    TIME = 'time'
+    ENERGY = 'energy'
+
+
+@dataclass(frozen=True)
+class KeepOut:
+    """Nothing of the path may be below a height z, but around both of its ends."""
+
+    height_m: float
+    margin_m: float = 0.0  # horizontal distance from an end up to which it may
+
+
+@dataclass(frozen=True)
+class Arch(PathMove):
+    """Arch from a pick to a place: straight up by a clearance, over, and straight down by another one.
+
+    Its height and its bends are chosen for the shortest time, or for the least energy.
+    """
+
+    to: Target
+    up_m: float
+    down_m: float
+    keep_out: KeepOut | None = None
+    aim: Aim = Aim.TIME
+
+
 @dataclass(frozen=True)
 class Cubic:
     """Cubic in time with prescribed end velocity; it starts with the end velocity of the cubic before it (5.1)."""
@@ -105,7 +135,7 @@ class Joints:
     strict: ClassVar[bool] = True
 
 
-Statement = MoveL | MoveC | MoveSB | Cubic | Joints | Dwell | Output
+Statement = MoveL | MoveC | MoveSB | Arch | Cubic | Joints | Dwell | Output
 
 
 @dataclass(frozen=True)

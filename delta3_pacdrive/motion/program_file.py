@@ -14,6 +14,7 @@ moves:
 - move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; refused, not slowed down
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
 - move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
+- arch: {to_m: pick, up_m: 0.01, down_m: 0.01, keep_out: {height_m: -0.8, margin_m: 0.05}, aim: time}   # best shape
 - cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
 - joints: {points: [{time_s: 0.5, angles_rad: [0.2, 0.3, 0.2], speeds_rad_s: [0, 0, 0]}]}   # arm angles over time
 - dwell: {time_s: 0.1}
@@ -46,10 +47,13 @@ from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
 from delta3_pacdrive.motion.program import (
     JOINT_POINTS_MAX,
+    Aim,
+    Arch,
     Cubic,
     Dwell,
     JointPoint,
     Joints,
+    KeepOut,
     MoveC,
     MoveL,
     MoveSB,
@@ -66,11 +70,12 @@ from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
 REPEAT_MAX = 10_000
 TIME_MAX_S = 3600.0  # of a dwell or a cubic
 BLEND_MIN_M, BLEND_MAX_M = 1e-4, 1.0
+CLEARANCE_MAX_M = 1.0  # of an arch
 REACH_M = 10.0
 LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 NAME_MAX = 100
-STATEMENTS = ('move_l', 'move_c', 'move_sb', 'cubic', 'joints', 'dwell', 'output')
+STATEMENTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic', 'joints', 'dwell', 'output')
 FAULTS_MAX = 1000
 _NAME = line_of_text(NAME_MAX)
 Read = Callable[[Any, str], Any]
@@ -302,6 +307,17 @@ class _StatementReader:
                 ('to_m', 'via_m'),
             ),
             'move_sb': (MoveSB, {'through_m': ('through', self._through)}, ('through_m',)),
+            'arch': (
+                Arch,
+                {
+                    'to_m': ('to', self._target),
+                    'up_m': ('up_m', number_between(0.0, CLEARANCE_MAX_M)),
+                    'down_m': ('down_m', number_between(0.0, CLEARANCE_MAX_M)),
+                    'keep_out': ('keep_out', self._keep_out),
+                    'aim': ('aim', lambda value, where: Aim(one_of(tuple(Aim))(value, where))),
+                },
+                ('down_m', 'to_m', 'up_m'),
+            ),
             'cubic': (
                 Cubic,
                 {
@@ -372,6 +388,13 @@ class _StatementReader:
         if point is None or step is None:
             return None
         return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
+
+    def _keep_out(self, value: Any, where: str) -> KeepOut:
+        fields = Section(value, where, self._errors, ('height_m', 'margin_m'), ('height_m',))
+        return KeepOut(
+            fields.read('height_m', number_between(-REACH_M, REACH_M), 0.0),
+            fields.read('margin_m', number_between(0.0, REACH_M), 0.0),
+        )
 
     def _joint_points(self, points: Any, where: str) -> tuple[JointPoint, ...]:
         if not isinstance(points, list) or not points:

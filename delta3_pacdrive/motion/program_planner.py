@@ -15,7 +15,7 @@ from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, point_text
-from delta3_pacdrive.motion.round_planner import RoundPlanner
+from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
 from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -105,8 +105,10 @@ def plan(
     """
     require_start(program, position_m)
 
+    arches: Arches = {}
+
     def rounds(heat: float) -> _Rounds:
-        return _rounds(program, position_m, parameters, returning, open_end, progress, heat)
+        return _rounds(program, position_m, parameters, returning, open_end, progress, heat, arches)
 
     found = rounds(0.0)
     if any(isinstance(one, PathMove) and one.time_optimal for one in program.statements):
@@ -122,6 +124,7 @@ def _rounds(
     open_end: bool,
     progress: Callable[[int, int], None] | None,
     heat: float,
+    arches: Arches,
 ) -> '_Rounds':
     """Plan every round of a program; ``heat`` is what the warmth of the motors weighs in time-optimal moves."""
     here = np.array(position_m, dtype=np.float64)
@@ -137,7 +140,7 @@ def _rounds(
         if key not in known:
             last = open_end and round_number + 1 == program.repeat
             first = returning and not order
-            round_ = RoundPlanner(program, here, payload, parameters, first, last, progress, heat)
+            round_ = RoundPlanner(program, here, payload, parameters, first, last, progress, heat, arches)
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))

@@ -10,6 +10,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.configuration.checked import Errors, Refusal
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
+from delta3_pacdrive.motion.arch import Clearances, best_arch
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
@@ -23,6 +24,8 @@ from delta3_pacdrive.motion.planned_move import (
     plan_move,
 )
 from delta3_pacdrive.motion.program import (
+    Aim,
+    Arch,
     Cubic,
     Dwell,
     Joints,
@@ -39,6 +42,9 @@ from delta3_pacdrive.motion.program import (
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
+# shapes of arches that are known: by statement, start, end and payload
+Arches = dict[tuple[Arch, tuple[float, ...], tuple[float, ...], float], Curve]
+POINT_DECIMALS = 9  # of points [m] that are one
 BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
 
 
@@ -55,12 +61,14 @@ class RoundPlanner:
         open_end: bool,
         progress: Callable[[int, int], None] | None,
         heat: float = 0.0,
+        arches: Arches | None = None,
     ) -> None:
         self._statements, self._places = program.statements, program.places
         self._errors = Errors(program.source)
         self._failed = False  # whether anything could not be planned
         self._broken = False  # whether that was the last move
         self._open_end, self._progress = open_end, progress
+        self._arches: Arches = {} if arches is None else arches
         self._heat = heat  # what the warmth of the motors weighs beside the time of time-optimal moves
         self.notices: list[str] = []
         self._returning = returning  # whether the first move may begin beyond limits
@@ -158,7 +166,10 @@ class RoundPlanner:
             self.payload = output.payload_kg
 
     def _take_segment(self, statement: PathMove, number: int, name: str) -> None:
-        curve, kind = _curve_of(self.here, statement)
+        if isinstance(statement, Arch):
+            curve, kind = self._arch(statement, number, name), MoveKind.SPLINE
+        else:
+            curve, kind = _curve_of(self.here, statement)
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
         self._segments.append(
@@ -175,6 +186,37 @@ class RoundPlanner:
             )
         )
         self.here = curve.at(curve.length_m)[0]
+
+    def _arch(self, statement: Arch, number: int, name: str) -> Curve:
+        """Return the best arch from here on for the payload that is carried."""
+        end = _resolve(statement.to, self.here)
+        key = (
+            statement,
+            tuple(np.round(self.here, POINT_DECIMALS)),
+            tuple(np.round(end, POINT_DECIMALS)),
+            self.payload,
+        )
+        if key not in self._arches:
+            room = Clearances(self.here, end, statement.up_m, statement.down_m, statement.keep_out)
+
+            def cost(curve: Curve) -> float:
+                segment = PathSegment(
+                    curve,
+                    statement.limits,
+                    0.0,
+                    False,
+                    MoveKind.SPLINE,
+                    number,
+                    name,
+                    statement.time_optimal,
+                    statement.torque_rate_n_m_s,
+                )
+                stretches = [(curve.length_m, statement.limits)]
+                planned = plan_move([segment], curve, stretches, [], self.payload, self._parameters)
+                return planned.move.duration_s if statement.aim == Aim.TIME else planned.energy.lost_j
+
+            self._arches[key] = best_arch(room, cost)
+        return self._arches[key]
 
     def _take_cubic(self, statement: Cubic, number: int, name: str) -> None:
         end = _resolve(statement.to, self.here)
@@ -282,8 +324,8 @@ class RoundPlanner:
 
 def _name(statement: Statement) -> str:
     return {
-        MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Cubic: 'cubic', Joints: 'joints', Dwell: 'dwell',
-        Output: 'output'
+        MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Arch: 'arch', Cubic: 'cubic', Joints: 'joints',
+        Dwell: 'dwell', Output: 'output'
     }[type(statement)]  # fmt: skip
 
 

@@ -34,8 +34,6 @@ Arguments of the kernels here:
     A row (a, b, c) by y, y', y'', and its factor.
 ``gradient``, ``band``
     Take the gradient, shape (n + 2,), and the Hessian's diagonal and two below it, shape (3, n + 2).
-``with_derivatives``
-    Whether they are asked for.
 ``warm``
     Whether the coefficients are those for limits that were nearly the same.
 ``local``
@@ -56,7 +54,9 @@ WARM_STAGES, WARM_STEP = (
     0.99,
 )  # of a solution that is known nearly: how it is brought back within all limits
 NEWTON_MAX, SEARCH_MAX = 60, 40
-DECREMENT = 0.05  # of Newton's steps, at which the barrier is made sharper
+DECREMENT = 2.5e-5  # of the barrier by a Newton's step, in terms of its terms, at which it is made sharper
+# of a step: how much of what it promises it must keep, and how it is shortened otherwise
+SLOPE, SHORTER = 0.1, 0.6
 START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
 
 
@@ -186,16 +186,15 @@ def _at_point(n, y, d, e, time, heat, demand, local):
 
 
 @kernel
-def _evaluate(c, demand, sharpness, heat, gradient, band, local, with_derivatives):
+def _evaluate(c, demand, sharpness, heat, gradient, band, local):
     """Barrier and weighted time of a spline; inf if it breaks a limit."""
     count = demand.square_max.shape[0]
     h = 1.0 / (count - 1)
     # y, y', y'' of three coefficients
     y0, y1, d0, e0 = 1.0 / 6.0, 4.0 / 6.0, 0.5 / h, 1.0 / (h * h)
     total = 0.0
-    if with_derivatives:
-        gradient[:] = 0.0
-        band[:] = 0.0
+    gradient[:] = 0.0
+    band[:] = 0.0
     g = np.empty(3)
     for n in range(count):
         y = y0 * (c[n] + c[n + 2]) + y1 * c[n + 1]
@@ -206,8 +205,6 @@ def _evaluate(c, demand, sharpness, heat, gradient, band, local, with_derivative
         if not value < np.inf:
             return np.inf
         total += value
-        if not with_derivatives:
-            continue
         local[0, 1], local[0, 2], local[1, 2] = local[1, 0], local[2, 0], local[2, 1]
         g[0], g[1], g[2] = local[3, 0], local[3, 1], local[3, 2]
         gradient[n] += y0 * g[0] - d0 * g[1] + e0 * g[2]
@@ -267,14 +264,13 @@ def _newton_step(gradient, band, step):
 @kernel
 def _minimise(c, demand, heat, warm):
     """Set the coefficients to those of the fastest motion; return the number of Newton's steps, -1 if none is legal."""
-    count = c.shape[0]
+    count, value, steps = c.shape[0], np.inf, 0
     gradient, band, local = np.empty(count), np.empty((3, count)), np.empty((4, 3))
     step, other = np.empty(count), np.empty(count)
-    value = np.inf
     if not warm:
         c[:] = START
     for _ in range(START_HALVINGS):
-        value = _evaluate(c, demand, 1.0, 0.0, gradient, band, local, False)
+        value = _evaluate(c, demand, 1.0, 0.0, gradient, band, local)
         if value < np.inf:
             break
         c *= WARM_STEP if warm else 0.5
@@ -294,29 +290,28 @@ def _minimise(c, demand, heat, warm):
     sharpness = SHARPNESS * terms / (duration / count)
     if warm:
         sharpness *= SHARPER ** (STAGES - WARM_STAGES)
-    steps = 0
     for _ in range(WARM_STAGES if warm else STAGES):
+        value = _evaluate(c, demand, sharpness, heat, gradient, band, local)
         for _ in range(NEWTON_MAX):
-            value = _evaluate(c, demand, sharpness, heat, gradient, band, local, True)
             if not _newton_step(gradient, band, step):
                 break
             steps += 1
             decrement = 0.0
             for n in range(count):
                 decrement -= gradient[n] * step[n]
-            if decrement < DECREMENT * DECREMENT * terms * 0.01:
+            if decrement < DECREMENT * terms:
                 break
-            share = 1.0
+            share, found = 1.0, np.inf
             for _ in range(SEARCH_MAX):
                 for n in range(count):
                     other[n] = c[n] + share * step[n]
-                found = _evaluate(other, demand, sharpness, heat, gradient, band, local, False)
-                if found <= value - 0.1 * share * decrement:
+                found = _evaluate(other, demand, sharpness, heat, gradient, band, local)
+                if found <= value - SLOPE * share * decrement:
                     break
-                share *= 0.6
+                share *= SHORTER
             else:
                 break
-            c[:] = other
+            c[:], value = other, found
         sharpness *= SHARPER
     return steps
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_optimal
@@ -58,6 +59,7 @@ class TimeOptimalPlanner(MovePlanner):
         self._torque_rate = torque_rate_n_m_s
         self._parameter = path_parameter(curve)
         self._samples = sample_path(self._parameter.distance_m, curve.segments)
+        self._piece = np.searchsorted(curve.segments[:, 0], self._parameter.distance_m, side='right') - 1
         changes, carried = zip(*payloads, strict=True)
         self._payload = np.searchsorted(changes[1:], self._parameter.distance_m, side='right')
         self._demands = legal_coefficients(
@@ -115,8 +117,8 @@ class TimeOptimalPlanner(MovePlanner):
         """Derivatives of inertial, centrifugal and weight torques by the distance, (n, 9), on each point's piece."""
         s, segments = self._parameter.distance_m, self.curve.segments
         edges = np.append(segments[:, 0], self.curve.length_m)
-        piece = np.clip(np.searchsorted(edges, s, side='right') - 1, 0, len(segments) - 1)
-        before, behind = np.maximum(s - BESIDE_M, edges[piece]), np.minimum(s + BESIDE_M, edges[piece + 1])
+        before = np.maximum(s - BESIDE_M, edges[self._piece])
+        behind = np.minimum(s + BESIDE_M, edges[self._piece + 1])
         columns = np.r_[INERTIAL, CENTRIFUGAL, WEIGHT]
         low, high = (
             path_coefficients(sample_path(one, segments), self._payload, carried, self._parameters)[
@@ -164,12 +166,12 @@ class TimeOptimalPlanner(MovePlanner):
                     ],
                     axis=2,
                 )
-                for beside in _beside(third)
+                for beside in _beside(third, self._piece)
             ]
             jerked = np.concatenate(rows, axis=1) / (jerk * jerk_share)[:, None, None]
         if math.isfinite(self._torque_rate):
             rows = []
-            for beside in _beside(self._by_distance):
+            for beside in _beside(self._by_distance, self._piece):
                 m, bend, weight = beside[:, :3], beside[:, 3:6], beside[:, 6:]
                 by_y = m * s1 * s2 + c[:, INERTIAL] * s3 + bend * s1**3 + 2.0 * c[:, CENTRIFUGAL] * s1 * s2
                 by_change = 0.5 * (m * s1**2 + c[:, INERTIAL] * s2)
@@ -195,9 +197,12 @@ class TimeOptimalPlanner(MovePlanner):
         return stretch
 
 
-def _beside(values: Floats) -> tuple[Floats, Floats]:
-    """Values at the points before and behind each point: one of them holds on every side of it."""
-    return np.concatenate([values[:1], values[:-1]]), np.concatenate([values[1:], values[-1:]])
+def _beside(values: Floats, piece: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Values before and behind each point, where they jump: those of its own piece, or of the next point's."""
+    before, behind = values.copy(), values.copy()
+    (last,) = np.nonzero(np.diff(piece))  # points behind which another piece begins
+    before[last + 1], behind[last] = values[last], values[last + 1]
+    return before, behind
 
 
 def _widened(values: Floats) -> Floats:

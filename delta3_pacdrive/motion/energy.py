@@ -1,0 +1,52 @@
+"""What a motion takes from the DC link and gives back, and where it goes."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from delta3_pacdrive.motion.path_dynamics import PathDynamics
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+
+PHASES = 3
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energy of the three motors [J]: lost in windings and friction, drawn from the DC link, and returned to it.
+
+    What one motor returns another one draws: the link sees their sum.
+    """
+
+    copper_j: float = 0.0
+    friction_j: float = 0.0
+    drawn_j: float = 0.0
+    returned_j: float = 0.0
+
+    def __add__(self, other: 'Energy') -> 'Energy':
+        """Return the energy of one motion after the other."""
+        return Energy(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
+
+    @property
+    def lost_j(self) -> float:
+        """Energy that becomes heat [J]."""
+        return self.copper_j + self.friction_j
+
+
+def energy(d: PathDynamics, parameters: Parameters) -> Energy:
+    """Sum up the energy of a timed motion over its samples."""
+    motor, speed, current = parameters.motor, d.motor_speed_rad_s, d.motor_current_a
+    friction = motor.static_friction_n_m * np.tanh(speed / motor.friction_smoothing_rad_s)
+    friction += motor.viscous_friction_n_m_s_rad * speed
+    copper = (PHASES * motor.winding_resistance_ohm / 2.0 * current**2).sum(axis=1)
+    power = (motor.torque_constant_n_m_a * current * speed).sum(axis=1) + copper
+
+    def total(values: Floats) -> float:
+        return float(np.trapezoid(values, d.time_s))
+
+    return Energy(
+        total(copper),
+        total((friction * speed).sum(axis=1)),
+        total(np.maximum(power, 0.0)),
+        total(np.maximum(-power, 0.0)),
+    )
