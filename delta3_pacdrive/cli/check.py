@@ -106,8 +106,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
     start = robot.motion.home_m if program.start_m is None else program.start_m
     planned = program_planner.plan(program, start, robot)
     # every round is the same but for the way into the first one: the moves are told once
-    count = len(planned.plan) // planned.repeat
-    moves = [planned.plan.move(n) for n in range(count)]
+    moves = [planned.plan.move(n) for n in range(planned.first_round)]
     return {
         'kind': 'program',
         'program': planned.name,

@@ -27,6 +27,10 @@ class Energy:
         """Return the energy of one motion after the other."""
         return Energy(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
 
+    def times(self, count: float) -> 'Energy':
+        """Return the energy of doing it ``count`` times."""
+        return Energy(*(count * getattr(self, one.name) for one in fields(self)))
+
     @property
     def lost_j(self) -> float:
         """Energy that becomes heat [J]."""

@@ -15,7 +15,7 @@ from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, point_text
-from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
+from delta3_pacdrive.motion.round_planner import Arches, Part, RoundPlanner, parts
 from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -63,6 +63,8 @@ class Planned:
         First statement of the last move, if that has a blend with a move that may follow; else None.
     payload_kg
         Payload behind the last move.
+    first_round
+        How many moves the first round has, the one included that a blend joins with the next round.
 
     """
 
@@ -79,6 +81,7 @@ class Planned:
     ends: tuple[tuple[int, float] | None, ...]
     open_from: int | None
     payload_kg: float
+    first_round: int = 1
 
 
 def plan(
@@ -133,14 +136,20 @@ def _rounds(
     order: list[int] = []
     open_notices: list[str] = []
     open_from: int | None = None
-    known: dict[tuple[tuple[float, ...], float], tuple[list[int], Floats, float]] = {}
-    for round_number in range(program.repeat):
+    known: dict[tuple[Part, tuple[float, ...], float], tuple[list[int], Floats, float]] = {}
+    pieces = parts(program)
+    left = set(range(len(program.statements)))  # of the first round
+    first_round: int | None = None
+    ends: list[tuple[int, float] | None] = [None] * len(program.statements)
+    for piece_number, part in enumerate(pieces):
         # rounds that begin a rounding error apart are the same
-        key = (tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
+        key = (part, tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
         if key not in known:
-            last = open_end and round_number + 1 == program.repeat
+            last = open_end and piece_number + 1 == len(pieces)
             first = returning and not order
-            round_ = RoundPlanner(program, here, payload, parameters, first, last, progress, heat, arches)
+            round_ = RoundPlanner(
+                program, here, payload, parameters, first, last, progress, heat, arches, part
+            )
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))
@@ -148,16 +157,20 @@ def _rounds(
             open_notices, open_from = round_.notices, round_.open_from
             known[key] = numbers, round_.here, round_.payload
         numbers, here, payload = known[key]
+        if piece_number + 2 >= len(
+            pieces
+        ):  # the last round, of which a part may be driven before the last piece
+            for n, number in enumerate(numbers, start=len(order)):
+                for statement, distance in planned[number].statements:
+                    ends[statement] = n, distance
         order.extend(numbers)
         if len(order) > MOVES_MAX:
             raise ProgramError(f'the program has more than {MOVES_MAX} moves')
-    last_round = len(order) - len(numbers)
-    ends: list[tuple[int, float] | None] = [None] * len(program.statements)
-    for n, number in enumerate(numbers):
-        for statement, distance in planned[number].statements:
-            ends[statement] = last_round + n, distance
+        left.difference_update(part.numbers)
+        if not left and first_round is None:
+            first_round = len(order)
     tail = _Tail(tuple(ends), open_from, payload)
-    return _Rounds(planned, order, open_notices, tail)
+    return _Rounds(planned, order, open_notices, tail, first_round or len(order))
 
 
 def _cooled(
@@ -203,6 +216,7 @@ class _Rounds:
     order: list[int]
     open_notices: list[str]
     tail: _Tail
+    first_round: int
 
     def load(self, before: ThermalLoad | None) -> ThermalLoad | LoadBehind:
         """Return what all moves ask of the motors, behind those ``before``; raises ProgramError if there are none."""
@@ -296,6 +310,7 @@ def _whole(
         tail.ends,
         tail.open_from,
         tail.payload_kg,
+        found.first_round,
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,11 +45,64 @@ from delta3_pacdrive.parameters import Parameters
 # shapes of arches that are known: by statement, start, end and payload
 Arches = dict[tuple[Arch, tuple[float, ...], tuple[float, ...], float], Curve]
 POINT_DECIMALS = 9  # of points [m] that are one
+JOINED_MAX = 300  # moves that blends may join to one over several rounds
 BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
 
 
+@dataclass(frozen=True)
+class Part:
+    """Statements of a program that are planned together, by their numbers; a blend at their end may be left out."""
+
+    numbers: tuple[int, ...]
+    ends_exactly: bool = False
+
+
+def whole(program: Program) -> Part:
+    """Return all statements of a program."""
+    return Part(tuple(range(len(program.statements))))
+
+
+def parts(program: Program) -> list[Part]:
+    """Return what is planned one after the other to drive all rounds of a program.
+
+    That is each round by itself, unless a blend joins the end of each round to the begin of the next: then it is what
+    comes before the first stop, what lies between two stops of neighbouring rounds, and what follows the last one.
+
+    Raises
+    ------
+    ProgramError
+        It stops nowhere, and is too long to be one move.
+
+    """
+    statements, rounds = program.statements, program.repeat
+    numbers = tuple(range(len(statements)))
+    moving = [n for n in numbers if not isinstance(statements[n], Output)]
+    if rounds == 1 or not moving or not _goes_on(statements[moving[-1]]):
+        return [whole(program)] * rounds
+    if not isinstance(statements[moving[0]], PathMove):
+        return [whole(program)] * rounds  # which is refused: nothing follows that blend
+    stops = [n for n in moving if not _goes_on(statements[n])]
+    if not stops:
+        if len(moving) * rounds > JOINED_MAX:
+            raise ProgramError(
+                f'the program rounds every corner: {len(moving)} moves in {rounds} rounds would be one move, '
+                f'the limit is {JOINED_MAX}; let one of them end exactly'
+            )
+        return [Part(numbers * rounds, ends_exactly=True)]
+    first = stops[0] + 1
+    while first < len(statements) and isinstance(statements[first], Output):
+        first += 1
+    before, behind = numbers[:first], numbers[first:]
+    return [Part(before), *[Part(behind + before)] * (rounds - 1), Part(behind, ends_exactly=True)]
+
+
+def _goes_on(statement: Statement) -> bool:
+    """Whether a statement ends in a blend."""
+    return isinstance(statement, PathMove) and statement.blend_m > 0.0
+
+
 class RoundPlanner:
-    """Planner of a program's statements once through."""
+    """Planner of a program's statements once through, or of a part of them."""
 
     def __init__(
         self,
@@ -62,7 +115,9 @@ class RoundPlanner:
         progress: Callable[[int, int], None] | None,
         heat: float = 0.0,
         arches: Arches | None = None,
+        part: Part | None = None,
     ) -> None:
+        self._part = whole(program) if part is None else part
         self._statements, self._places = program.statements, program.places
         self._errors = Errors(program.source)
         self._failed = False  # whether anything could not be planned
@@ -87,9 +142,10 @@ class RoundPlanner:
         Behind a statement that cannot be planned planning goes on where that would have ended.
         """
         with self._errors.raised_as(ProgramError):
-            for n, statement in enumerate(self._statements):
+            for done, n in enumerate(self._part.numbers):
+                statement = self._statements[n]
                 if self._progress is not None:
-                    self._progress(n, len(self._statements))
+                    self._progress(done, len(self._part.numbers))
                 where = f'moves[{n}].{_name(statement)}'
                 with self._noted(n, where):
                     self._end_before(statement)
@@ -132,12 +188,13 @@ class RoundPlanner:
         self._end_cubics()
         if self._segments and self._segments[-1].blend_m > 0.0:
             last = self._segments[-1]
-            if not self._open_end:
+            if self._open_end:
+                self.notices.append(
+                    f'{last.name}: blend_m waits for a move that follows; without one it ends exactly'
+                )
+                self.open_from = self._segments[0].number - sum(1 for count, _ in self._pending if not count)
+            elif not self._part.ends_exactly:
                 raise StatementError(last.number, f'{last.name}: blend_m needs a move that follows')
-            self.notices.append(
-                f'{last.name}: blend_m waits for a move that follows; without one it ends exactly'
-            )
-            self.open_from = self._segments[0].number - sum(1 for count, _ in self._pending if not count)
         self._end_move()
         if self._pending and not self._failed:
             self._attach_behind_the_last()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
 from delta3_pacdrive.analysis.study import OnProgress, silent
+from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.limits import Limits, arm_bounds, compared, workspace_bounds
 from delta3_pacdrive.motion.move_planner import Stretches, limits_at
 from delta3_pacdrive.motion.path_dynamics import (
@@ -72,19 +73,30 @@ class _Part:
 
 def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:
     """Evaluate the first round of a planned program; of a long one only so many samples are kept as figures need."""
-    count = len(planned.plan) // planned.repeat
+    count = planned.first_round
     numbers, starts = planned.plan.tables.order[:count].tolist(), planned.plan.tables.starts[:count].tolist()
     in_all = sum(_steps(planned.plan.moves[number]) for number in numbers)
     stride = -(-in_all // SAMPLES_KEPT)
     rows, pieces, gone_m = [], [], 0.0
+    energies: dict[int, Energy] = {}
     for n, (number, start_s) in enumerate(zip(numbers, starts, strict=True)):
         on_progress('evaluating', n, count)
         part = _part(planned, number, parameters)
+        energies[number] = energy(part.dynamics, parameters)
         length_m = _length(part)
         rows.append(_row(n, planned, number, part, start_s, length_m, parameters))
         pieces.append(_thinned(_piece(n, part, start_s, gone_m, planned, parameters), stride))
         gone_m += length_m
-    return PlanStudy(planned, _joined(pieces), tuple(rows))
+    return PlanStudy(planned, _joined(pieces), tuple(rows), _energy_of_round(planned, energies, parameters))
+
+
+def _energy_of_round(planned: Planned, known: dict[int, Energy], parameters: Parameters) -> Energy:
+    """Return the mean energy of a round, over all of them; ``known`` are those of moves by their numbers."""
+    total = Energy()
+    for number, count in zip(*np.unique(planned.plan.tables.order, return_counts=True), strict=True):
+        one = known.get(int(number)) or energy(_part(planned, int(number), parameters).dynamics, parameters)
+        total = total + one.times(float(count))
+    return total.times(1.0 / planned.repeat)
 
 
 def of_program(program: Program, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:

@@ -6,6 +6,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.motion.energy import Energy
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.numerics.types import Floats
 
@@ -151,8 +152,9 @@ class MoveRow:
 
 @dataclass(frozen=True)
 class PlanStudy:
-    """A planned program with its samples and rows, of its first round."""
+    """A planned program with its samples and rows, of its first round, and the energy of a round."""
 
     planned: Planned
     samples: Samples
     rows: tuple[MoveRow, ...]
+    energy: Energy
