@@ -81,7 +81,7 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
     moving = d.motor_current_a - standing
     motor = parameters.motor
     w = weights[:, None]
-    with np.errstate(divide='ignore', invalid='ignore'):
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         room = np.maximum(motor.peak_current_a - np.abs(standing), 1e-12) / np.abs(moving)
         speed = motor.max_speed_rad_s / np.abs(d.motor_speed_rad_s)
         volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)

@@ -19,7 +19,8 @@ KEYS = st.sampled_from(
     [
         'name', 'start_m', 'repeat', 'limits', 'points', 'payload_kg', 'moves', 'move_l', 'move_c', 'move_sb', 'cubic',
         'dwell', 'output', 'to_m', 'via_m', 'through_m', 'by_m', 'point', 'time_s', 'duration_s', 'speed_m_s',
-        'blend_m', 'strict', 'value', 'before_m',
+        'blend_m', 'strict', 'value', 'before_m', 'time_optimal', 'torque_rate_n_m_s', 'arch', 'up_m', 'down_m',
+        'keep_out', 'height_m', 'margin_m', 'aim',
     ]
 )  # fmt: skip
 SCALARS = st.one_of(
@@ -52,6 +53,8 @@ def statements(points, limits, numbers, flags):
         'jerk_m_s3': limits,
         'blend_m': numbers,
         'strict': flags,
+        'time_optimal': flags,
+        'torque_rate_n_m_s': limits,
     }
     return st.one_of(
         *[
@@ -60,6 +63,11 @@ def statements(points, limits, numbers, flags):
                 ('move_l', {'to_m': points}, path),
                 ('move_c', {'via_m': points, 'to_m': points}, path),
                 ('move_sb', {'through_m': st.lists(points, max_size=5)}, path),
+                (
+                    'arch',
+                    {'to_m': points, 'up_m': numbers, 'down_m': numbers},
+                    {'keep_out': st.fixed_dictionaries({'height_m': numbers, 'margin_m': numbers}), **path},
+                ),
                 ('cubic', {'to_m': points, 'duration_s': numbers}, {'end_velocity_m_s': points}),
                 ('dwell', {'time_s': numbers}, {}),
                 (
@@ -116,7 +124,9 @@ SOME_OPTIONS = {
     'acceleration_m_s2': st.one_of(st.floats(1e-6, 1e9), st.floats(1.0, 500.0)),
     'jerk_m_s3': st.one_of(st.floats(1e-6, 1e9), st.floats(10.0, 1e5), st.just(math.inf)),
     'strict': st.sampled_from([False, False, True]),
+    'time_optimal': st.sampled_from([False, False, True]),
 }
+CLEARANCES = st.floats(0.0, 0.05)
 SOME_STATEMENT = st.one_of(
     *[
         st.fixed_dictionaries({kind: st.fixed_dictionaries(required, optional=optional)})
@@ -125,6 +135,7 @@ SOME_STATEMENT = st.one_of(
             ('move_l', {'to_m': PLACES, 'blend_m': st.floats(0.0, 0.03)}, SOME_OPTIONS),
             ('move_c', {'via_m': PLACES, 'to_m': PLACES}, SOME_OPTIONS),
             ('move_sb', {'through_m': st.lists(PLACES, min_size=1, max_size=5)}, SOME_OPTIONS),
+            ('arch', {'to_m': PLACES, 'up_m': CLEARANCES, 'down_m': CLEARANCES}, SOME_OPTIONS),
             ('cubic', {'to_m': PLACES, 'duration_s': st.floats(0.05, 5.0)}, {}),
             ('dwell', {'time_s': st.floats(0.001, 5.0)}, {}),
             (
