@@ -1,7 +1,7 @@
 """``delta3 simulate``: the same control and plant code in one loop, without ROS."""
 
 import time
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
@@ -95,6 +95,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import run_comparison, trace_export
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.run_energy import energy_of_round
     from delta3_pacdrive.motion import arrival
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.recording import trace_file
@@ -147,6 +148,9 @@ def run(options: Options) -> int:
         **figures,
         **({} if exact is None else {'from_exact': exact}),
     }
+    energy = energy_of_round(trace, robot)
+    if energy is not None:
+        result['energy'] = asdict(energy)
     if records is not None:
         result['scope'] = records.written
     notes = (*chosen.notes, *(records.sentences() if records else ()))

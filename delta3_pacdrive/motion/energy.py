@@ -39,18 +39,36 @@ class Energy:
 
 def energy(d: PathDynamics, parameters: Parameters) -> Energy:
     """Sum up the energy of a timed motion over its samples."""
-    motor, speed, current = parameters.motor, d.motor_speed_rad_s, d.motor_current_a
-    friction = motor.static_friction_n_m * np.tanh(speed / motor.friction_smoothing_rad_s)
-    friction += motor.viscous_friction_n_m_s_rad * speed
-    copper = (PHASES * motor.winding_resistance_ohm / 2.0 * current**2).sum(axis=1)
-    power = (motor.torque_constant_n_m_a * current * speed).sum(axis=1) + copper
+    return sampled_energy(d.time_s, d.motor_speed_rad_s, d.motor_current_a, d.motor_current_a**2, parameters)
+
+
+def sampled_energy(
+    time_s: Floats, speed_rad_s: Floats, current_a: Floats, square_a2: Floats, parameters: Parameters
+) -> Energy:
+    """Sum up the energy of motors.
+
+    Parameters
+    ----------
+    time_s
+        Times of the samples [s], shape (n,).
+    speed_rad_s, current_a, square_a2
+        Speeds of the motors, their currents, and the mean squares of the currents there, (n, 3) each.
+    parameters
+        Of the robot.
+
+    """
+    motor = parameters.motor
+    friction = motor.static_friction_n_m * np.tanh(speed_rad_s / motor.friction_smoothing_rad_s)
+    friction += motor.viscous_friction_n_m_s_rad * speed_rad_s
+    copper = (PHASES * motor.winding_resistance_ohm / 2.0 * square_a2).sum(axis=1)
+    power = (motor.torque_constant_n_m_a * current_a * speed_rad_s).sum(axis=1) + copper
 
     def total(values: Floats) -> float:
-        return float(np.trapezoid(values, d.time_s))
+        return float(np.trapezoid(values, time_s))
 
     return Energy(
         total(copper),
-        total((friction * speed).sum(axis=1)),
+        total((friction * speed_rad_s).sum(axis=1)),
         total(np.maximum(power, 0.0)),
         total(np.maximum(-power, 0.0)),
     )

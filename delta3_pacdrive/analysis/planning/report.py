@@ -141,7 +141,7 @@ def _energy_text(found: PlanStudy) -> str:
     e = found.energy
     what = 'a round' if found.planned.repeat > 1 else 'in all'
     return (
-        f'{e.lost_j:.3g} J {what}: {e.copper_j:.3g} in windings, {e.friction_j:.3g} in friction; '
+        f'{e.lost_j:.3g} J lost {what}: {e.copper_j:.3g} in windings, {e.friction_j:.3g} in friction; '
         f'{e.drawn_j:.3g} drawn, {e.returned_j:.3g} of it flow back'
     )
 

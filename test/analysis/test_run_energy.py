@@ -1,0 +1,24 @@
+"""Facts about the energy of a run: it is nearly that of its plan."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis.planning import evaluation
+from delta3_pacdrive.analysis.run_energy import energy_of_round
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.recording.trace import Trace
+
+
+def test_a_run_takes_what_its_plan_tells(robot):
+    program = programs.load('packaging', robot.motion)
+    run = energy_of_round(simulation.run(program, robot), robot)
+    plan = evaluation.of_program(program, simulation.placed(robot, program)).energy
+    assert run.copper_j == pytest.approx(plan.copper_j, rel=0.05)
+    assert run.friction_j == pytest.approx(plan.friction_j, rel=0.05)
+    assert run.drawn_j == pytest.approx(plan.drawn_j, rel=0.1)
+    assert run.drawn_j - run.returned_j == pytest.approx(run.lost_j, rel=0.05)
+
+
+def test_a_trace_without_currents_tells_no_energy(robot):
+    assert energy_of_round(Trace(np.zeros(1), {}, {}), robot) is None
