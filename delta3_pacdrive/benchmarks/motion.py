@@ -21,6 +21,7 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import sample_plan
 
 ROUNDS = 40
+PACKAGING = ('packaging', 'packaging_stops', 'packaging_fast')
 PLANS_PER_S = 20.0
 
 
@@ -54,6 +55,7 @@ def spline_points(count: int = 100) -> list[list[float]]:
 def _statements() -> dict[str, dict[str, Any]]:
     return {
         'MoveL': {'move_l': {'to_m': [0.3, 0.1, -0.85]}},
+        'MoveL, time-optimal': {'move_l': {'to_m': [0.3, 0.1, -0.85], 'time_optimal': True}},
         'MoveC': {'move_c': {'via_m': [0.2, 0.2, -0.8], 'to_m': [0.3, 0.0, -0.8]}},
         'MoveSB, 100 points': {'move_sb': {'through_m': spline_points()}},
         'MoveSB, 100 points, 4 m/s, 100 m/s2': {
@@ -133,7 +135,7 @@ def _errors(robot: Any) -> dict[str, float]:
 def _packaging(robot: Any) -> dict[str, Any]:
     """Time of the packaging cycle beside the bounds that leave out jerk, or all but the motors."""
     result: dict[str, Any] = {}
-    for name in ('packaging', 'packaging_stops'):
+    for name in PACKAGING:
         program = programs.load(name, robot.motion)
         planned = program_planner.plan(program, program.start_m or START, robot)
         result[name] = {
@@ -218,7 +220,8 @@ def show(result: dict[str, Any]) -> None:
         f'({errors["cruise_share"]:.0%} of the time)'
     )
     print('packaging cycle 25/305/25 mm, there with 0.5 kg and back')
-    for name, facts in list(result['packaging'].items())[:2]:
+    for name in PACKAGING:
+        facts = result['packaging'][name]
         print(
             f'  {name:>36}  {facts["cycle_s"]:.4f} s, {facts["per_minute"]:.1f} per minute, '
             f'{facts["rms_current_a"]:.2f} A rms'

@@ -179,7 +179,8 @@ class TimeOptimalPlanner(MovePlanner):
             rated = np.concatenate(rows, axis=1)
             rated /= (self._torque_rate * jerk_share)[:, None, None]
         change_max = CHANGE * (count - 1) + 2.0 * p.grading
-        return Demand(square_max, change_max, bounded, accelerated, jerked, rated)
+        parts = (square_max, change_max, bounded, accelerated, jerked, rated)
+        return Demand(*(np.ascontiguousarray(part) for part in parts))  # of one type, whatever the limits are
 
     def _third_order_stretch(self, phases: Floats) -> Floats:
         """Factor of time that each grid point of the parameter needs to keep every limit."""

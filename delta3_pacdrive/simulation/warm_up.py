@@ -50,7 +50,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 151
+KERNELS = 157
 Show = Callable[[int, int], None]
 
 
@@ -222,6 +222,7 @@ def _rehearsal(parameters: Parameters) -> Program:
             MoveL(up, limits=limits, blend_m=0.004),
             MoveL(along, limits=limits),
             MoveC(along, up, limits=limits),
+            MoveL(along, limits=limits, time_optimal=True),
             Dwell(0.01),
         ),
     )

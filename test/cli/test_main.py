@@ -181,7 +181,11 @@ def test_bash_completes_commands_options_choices_and_programs(capsys):
     assert set(completed(script, 'delta3', '')) == {*COMMANDS, '--help', '--version'}
     assert completed(script, 'delta3', 'sim') == ['simulate']
     assert completed(script, 'delta3', 'simulate', '--tra') == ['--trace']
-    assert completed(script, 'delta3', 'simulate', 'pack') == ['packaging', 'packaging_stops']
+    assert completed(script, 'delta3', 'simulate', 'pack') == [
+        'packaging',
+        'packaging_fast',
+        'packaging_stops',
+    ]
     assert completed(script, 'delta3', 'move', 'emer') == ['emergency_stop']
     assert completed(script, 'delta3', 'move', 'program', 'exper') == [
         'experiment1',
