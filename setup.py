@@ -29,6 +29,7 @@ EXECUTABLES = {
 ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazzy-rmw-fastrtps-cpp>=8.4.3']
 TEST = [
     'toppra>=0.6.3',
+    'casadi>=3.6.5',
     'hypothesis>=6.98.15',
     'import-linter>=2.16',
     'mujoco>=4.0',

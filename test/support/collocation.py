@@ -19,7 +19,7 @@ ITERATIONS_MAX = 500
 
 
 def shortest_time(
-    casadi, curve, guess, robot, payload_kg=0.0, jerk=math.inf, torque_rate=math.inf, steps=300
+    casadi, curve, guess, robot, payload_kg=0.0, jerk=math.inf, torque_rate=math.inf, steps=500
 ):
     """Duration [s] of the fastest motion along a curve from rest to rest.
 
