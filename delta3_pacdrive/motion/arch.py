@@ -131,11 +131,21 @@ def _require_kept_out(room: Clearances, curve: Curve) -> None:
     if room.keep_out is None:
         return
     p = sample_path(np.linspace(0.0, curve.length_m, KEEP_OUT_SAMPLES), curve.segments)[:, 0]
-    beside = np.minimum(*(np.linalg.norm((p - one)[:, :2], axis=1) for one in (room.start_m, room.end_m)))
-    low = (beside > room.keep_out.margin_m + COINCIDENT_M) & (p[:, 2] < room.keep_out.height_m - COINCIDENT_M)
-    if low.any():
-        n = int(np.argmax(np.where(low, room.keep_out.height_m - p[:, 2], 0.0)))
+    beyond = _beyond(p, room)
+    # where it passes the margin between two samples
+    (n,) = np.nonzero((beyond[:-1] * beyond[1:] < 0.0) & (np.abs(beyond[:-1]) > COINCIDENT_M))
+    share = (beyond[n] / (beyond[n] - beyond[n + 1]))[:, None]
+    places = np.concatenate([p[beyond > COINCIDENT_M], p[n] + share * (p[n + 1] - p[n])])
+    lowest = places[np.argmin(places[:, 2])]
+    if lowest[2] < room.keep_out.height_m - COINCIDENT_M:
         raise ProgramError(
-            f'it is at z = {p[n, 2]:.4g} m, {beside[n]:.4g} m beside its nearer end, where the limit is '
-            f'{room.keep_out.height_m:g} m'
+            f'it is at z = {lowest[2]:.4g} m, {_beyond(lowest[None], room)[0] + room.keep_out.margin_m:.4g} m beside '
+            f'its nearer end, where the limit is {room.keep_out.height_m:g} m'
         )
+
+
+def _beyond(p: Floats, room: Clearances) -> Floats:
+    """Return how far points (n, 3) are beside the nearer end, horizontally, beyond the margin [m]."""
+    margin = 0.0 if room.keep_out is None else room.keep_out.margin_m
+    beside = (np.linalg.norm((p - one)[:, :2], axis=1) for one in (room.start_m, room.end_m))
+    return np.asarray(np.minimum(*beside) - margin)

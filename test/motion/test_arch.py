@@ -11,7 +11,7 @@ from planned import dwell, only, output, plan, refusal
 HERE, THERE = (-0.1525, 0.0, -0.85), (0.1525, 0.05, -0.83)
 FAST = {'limits': {'jerk_m_s3': 20000.0}, 'time_optimal': True}
 SAME_M = 1e-9
-DEEP = {'height_m': -0.79, 'margin_m': 0.06}
+DEEP = {'height_m': -0.79, 'margin_m': 0.03}
 
 
 def over(to=THERE, up=0.01, down=0.02, **options):
@@ -39,7 +39,7 @@ def test_it_goes_straight_up_and_down_within_its_clearances_and_keeps_out(aim, k
     assert beside(low[low[:, 2] <= -0.83 + 0.02], THERE).max() <= SAME_M
     assert points[:, 2].max() >= -0.83 + 0.02
     if keep_out is not None:
-        open_to = np.minimum(beside(points, HERE), beside(points, THERE)) <= 0.06
+        open_to = np.minimum(beside(points, HERE), beside(points, THERE)) <= DEEP['margin_m']
         assert points[~open_to, 2].min() >= -0.79 - 1e-5
     # its tangent and its curvature are continuous
     edges = move.segments[1:, 0]
@@ -72,8 +72,8 @@ def curve_points(curve):
 def test_the_arch_for_energy_is_lower_and_slower_than_the_one_for_time(robot):
     quick, fast = path(robot, over())
     saving, slow = path(robot, over(aim='energy'))
-    assert saving[:, 2].max() <= quick[:, 2].max()
-    assert slow.duration_s >= fast.duration_s
+    assert saving[:, 2].max() < quick[:, 2].max() - 5e-3
+    assert slow.duration_s > 1.05 * fast.duration_s
 
 
 def test_packaging_by_arches_makes_more_than_180_picks_a_minute(robot):

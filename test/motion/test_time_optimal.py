@@ -91,21 +91,16 @@ def test_every_limit_is_kept(limits, payload, robot):
 
 
 def test_a_payload_that_changes_on_the_way_is_carried_from_there_on(robot):
-    gripping = cycle()
+    limits = {'torque_rate_n_m_s': 1000.0}
+    gripping, dropping = cycle(), cycle()
     gripping.insert(1, output(payload_kg=8.0))
-    durations = []
-    for moves, payload in ((cycle(), 0.0), (gripping, 0.0), (cycle(), 8.0)):
-        planned = plan(
-            robot,
-            [*moves, dwell(5.0)],
-            HERE,
-            payload_kg=payload,
-            **OPTIMAL,
-            limits={'torque_rate_n_m_s': 1000.0},
-        )
-        durations.append(only(planned).duration_s)
-    light, later, heavy = durations
+    dropping.insert(1, output(payload_kg=0.0))
+    light, later, heavy, dropped = (
+        only(plan(robot, [*moves, dwell(5.0)], HERE, payload_kg=payload, **OPTIMAL, limits=limits)).duration_s
+        for moves, payload in ((cycle(), 0.0), (gripping, 0.0), (cycle(), 8.0), (dropping, 8.0))
+    )
     assert 1.01 * light < later < 0.999 * heavy
+    assert 1.01 * light < dropped < 0.95 * heavy
 
 
 @settings(max_examples=25, deadline=None)
