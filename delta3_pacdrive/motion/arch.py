@@ -136,6 +136,8 @@ def _require_kept_out(room: Clearances, curve: Curve) -> None:
     (n,) = np.nonzero((beyond[:-1] * beyond[1:] < 0.0) & (np.abs(beyond[:-1]) > COINCIDENT_M))
     share = (beyond[n] / (beyond[n] - beyond[n + 1]))[:, None]
     places = np.concatenate([p[beyond > COINCIDENT_M], p[n] + share * (p[n + 1] - p[n])])
+    if not len(places):  # the margins of both ends meet
+        return
     lowest = places[np.argmin(places[:, 2])]
     if lowest[2] < room.keep_out.height_m - COINCIDENT_M:
         raise ProgramError(

@@ -103,6 +103,11 @@ def test_what_cannot_be_is_refused_with_its_reason(robot):
     assert 'height_m' in refusal(plan, robot, [over(keep_out={'margin_m': 0.1})], HERE, **FAST)
 
 
-def test_a_curve_keeps_out_beside_both_ends():
+def test_a_margin_of_more_than_half_of_the_way_keeps_out_of_nothing_but_the_top(robot):
+    points, _ = path(robot, over(keep_out={'height_m': -0.8, 'margin_m': 0.2}))
+    assert points[:, 2].max() >= -0.8
+
+
+def test_the_top_of_an_arch_is_over_what_it_keeps_out_of():
     room = Clearances(np.array(HERE), np.array(THERE), 0.01, 0.02, KeepOut(-0.7))
     assert room.lowest_top_m == -0.7
