@@ -1,6 +1,7 @@
 """The same program gives the same bits however and wherever it runs."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -230,6 +231,45 @@ def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     _assert_same(simulated, recorded, result)
     cycles = len(simulated.time_s)
     np.testing.assert_array_equal(recorded['torque_command'][:cycles], simulated['torque_command'])
+
+
+def test_time_optimal_arches_give_the_bits_of_their_simulation(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    """Their shapes, too, are found alike in every process."""
+    robot = parameters.load('model')
+    simulated = simulation.run(programs.load('packaging_fast', robot.motion), robot)
+    options = ['--real-time-factor', '0', '--parameters', 'model']
+    recorded, result = _run(delta3, tmp_path / 'bag', *options, program='packaging_fast')
+    _assert_same(simulated, recorded, result)
+
+
+def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
+    delta3: Runner,
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    tmp_path: Path,
+    nothing_left_behind: None,
+) -> None:
+    """Also of time-optimal arches over ten rounds, sent by ``move program``."""
+    robot = parameters.load()
+    program = programs.load('packaging_fast', robot.motion)
+    simulated = simulation.run(program, robot)
+    parameters.write(simulation.placed(robot, program), tmp_path / 'robot.yaml')
+    process = start_delta3(
+        'up', '--single-process', '--parameters', tmp_path / 'robot.yaml', '--bag', tmp_path / 'bag'
+    )
+    assert delta3('move', 'wait').returncode == 0
+    moved = delta3('move', 'program', 'packaging_fast')
+    assert moved.returncode == 0, moved.stderr
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 0, errors
+    start, end = (simulated.meta[name] for name in ('start_cycle', 'end_cycle'))
+    expected = simulated['motor_command'][start : end + 1]
+    commands = trace_file.load(tmp_path / 'bag')['motor_command']
+    first = np.flatnonzero((commands != commands[0]).any(axis=1))[0]
+    moving = np.flatnonzero((expected != expected[0]).any(axis=1))[0]
+    np.testing.assert_array_equal(commands[first - moving :][: len(expected)], expected)
 
 
 @pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
