@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate, correlation_lags
 
 from delta3_pacdrive.analysis.run_signals import derivatives
 from delta3_pacdrive.analysis.runs import TABLE, Run
@@ -160,6 +159,8 @@ def _motions(first: Run, second: Run) -> _Motions | None:
 
 def _correlations(a: Floats, b: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return lags, and the correlation of the rows that overlap there; -inf where too little of the motion does."""
+    from scipy.signal import correlate, correlation_lags  # takes half a second, which others do without
+
     lags = correlation_lags(len(a), len(b))
     products = np.asarray(sum(correlate(a[:, i], b[:, i]) for i in range(3)))
     energies = []
@@ -250,6 +251,8 @@ def _refined(moving: _Motions, shift_s: float, period_s: float, of_second: bool)
 
 def _variance(left: Floats, slope: Floats) -> float:
     """Variance of the sum of what is left times the slope: neighbours in time are alike, so they count together."""
+    from scipy.signal import correlate
+
     terms = left * slope
     total = 0.0
     for column in (terms - terms.mean(axis=0)).T:

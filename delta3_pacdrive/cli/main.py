@@ -147,9 +147,21 @@ def _dispatch(arguments: list[str]) -> int:
     except RunError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
+    if command not in OF_ROBOTS:
+        _collect_seldom()
     module = importlib.import_module(f'delta3_pacdrive.cli.{command}')
     with interrupts.raising(command in OF_ROBOTS):
         return int(module.main(rest))
+
+
+def _collect_seldom() -> None:
+    """Look for garbage seldom: little of what a command imports becomes some, and to look takes a sixth of its time.
+
+    Not with a robot: there, one look must be short.
+    """
+    import gc
+
+    gc.set_threshold(50_000, 10, 10)
 
 
 def _check_surroundings(command: str, rest: list[str]) -> None:

@@ -30,6 +30,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from types import ModuleType
 from typing import IO, Any, TypeVar
 
 import numba
@@ -38,6 +39,22 @@ from numba.core.registry import cpu_target
 
 from delta3_pacdrive.errors import KernelError
 
+
+def _import_arrays_of_numba() -> None:
+    """Import numba's arrays without scipy's linear algebra, which takes longer than numba.
+
+    All they do with it is to see whether it is there. A kernel that multiplies matrices imports it when it is compiled.
+    """
+    name = 'scipy.linalg.cython_blas'
+    if name not in sys.modules:
+        sys.modules[name] = ModuleType(name)
+        try:
+            import numba.np.arraymath  # noqa: F401
+        finally:
+            del sys.modules[name]
+
+
+_import_arrays_of_numba()
 _PACKAGE = Path(__file__).parents[1]
 _NAME = _PACKAGE.name
 _IMPORT = re.compile(
