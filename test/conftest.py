@@ -1,5 +1,6 @@
 """What the tests share: the default robot, a shell, and property tests that draw the same examples every time."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -16,6 +17,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # The matrices are small: threads of the linear algebra would wait for each other, on processors that others need.
 # Read when numpy is imported, which is later.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+# As the commands do: to look for garbage more often takes up to a tenth of the time of a test.
+gc.set_threshold(50_000, 10, 10)
 
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
 LONG = (
