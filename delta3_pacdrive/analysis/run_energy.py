@@ -9,17 +9,26 @@ from delta3_pacdrive.recording.trace import Trace
 NEEDED = ('shaft_speed', 'current_mean', 'current_rms')
 
 
-def energy_of_round(trace: Trace, parameters: Parameters) -> Energy | None:
-    """Return the mean energy of a round of the program that a simulation has driven; None if the trace cannot tell.
+def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy | None:
+    """Return the mean energy of a round of a program that was simulated or recorded; None if the trace cannot tell.
 
-    Friction is that of the parameters, in the gears of a built robot another one.
+    A trace cannot tell it that lacks cycles of the program. Friction is that of the parameters, in the gears of a built
+    robot another one.
     """
     if any(name not in trace.signals for name in NEEDED):
         return None
-    speed, mean, rms = (np.asarray(trace[name], dtype=np.float64) for name in NEEDED)
-    first, last = (int(trace.meta[name]) for name in ('start_cycle', 'end_cycle'))
+    start, end = (trace.meta.get(name) for name in ('start_cycle', 'end_cycle'))
+    if start is None or end is None:
+        return None
+    cycles = np.rint(trace.time_s / parameters.bus.cycle_time_s).astype(np.int64)
+    end = min(end, cycles[-1])
+    if not cycles[0] <= start < end:
+        return None
+    first, last = np.searchsorted(cycles, [start, end])
+    if cycles[first] != start or end - start != last - first:
+        return None
+    speed, mean, rms = (np.asarray(trace[name][first : last + 1], dtype=np.float64) for name in NEEDED)
     # currents are those from the start of a cycle to its end, speeds those at its start
-    during = slice(first, min(last, len(speed) - 1))
-    between = 0.5 * (speed[first : during.stop] + speed[first + 1 : during.stop + 1])
-    found = sampled_energy(trace.time_s[during], between, mean[during], rms[during] ** 2, parameters)
-    return found.times(1.0 / trace.meta['repeat'])
+    between = 0.5 * (speed[:-1] + speed[1:])
+    found = sampled_energy(trace.time_s[first:last], between, mean[:-1], rms[:-1] ** 2, parameters)
+    return found.times(1.0 / repeat)

@@ -4,6 +4,7 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from delta3_pacdrive import interrupts, simulation
+from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess
@@ -21,13 +23,17 @@ from delta3_pacdrive.bringup.robot_processes import SPARE, RobotProcesses
 from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError
 from delta3_pacdrive.motion import arrival
+from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.ros import discovery, interfaces, node_process
 from delta3_pacdrive.ros.progress_report import read_progress
+from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.watchdog import BOUND_S
 
 READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
+ENERGY_CYCLES_MAX = 600_000  # of a recording that is read for it
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 
 
@@ -110,7 +116,18 @@ class Bringup:
         if self.options.bag:
             result['bag_missing'] = sum(bag_trace.missing(self.options.bag).values())
             result['bag_cut'] = bag_trace.cut(self.options.bag)
+            if self._planned and result['cycles'] <= ENERGY_CYCLES_MAX:
+                result |= self._energy(self._planned, self.options.bag)
         return result
+
+    def _energy(self, planned: Planned, bag: Path) -> dict[str, Any]:
+        """Return the energy of a round as the recording tells it; empty if the recording cannot."""
+        trace = bag_trace.read_bag(bag)
+        timeline = Timeline(planned.plan, self.robot.bus.cycle_time_s)
+        timeline.start(trace.meta.get('start_cycle', NEVER))
+        trace.meta['end_cycle'] = timeline.end_cycle  # the recorder ends without knowing it
+        found = energy_of_round(trace, self.robot, planned.repeat)
+        return {} if found is None else {'energy': asdict(found)}
 
     def _start(self, logs: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -148,7 +148,7 @@ def run(options: Options) -> int:
         **figures,
         **({} if exact is None else {'from_exact': exact}),
     }
-    energy = energy_of_round(trace, robot)
+    energy = energy_of_round(trace, robot, trace.meta['repeat'])
     if energy is not None:
         result['energy'] = asdict(energy)
     if records is not None:

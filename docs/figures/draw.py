@@ -9,6 +9,7 @@ sys.path.insert(0, str(FOLDER))
 import calibration  # noqa: E402
 import cascade  # noqa: E402
 import places  # noqa: E402
+import rates  # noqa: E402
 import robot  # noqa: E402
 import signals  # noqa: E402
 import timing  # noqa: E402
@@ -31,6 +32,7 @@ PICTURES = {
     'built_robot.png': signals.built_robot,
     'inside_a_cycle.png': signals.inside_a_cycle,
     'calibration.png': calibration.make,
+    'rates.png': rates.make,
 }
 
 if __name__ == '__main__':

@@ -5,14 +5,14 @@ import pytest
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.planning import evaluation
-from delta3_pacdrive.analysis.run_energy import energy_of_round
+from delta3_pacdrive.analysis.run_energy import NEEDED, energy_of_round
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
 
 
 def test_a_run_takes_what_its_plan_tells(robot):
     program = programs.load('packaging', robot.motion)
-    run = energy_of_round(simulation.run(program, robot), robot)
+    run = energy_of_round(simulation.run(program, robot), robot, program.repeat)
     plan = evaluation.of_program(program, simulation.placed(robot, program)).energy
     assert run.copper_j == pytest.approx(plan.copper_j, rel=0.05)
     assert run.friction_j == pytest.approx(plan.friction_j, rel=0.05)
@@ -21,4 +21,15 @@ def test_a_run_takes_what_its_plan_tells(robot):
 
 
 def test_a_trace_without_currents_tells_no_energy(robot):
-    assert energy_of_round(Trace(np.zeros(1), {}, {}), robot) is None
+    assert energy_of_round(Trace(np.zeros(1), {}, {}), robot, 1) is None
+
+
+def test_a_trace_that_lacks_a_cycle_of_the_program_tells_no_energy(robot):
+    program = programs.load('experiment1', robot.motion)
+    whole = simulation.run(program, robot)
+    assert energy_of_round(whole, robot, 1).copper_j > 0.0
+    start, end = whole.meta['start_cycle'], whole.meta['end_cycle']
+    for lost, told in ((start - 1, True), (start, False), (end - 1, False), (end + 1, True)):
+        kept = np.arange(len(whole.time_s)) != lost
+        part = Trace(whole.time_s[kept], {name: whole[name][kept] for name in NEEDED}, whole.meta)
+        assert (energy_of_round(part, robot, 1) == energy_of_round(whole, robot, 1)) is told

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import derived_signals, runs, trace_export
+from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bag_reader import open_bag
@@ -242,6 +244,7 @@ def test_time_optimal_arches_give_the_bits_of_their_simulation(
     options = ['--real-time-factor', '0', '--parameters', 'model']
     recorded, result = _run(delta3, tmp_path / 'bag', *options, program='packaging_fast')
     _assert_same(simulated, recorded, result)
+    assert result['energy'] == asdict(energy_of_round(simulated, robot, 10))
 
 
 def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
