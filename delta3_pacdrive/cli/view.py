@@ -96,6 +96,7 @@ def _watch(options: Options, place: serving.Place) -> int:
             page.note(
                 'This page only shows the robot: `--control` lets people operate it from other machines.'
             )
+        page.add_scope()
         page.open()
         from delta3_pacdrive.ros import live_view
 

@@ -374,6 +374,14 @@ class Acquisition:
         self._trigger, self._gap = None, False
         self._take(Record(self.setting, start, rows, mark))
 
+    def newest(self) -> Record | None:
+        """Return what a rolling acquisition would hold now as its record, None while it has nothing."""
+        if not self._count:
+            return None
+        end = self._first + self._count
+        start = max(self._first, end - self.setting.samples)
+        return Record(self.setting, start, np.concatenate(self._kept)[start - self._first :])
+
     def finish(self) -> None:
         """Take what is there as the last record: a rolling one, or one that the end of a run has cut short."""
         if self.done or not self._count or not self.triggered:

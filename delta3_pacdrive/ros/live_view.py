@@ -15,11 +15,13 @@ from delta3_pacdrive.controller.messages import STOPS
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros.page_scope import PageScope
 from delta3_pacdrive.ros.page_wishes import IN_MOTION, PageWishes
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_reader import RobotReader
 from delta3_pacdrive.view.jog import Jog, Turn, parse
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
+from delta3_pacdrive.view.scope_panel import BEGIN, END
 from delta3_pacdrive.view.values import Wish
 
 PICTURE_S = 1.0 / PICTURES_HZ
@@ -50,6 +52,7 @@ class LiveView:
         self._operator.show = page.tell
         self._jog = Jog()
         self._wishes = PageWishes(page, robot, self._jog)
+        self._scope = PageScope(page, robot)
         self._session = ''
         self._planned = 0  # changes of the path that is drawn
         self._drawn_s = self._read_s = 0.0
@@ -67,6 +70,7 @@ class LiveView:
             self._go_on(time.monotonic() + patience_s)
         except RunInterruptedError:
             self._stopping = False
+            self._scope.close()
             self._end()
 
     def _go_on(self, deadline: float) -> None:
@@ -100,6 +104,7 @@ class LiveView:
             if now >= self._drawn_s + period_s:
                 self._drawn_s = now
                 self._draw(now)
+                self._scope.look()
             self._sort()
             if self._stopping and not self._wishes.urgent and not self._jog.may_move:
                 raise RunInterruptedError(interrupts.sentence(interrupts.asked() or signal.SIGINT))
@@ -135,6 +140,10 @@ class LiveView:
             wish = self._page.wishes.popleft()
             if wish.action == 'press':
                 self._press(wish)
+            elif wish.action == BEGIN:  # to look needs no control, and waits for nobody
+                self._scope.begin(wish.text)
+            elif wish.action == END:
+                self._scope.end()
             elif wish.action in STOPS:  # they wait for nothing that is under way
                 self._waiting.clear()
                 self._jog.drop()

@@ -24,12 +24,15 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rclpy.publisher import Publisher
+
     from delta3_pacdrive.ros.robot_client import OperatorNode
 
 AGAIN_S = 1.0  # after which a request is repeated
 SILENT_S = 10.0  # without samples, after which a drive is taken for gone
 LOOK_S = 0.02
 PARTING_S = 0.1
+NO_DRIVES, NO_ANSWER = 'drives with an oscilloscope', 'answer of the oscilloscope'  # what is waited for
 
 
 class ScopeClient:
@@ -43,21 +46,33 @@ class ScopeClient:
         What is recorded.
     take
         Called with each record.
+    requests
+        Publishes what is asked; who has several clients, one after the other, gives all of them the same.
 
     """
 
-    def __init__(self, operator: OperatorNode, setting: Setting, take: Callable[[Record], None]) -> None:
+    def __init__(
+        self,
+        operator: OperatorNode,
+        setting: Setting,
+        take: Callable[[Record], None],
+        requests: Publisher | None = None,
+    ) -> None:
         self._operator, self._setting, self._take = operator, setting, take
         self._identity = secrets.token_hex(8)
         self._name = f'process {os.getpid()} on {socket.gethostname()}'
         self._answers: dict[str, dict[str, object]] = {}
         self._blocks: deque[tuple[int, Block]] = deque()
         self._heard_s = dict.fromkeys(setting.axes, time.monotonic())
-        self._requests = SCOPE_REQUEST.publisher(operator)
-        self._asked_s = 0.0
-        SCOPE_ANSWER.subscription(operator, self._on_answer)
-        for axis in setting.axes:
-            SCOPE_SAMPLES.subscription(operator, self._receiver(axis), DRIVES[axis])
+        self._requests = requests or SCOPE_REQUEST.publisher(operator)
+        self._asked_s = -AGAIN_S
+        self._subscriptions = [
+            SCOPE_ANSWER.subscription(operator, self._on_answer),
+            *(
+                SCOPE_SAMPLES.subscription(operator, self._receiver(axis), DRIVES[axis])
+                for axis in setting.axes
+            ),
+        ]
 
     def _on_answer(self, message: String) -> None:
         with suppress(ValueError, RecursionError, TypeError, KeyError):
@@ -115,38 +130,77 @@ class ScopeClient:
         self._ask(arm=False)
         self._operator.spin_for(PARTING_S)
 
-    def arm(self, timeout_s: float) -> Acquisition:
-        """Arm the drives; return what takes their samples. Raises ProgramError or RunError."""
-        operator, axes = self._operator, [DRIVES[axis] for axis in self._setting.axes]
-        operator.wait_until(
-            lambda: (
-                self._requests.get_subscription_count() >= len(DRIVES)
-                and all(operator.count_publishers(SCOPE_SAMPLES.of(axis)) for axis in axes)
-            ),
-            'drives with an oscilloscope',
-            timeout_s,
+    def leave(self) -> None:
+        """Do the same without a wait, in a process that goes on: nothing is listened to any more."""
+        self._ask(arm=False)
+        for subscription in self._subscriptions:
+            self._operator.destroy_subscription(subscription)
+
+    # who has other things to do meanwhile calls these again and again -------------------------------------------------
+
+    @property
+    def reaches_drives(self) -> bool:
+        """Whether all drives listen, and those that are asked have an oscilloscope."""
+        axes = (DRIVES[axis] for axis in self._setting.axes)
+        return self._requests.get_subscription_count() >= len(DRIVES) and all(
+            self._operator.count_publishers(SCOPE_SAMPLES.of(axis)) for axis in axes
         )
-        self._ask()
 
-        def answered() -> bool:
-            if time.monotonic() - self._asked_s > AGAIN_S:
-                self._ask()
-            return all(axis in self._answers for axis in axes)
+    def armed(self) -> Acquisition | None:
+        """Ask the drives; return what takes their samples, None as long as one has not answered.
 
-        operator.wait_until(answered, 'answer of the oscilloscope')
+        Raises
+        ------
+        ProgramError
+            A drive refuses.
+
+        """
+        if time.monotonic() - self._asked_s > AGAIN_S:
+            self._ask()
+        axes = [DRIVES[axis] for axis in self._setting.axes]
         for answer in self._answers.values():
             if not answer['armed']:
                 raise ProgramError(str(answer['refusal']))
+        if not all(axis in self._answers for axis in axes):
+            return None
         period_s = float(self._answers[axes[0]]['period_s'])  # type: ignore[arg-type]
         setting = replace(self._setting, sample_time_s=self._setting.decimation * period_s)
+        self._heard_s = dict.fromkeys(self._setting.axes, time.monotonic())
         return Acquisition(setting, self._take)
+
+    def take_in(self, acquisition: Acquisition) -> None:
+        """Give an acquisition the samples that have come; raises RunError if they are lost, or do not come at all."""
+        while self._blocks and not acquisition.done:
+            acquisition.add(*self._blocks.popleft())
+        now = time.monotonic()
+        if now - self._asked_s > AGAIN_S:
+            self._ask()
+        for axis, heard_s in self._heard_s.items():
+            if now - heard_s > SILENT_S:
+                raise RunError(
+                    f'{DRIVES[axis]} has told nothing for {SILENT_S:g} s while {awaited(acquisition)}: is its robot '
+                    'still up, and in cyclic operation?'
+                )
+
+    # who has nothing else to do waits ---------------------------------------------------------------------------------
+
+    def arm(self, timeout_s: float) -> Acquisition:
+        """Arm the drives; return what takes their samples. Raises ProgramError or RunError."""
+        self._operator.wait_until(lambda: self.reaches_drives, NO_DRIVES, timeout_s)
+        found: list[Acquisition] = []
+
+        def answered() -> bool:
+            found.extend(filter(None, [self.armed()]))
+            return bool(found)
+
+        self._operator.wait_until(answered, NO_ANSWER)
+        return found[0]
 
     def follow(
         self, acquisition: Acquisition, timeout_s: float, show: Callable[[str], None] = lambda _: None
     ) -> None:
         """Take samples until everything is there that was asked for; raises RunError."""
         trigger, begun_s = acquisition.setting.trigger, time.monotonic()
-        awaited = f'{trigger.sentence} was awaited' if trigger else 'it was recorded'
         self._heard_s = dict.fromkeys(self._setting.axes, begun_s)
         show(f'waiting for {trigger.sentence}' if trigger else 'recording')
         records = 0
@@ -155,21 +209,18 @@ class ScopeClient:
                 self._operator.spin_for(LOOK_S)
             except RunInterruptedError as error:
                 if acquisition.setting.mode is Mode.SINGLE or (trigger and not acquisition.records):
-                    raise RunInterruptedError(f'{error} while {awaited}') from None
+                    raise RunInterruptedError(f'{error} while {awaited(acquisition)}') from None
                 acquisition.finish()
                 return
-            while self._blocks and not acquisition.done:
-                acquisition.add(*self._blocks.popleft())
+            self.take_in(acquisition)
             now = time.monotonic()
-            if now - self._asked_s > AGAIN_S:
-                self._ask()
             if acquisition.records != records:
                 records, begun_s = acquisition.records, now
-            for axis, heard_s in self._heard_s.items():
-                if now - heard_s > SILENT_S:
-                    raise RunError(
-                        f'{DRIVES[axis]} has told nothing for {SILENT_S:g} s while {awaited}: is its robot still up, '
-                        'and in cyclic operation?'
-                    )
             if not acquisition.triggered and now - begun_s > timeout_s:
-                raise RunError(f'the trigger never came: {awaited} for {timeout_s:g} s')
+                raise RunError(f'the trigger never came: {awaited(acquisition)} for {timeout_s:g} s')
+
+
+def awaited(acquisition: Acquisition) -> str:
+    """Return what went on meanwhile, for a sentence."""
+    trigger = acquisition.setting.trigger
+    return f'{trigger.sentence} was awaited' if trigger else 'it was recorded'

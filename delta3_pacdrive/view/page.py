@@ -20,6 +20,7 @@ from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
 from delta3_pacdrive.view.history import History
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
+from delta3_pacdrive.view.scope_panel import ScopePanel
 from delta3_pacdrive.view.serving import Place, own_pages_only
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
@@ -69,6 +70,7 @@ class Page:
         self.url, self._place = place.url, place
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
+        self.scope: ScopePanel | None = None
         self._tcp_m: Floats | None = None
         self._instant: Instant | None = None
         self._history = History(round(HISTORY_S * PICTURES_HZ), COLUMNS)
@@ -163,6 +165,11 @@ class Page:
         """Let people ask for something: ``wishes`` fills."""
         with self.top:
             self.controls = Controls(self.server.gui, self.wishes.append)
+
+    def add_scope(self) -> None:
+        """Let people look into the drives: ``wishes`` fills."""
+        with self.middle:
+            self.scope = ScopePanel(self.server.gui, self.wishes.append)
 
     def stand_still(self) -> None:
         """Show nothing that only a robot that moves has: no plots, no bars, no ghost, no paths."""
@@ -265,6 +272,15 @@ class Page:
         """Answer a wish; what is refused is also shown where nobody overlooks it."""
         if self.controls is not None:
             self.controls.tell(sentence, refused)
+        self._notify(sentence, refused)
+
+    def tell_of_scope(self, sentence: str, refused: bool = False) -> None:
+        """Say how it goes with the oscilloscope, in the same way."""
+        if self.scope is not None:
+            self.scope.tell(sentence, refused)
+        self._notify(sentence, refused)
+
+    def _notify(self, sentence: str, refused: bool) -> None:
         if refused:
             for client in self.server.get_clients().values():
                 client.add_notification('Refused', sentence, color='red', auto_close_seconds=8.0)

@@ -1,5 +1,6 @@
 """Plots over time of the last seconds, in a panel below the picture."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
-COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b')
+COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b', '#c2255c', '#7048e8', '#0b7285', '#a86b00', '#5c677d')
 LINE = '#868e96'  # of axes and grids: it can be read on white and on black
 WIDTH, HEIGHT = 470, 130
 # name: first column, names of the series, unit
@@ -84,7 +85,7 @@ class Plots:
         self._panel = panel = gui.add_panel()
         for name, (_, series, unit) in PLOTS.items():
             with panel.add_tab(name):
-                self._charts[name] = _chart(gui, series, unit)
+                self._charts[name] = chart(gui, series, unit)
         panel.float(x=10, y=-10, width=WIDTH, height=HEIGHT + 100)
         self._newest_s = np.nan
 
@@ -103,10 +104,11 @@ class Plots:
             self._charts[name].data = (time_s, *columns)
 
 
-def _chart(gui: Any, names: tuple[str, ...], title: str) -> Any:
+def chart(gui: Any, names: Sequence[str], title: str, time: str = 't [s]') -> Any:
+    """Add a chart of series over time, without data, to what is being added to; return its handle."""
     nothing = tuple(np.zeros(2) for _ in range(1 + len(names)))
     series = (
-        {'label': 't [s]'},
+        {'label': time},
         *(
             {'label': name, 'stroke': colour, 'width': 1.5}
             for name, colour in zip(names, COLOURS, strict=False)

@@ -122,8 +122,8 @@ class Wish:
     action
         As ``delta3 move`` has it; besides ``packaged`` (name of a program), ``program`` (its text), ``step`` (a
         direction such as +x, a distance [mm] and a speed [mm/s]), ``press`` (a beat of a button that is held: direction
-        and speed), ``jog`` (number of the press that sets off), ``inject`` (a fault in YAML), ``teach`` (a name) and
-        ``forget``.
+        and speed), ``jog`` (number of the press that sets off), ``inject`` (a fault in YAML), ``teach`` (a name),
+        ``forget``, ``scope`` (what an oscilloscope is to record, as ``scope_panel`` reads it) and ``end_scope``.
     text
         What belongs to it.
     by_force

@@ -13,13 +13,20 @@ import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER.parents[1] / 'test/support'))
 
 from browser import Visit, chromium  # noqa: E402
+from delta3_pacdrive import load_parameters, load_program, simulation  # noqa: E402
 from delta3_pacdrive.cli.main import main  # noqa: E402
+from delta3_pacdrive.recording.acquisition import Acquisition, setting  # noqa: E402
+from delta3_pacdrive.view.page import Page  # noqa: E402
+from delta3_pacdrive.view.scope_panel import caption  # noqa: E402
+from delta3_pacdrive.view.serving import HOST, held  # noqa: E402
+from delta3_pacdrive.view.values import Facts, Instant  # noqa: E402
 
 # the animation of a pick cycle
 FRAMES, SLOWER = 36, 3.0
@@ -52,6 +59,11 @@ DRAW_ROUND = """([count, width, height, finer]) => {
   }
   return [frames, last - first];
 }"""
+
+# charts get their width when they are seen
+WIDE_CHARTS = (
+    "(count) => [...document.querySelectorAll('.uplot canvas')].filter((c) => c.width > 300).length >= count"
+)
 
 
 @contextmanager
@@ -110,6 +122,49 @@ def view(browser, _, picture):
             process.send_signal(signal.SIGINT)
 
 
+def scope(browser, _, picture):
+    """Take the page of a robot whose oscilloscope has caught the begin of a program; its samples are a simulation's."""
+    robot, records = load_parameters(), []
+    names = ['axis1.current_reference', 'axis1.current', 'axis1.speed_reference', 'axis1.speed']
+    asked = setting(robot, names, 16_000.0, 0.2, 'program', pre_trigger_s=0.02)
+    trace = simulation.run(load_program('experiment1', robot), robot, Acquisition(asked, records.append))
+    (record,) = records
+    ends_s = record.time_s[-1]
+    with held(HOST, None) as place:
+        page = Page(robot, place, 'Delta-3 in /')
+    try:
+        page.add_controls()
+        page.add_scope()
+        with Visit(browser, page.url, height=1000) as visit:
+            visit.page.get_by_text('Oscilloscope', exact=True).click()
+            visit.page.locator('input[value^="axis1.current_ref"]').fill(', '.join(names))
+            visit.page.get_by_label('duration s').fill('0.2')
+            page.read(Facts(state='moving', enabled=True, in_torque=True, phase='CP4', bus_time_s=ends_s))
+            *earlier, last = [
+                Instant(
+                    time_s,
+                    *(trace[name][row] for name in ('arm_angle', 'following_error')),
+                    robot.motor.torque_constant_n_m_a * trace['current'][row],
+                    trace['current'][row],
+                )
+                for row, time_s in enumerate(trace.time_s[: np.searchsorted(trace.time_s, ends_s)])
+            ]
+            for instant in earlier:
+                page.show(instant)
+            visit.page.wait_for_timeout(1000)  # plots are drawn once in a while
+            page.show(last)
+            page.scope.show(record)
+            page.scope.tell(caption(record))
+            visit.page.get_by_text('0 is bus time').first.wait_for()
+            visit.page.evaluate('document.getElementById("webgl-software-rendering")?.remove()')
+            visit.page.wait_for_function(WIDE_CHARTS, arg=3)
+            visit.page.get_by_label('rate Hz').click()  # as soon as nothing covers it
+            visit.page.wait_for_timeout(1000)
+            visit.page.screenshot(path=picture)
+    finally:
+        page.close()
+
+
 def pick_cycle(browser, scratch, picture):
     """Take one round of a pick cycle, slowed down, that goes on and on."""
     with report_page(browser, scratch) as visit:
@@ -131,7 +186,7 @@ def pick_cycle(browser, scratch, picture):
     )
 
 
-PICTURES = {'report.png': report, 'view.png': view, 'pick_cycle.webp': pick_cycle}
+PICTURES = {'report.png': report, 'view.png': view, 'scope.png': scope, 'pick_cycle.webp': pick_cycle}
 
 if __name__ == '__main__':
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER

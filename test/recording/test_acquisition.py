@@ -93,11 +93,15 @@ def test_no_event_between_two_records_is_missed(size, robot):
 
 
 def test_rolling_keeps_the_newest(robot):
-    records, acquisition = recorded(robot, 300, mode='rolling')
+    records, acquisition = recorded(robot, 310, mode='rolling')
     assert not records
+    before = acquisition.newest()
     acquisition.finish()
     (record,) = records
-    assert (record.first, len(record.values)) == (1700, 300)
+    assert (record.first, len(record.values)) == (1690, 310)
+    assert before.first == record.first
+    assert np.array_equal(before.values, record.values)
+    assert Acquisition(record.setting, records.append).newest() is None
 
 
 def test_what_the_end_cuts_short_is_a_record_and_an_event_that_never_came_is_none(robot):

@@ -89,6 +89,8 @@ class Cell:
     def tell(self, sentence: str, refused: bool = False) -> None:
         self.told.append((sentence, refused))
 
+    tell_of_scope = tell
+
     def show(self, _: Any) -> None:
         pass
 
@@ -348,7 +350,11 @@ def test_a_page_can_name_no_file_of_this_machine(cell: Cell, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ('action', 'text'), [('press', '+w 10'), ('press', 'x'), ('step', '+x a b'), ('step', '')]
+    ('action', 'text'),
+    [
+        *(('press', '+w 10'), ('press', 'x'), ('step', '+x a b'), ('step', '')),
+        *(('scope', ''), ('scope', '[]'), ('scope', '{"channels": 3}'), ('scope', '[' * 100_000)),
+    ],
 )
 def test_whatever_a_page_asks_for_does_not_end_the_view(cell: Cell, action: str, text: str) -> None:
     cell.click(0.5, action, text)

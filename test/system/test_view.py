@@ -186,3 +186,23 @@ def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_l
     sentence = 'error: no robot is up in namespace /nobody (delta3 up)'
     assert done.stderr.splitlines()[-1] == sentence
     assert 'Traceback' not in done.stderr
+
+
+def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_drive(
+    url: str, browser: Any, start_delta3: Any
+) -> None:
+    with Visit(browser, url, height=1000) as visit:
+        visit.page.get_by_text('idle', exact=True).first.wait_for()
+        visit.page.get_by_text('Oscilloscope', exact=True).click()
+        press(visit, 'Record')
+        visit.page.get_by_text('8000 samples of 2 channels at 16000 Hz').first.wait_for()
+        other = start_delta3('scope', 'axis1.current', '--trigger', 'fault')
+        assert other.stderr.readline() == 'waiting for a fault of a drive\n'
+        press(visit, 'Record')
+        visit.page.get_by_text('the oscilloscope of axis1 is in use by process').first.wait_for()
+        status, errors = ended(other)
+        assert 'while a fault of a drive was awaited' in errors
+        assert status == 130
+        press(visit, 'Record')
+        # above the charts, and beside the fields instead of the refusal
+        visit.page.get_by_text('8000 samples of 2 channels at 16000 Hz').nth(1).wait_for()
