@@ -46,6 +46,10 @@ class TuningError(Delta3Error, ValueError):
     """A tuning that is asked for what its input, its load or its settings do not allow."""
 
 
+class LearnedError(Delta3Error, ValueError):
+    """Learned torques that cannot be read, do not fit what is driven, or cannot be learned."""
+
+
 class FigureError(Delta3Error, OSError):
     """Figures that cannot be written."""
 

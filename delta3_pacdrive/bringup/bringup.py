@@ -247,11 +247,13 @@ class Bringup:
         missed = None
         if self._planned and 'final_tcp_m' in figures:
             missed = arrival.why_not_arrived(figures['final_tcp_m'], self._planned.plan.end_m().tolist())
+        unlearned = progress.get('unlearned')
+        dropped = [f'learned torques were not followed: {unlearned}'] if unlearned else []
         return {
             'ok': missed is None,
             **({'error': missed} if missed else {}),
             'program': self._planned.name if self._planned else '',
-            'notices': [*(self._planned.notices if self._planned else ()), *self.notes],
+            'notices': [*(self._planned.notices if self._planned else ()), *dropped, *self.notes],
             'program_s': self._planned.plan.duration_s if self._planned else 0.0,
             'repeat': self._planned.repeat if self._planned else 1,
             'ready_s': round(self.ready_s, 3),

@@ -10,8 +10,8 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.motion import learned, program_planner
 from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
 
 
@@ -30,6 +30,7 @@ class Options:
     markers: bool = False  # whether the robot is shown in RViz and Foxglove by markers as well
     joint_motion: bool = False  # whether the task tells joint motion through the Jacobian
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
+    learned: Path | None = None  # file of torques for the program, or for one that is moved
     view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
 
 
@@ -50,8 +51,11 @@ def check_options(
         ) from None
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
+    torques = learned.load(options.learned) if options.learned is not None else None
     if options.program is None:
         return robot, None, None
     program = programs.load(options.program, robot.motion)
     robot = simulation.placed(robot, program)
+    if torques is not None:
+        torques.require(simulation.plan_of(program, robot).plan, robot, str(options.learned))
     return robot, program, program_planner.plan(program, robot.motion.home_m, robot)

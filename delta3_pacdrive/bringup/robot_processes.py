@@ -80,7 +80,9 @@ class RobotProcesses:
             **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in AXES},
             'transformation_task': (
                 TransformationTaskNode,
-                task | ({'wait_for_program': True} if program else {}),
+                task
+                | ({'wait_for_program': True} if program else {})
+                | ({'learned': str(options.learned)} if options.learned else {}),
             ),
         }
         planner = UnitRobotNode, {'program': str(program)} if program else {}
@@ -145,7 +147,8 @@ class RobotProcesses:
         for name, (node, values) in nodes.items():
             arguments = [*common, '-r', f'__node:={name}']
             for key, value in values.items():
-                arguments += ['-p', f'{key}:={value}']
+                if key != 'learned':  # dropped after a fault, such as a process that dies
+                    arguments += ['-p', f'{key}:={value}']
             self._restarts[name] = partial(respawn, name, node.__module__, arguments, self._log(name))
 
     def restart(self, process: ManagedProcess) -> bool:

@@ -36,6 +36,7 @@ COMMANDS = {
     'calibrate': 'how each arm is built, from measured places of the TCP; poses, parameters, zero angles',
     'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
+    'learn': 'the torques that a program still lacks, from repetitions of it, for simulate and run',
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'completion': 'print what a shell needs to complete all of this',
     'bench': 'measure (graph, motion, simulate, kinematics)',

@@ -27,6 +27,10 @@ class GraphOptions(NodeOptions, RobotOptions):
     single_process: bool = flag('all nodes in one process')
     ordinary_priority: bool = flag('no real-time scheduling even where it is permitted')
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
+    learned: str | None = option(
+        'follow the torques that delta3 learn has found for this program; they are refused, or dropped, with any other',
+        'FILE',
+    )
     markers: bool = flag('also show the robot as markers for RViz and Foxglove, and tell bus time as /clock')
     joint_motion: bool = flag(
         'also tell joint speeds and accelerations through the Jacobian, and its condition, in every cycle: topics '
@@ -106,6 +110,7 @@ def bring_up(
             markers=options.markers,
             joint_motion=options.joint_motion,
             logs=logs,
+            learned=Path(options.learned).absolute() if options.learned else None,
             view=page,
         )
         bringup = Bringup(asked, started_s)

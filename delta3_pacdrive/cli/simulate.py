@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
@@ -14,6 +15,7 @@ from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.motion.learned import Learned
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.recording.trace import Trace
@@ -35,6 +37,10 @@ class Options(ReferenceOptions, ScopeOptions):
     )
     scope_output: str = option(
         'file of what --scope shows: .parquet, .csv or .npz', 'FILE', default='scope.csv', type=record_file
+    )
+    learned: str | None = option(
+        'follow the torques that delta3 learn has found for this program; they are refused with any other',
+        'FILE',
     )
     trace: str | None = option(
         'write every signal to this .npz, .csv or .parquet file', 'FILE', type=trace_file
@@ -77,6 +83,8 @@ class Options(ReferenceOptions, ScopeOptions):
             for one in ('--axis', '--load-inertia', '--load-torque', '--coupling', '--output'):
                 if one in self.given():
                     return f'{one} is for --one-motor: it says what a single motor drives'
+        elif self.learned is not None:
+            return '--learned is for the robot, so it is not for --one-motor'
         elif self.scope is not None:
             return '--scope looks into the drives of a robot, so it is not for --one-motor'
         if self.signals and (self.one_motor or not self.trace):
@@ -94,9 +102,9 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import run_comparison, trace_export
-    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.provenance import Provenance, digest
     from delta3_pacdrive.analysis.run_energy import energy_of_round
-    from delta3_pacdrive.motion import arrival
+    from delta3_pacdrive.motion import arrival, learned
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.recording import trace_file
 
@@ -111,10 +119,15 @@ def run(options: Options) -> int:
     with program_of(options) as chosen:
         program = programs.load(chosen.program, robot.motion)
     simulation.load_kernels(robot)
-    inputs = chosen.digests()
+    inputs, torques = chosen.digests(), None
+    if options.learned is not None:
+        torques = learned.load(options.learned)
+        placed = simulation.placed(robot, program)
+        torques.require(simulation.plan_of(program, placed).plan, placed, options.learned)
+        inputs.append(f'{options.learned} {digest(Path(options.learned))}')
     origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
     started = time.perf_counter()
-    trace, records = _simulated(options, program, robot, origin)
+    trace, records = _simulated(options, program, robot, origin, torques)
     wall = time.perf_counter() - started
     exact = None
     if robot.dynamics.arm_coupling == core.DECOUPLED:
@@ -158,7 +171,11 @@ def run(options: Options) -> int:
 
 
 def _simulated(
-    options: Options, program: 'Program', robot: 'Parameters', origin: 'Provenance'
+    options: Options,
+    program: 'Program',
+    robot: 'Parameters',
+    origin: 'Provenance',
+    torques: 'Learned | None',
 ) -> 'tuple[Trace, Records | None]':
     """Run a program, with oscilloscopes in the drives if they are asked for; raises Delta3Error."""
     from delta3_pacdrive import simulation
@@ -166,13 +183,15 @@ def _simulated(
 
     asked = trace_export.on_request(options.signals or ())
     if options.scope is None:
-        return simulation.run(program, robot, None, asked) if asked else simulation.run(program, robot), None
+        given = asked or torques is not None
+        more = (None, asked, torques) if given else ()
+        return simulation.run(program, robot, *more), None
     from delta3_pacdrive.recording.acquisition import Acquisition
 
     records = Records(options, options.scope_output, origin)
     setting = options.setting(options.scope, robot, all_of_it=True)
     acquisition = Acquisition(setting, records.take)
-    trace = simulation.run(program, robot, acquisition, asked)
+    trace = simulation.run(program, robot, acquisition, asked, torques)
     if not records.written:
         raise RunError(
             f'the trigger never came: {setting.trigger.sentence if setting.trigger else ""} was awaited until the end '
@@ -183,8 +202,6 @@ def _simulated(
 
 def _run_one_motor(options: Options) -> int:
     """Run the study of a single motor; return the exit status."""
-    from pathlib import Path
-
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.one_motor import report, run, study
     from delta3_pacdrive.cli.studies import conduct

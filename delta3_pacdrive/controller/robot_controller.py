@@ -20,6 +20,7 @@ from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
 from delta3_pacdrive.faults.schedule import Schedule
+from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos import master
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -60,6 +61,8 @@ class RobotController:
         Does what has to be done outside.
     now_s, now_ns
         Return the time: of a clock that never jumps [s], of day [ns].
+    learned
+        Torques that were learned for a program.
 
     Attributes
     ----------
@@ -82,13 +85,14 @@ class RobotController:
         port: Port,
         now_s: Callable[[], float],
         now_ns: Callable[[], int],
+        learned: Learned | None = None,
     ) -> None:
         bus, identity = parameters.bus, Identity.of(parameters)
         self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
         enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
         self._start_s: float | None = None  # of the first cyclic operation
-        self.task, self.axes = Transformation(parameters), AxisMonitor(parameters)
+        self.task, self.axes = Transformation(parameters, learned), AxisMonitor(parameters)
         self.bus = BusMaster(identity, self._locate)
         self.services = ServiceRequests(self.bus.channel_closed)
         self.state = RobotState(self, self.task, self.axes)
@@ -291,6 +295,7 @@ class RobotController:
             'overruns': cycles.scheduler.overruns,
             'slip_s': cycles.scheduler.slip_s,
             'lost_telegrams': cycles.answers.lost,
+            'unlearned': task.unlearned,
             'repeated_telegrams': cycles.answers.repeated,
         }
 

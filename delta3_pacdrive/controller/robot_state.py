@@ -170,6 +170,9 @@ class RobotState:
         self.actions.append(
             robot_actions.Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}')
         )
+        if self._task.learns:
+            followed = f'not followed: {self._task.unlearned}' if self._task.unlearned else 'followed'
+            self.actions.append(robot_actions.Said(f'learned torques are {followed}'))
         self._enter(Event.START)
         return None
 

@@ -10,6 +10,8 @@ Arguments of the kernels here:
     ``motion.execution.TimelineArrays``.
 ``tables``
     The plan: a ``motion.plan.Tables``.
+``corrections``
+    Learned torques [N m] from the cycle ``corrected_from`` of the state on, shape (n, 3); n = 0 for none.
 ``number``, ``over``
     Number of the move that is driven, and whether the program is over.
 ``motion``
@@ -53,6 +55,7 @@ STATE = np.dtype(
         ('event', 'i8'),  # next of the present move
         ('outputs', 'i8'),  # bit n = output n
         ('payload', 'f8'),  # gripped [kg]
+        ('corrected_from', 'i8'),
         ('tcp', 'f8', (3,)),  # commanded [m]
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
@@ -81,6 +84,7 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'set_point_delay': lambda p: p.set_point_delay_cycles,  # [cycles], of the actual TCP behind the command
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
     'sends_torque': lambda p: p.sends_torque,
+    'torque_max': lambda p: p.torque_max_n_m,
     'torque_lead': lambda p: p.drive.position_period_s + p.torque_dead_time_s,  # [s]: see feed_forward
     'gear_gives': lambda p: p.gear_gives,
     'gear_compliance': lambda p: p.gear_compliance_rad_n_m,  # arm side
@@ -137,7 +141,7 @@ def stand_at(theta: Floats, twist: Floats, tcp: Floats, state: np.void) -> None:
 
 
 @kernel
-def command_cycle(cycle, task, timeline):
+def command_cycle(cycle, task, timeline, corrections):
     """Fill the ``motors`` of the task, commands [rad] of a bus cycle; nan where the TCP is out of reach."""
     s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
     theta, has_angles = (0.0, 0.0, 0.0), False
@@ -168,6 +172,7 @@ def command_cycle(cycle, task, timeline):
         task[0].motors[i] = on_grid((theta[i] + twist[i]) * c.gear_ratio, c.increments_per_rad)
     if c.sends_torque != 0.0:
         feed_forward(cycle, task, timeline)
+        correct_torques(cycle - s.corrected_from, task, corrections)
 
 
 @kernel
@@ -247,6 +252,16 @@ def _coming_payload(cycle, task, timeline):
     if s.start_cycle <= cycle + 1:
         return _payload_at(cycle + 1, task, timeline)
     return s.payload
+
+
+@kernel
+def correct_torques(row, task, corrections):
+    """Add ``row`` of the learned torques to the ``torques`` of the task, as far as the motors can give their sum."""
+    if 0 <= row < corrections.shape[0]:
+        limit = task[0].constants.torque_max
+        for i in range(3):
+            torque = task[0].torques[i] + corrections[row, i]
+            task[0].torques[i] = min(max(torque, -limit), limit)
 
 
 @kernel

@@ -26,6 +26,7 @@ from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
+from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.motor import motor
@@ -46,6 +47,7 @@ MEASURED = (
 )  # fmt: skip
 # each makes the error some thousand times smaller: the weight hardly changes within a twist
 TWIST_ITERATIONS = 4
+FADE_CYCLES = 40  # in which learned torques go that are no longer followed
 DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 
 
@@ -71,6 +73,13 @@ class Figures:
 class Transformation:
     """The task makes the cyclic calculations of the controller; it knows bus cycles, no clock and no messages.
 
+    Parameters
+    ----------
+    parameters
+        Of the robot.
+    learned
+        Torques that are commanded with the plan that they were learned for.
+
     Attributes
     ----------
     record, state, motors, torques, answer
@@ -84,12 +93,16 @@ class Transformation:
         How often a plan has become longer while it was driven.
     enable_cycle, disable_cycle
         From which cycle on the drives are enabled, and no longer; ``NEVER`` for none.
+    corrections
+        Learned torques that are followed, or fade [N m], shape (n, 3).
+    unlearned
+        Why no learned torques are followed; empty while they are, or if there are none.
     current_peak, current_rms
         Of the motors in the program [A], by axis, as the drives have formed them of all samples; None: not known yet.
 
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, learned: Learned | None = None) -> None:
         self._parameters = parameters
         self.record = record = np.zeros(1, TASK)
         record['constants'], record['geometry'] = task_constants(parameters), geometry(parameters.kinematics)
@@ -104,6 +117,10 @@ class Transformation:
         self._coming: MotionProfile | None = None
         # a longer plan that is still to come, and how many moves it leaves out
         self._longer: tuple[Timeline, int] | None = None
+        self._learned = learned
+        self._misfit = ''  # why it is not for the program that is loaded
+        self.corrections: Floats = _NO_CORRECTIONS
+        self.unlearned = ''
         self.next_cycle = 0  # of the next command
         self.loaded = False
         self.extensions = 0
@@ -145,6 +162,8 @@ class Transformation:
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
         self.state['end_cycle'] = self.timeline.end_cycle
         self._drop_coming()
+        if self._learned is not None:
+            self._misfit = self._learned.refusal(plan, self._parameters)
         self.loaded = True
         state = self.state[0]
         state['start_cycle'] = NEVER
@@ -166,7 +185,31 @@ class Transformation:
             state[name] = 0
         self.current_peak, self.current_rms = [None] * 3, [None] * 3
         self._mark_measured()
+        self._follow_learned(cycle, override)
         return self.end_cycle
+
+    def _follow_learned(self, cycle: int, override: float) -> None:
+        if self._learned is None:
+            return
+        as_planned = override == 1.0
+        self.unlearned = self._misfit if self._misfit or as_planned else _OVERRIDDEN
+        self.corrections = _NO_CORRECTIONS if self.unlearned else self._learned.torques
+        self.state['corrected_from'] = cycle
+
+    def _unlearn(self, cycle: int, reason: str, for_good: bool = False) -> None:
+        """Let learned torques fade from a cycle on: what is driven is no longer what they are for."""
+        row = cycle - int(self.state['corrected_from'][0])
+        followed = row < len(self.corrections) and not self.unlearned
+        if self._learned is not None and (followed or for_good):
+            self.unlearned = reason
+        if for_good:
+            self._learned = None
+        if not followed:
+            return
+        left = self.corrections[row : row + FADE_CYCLES] if row >= 0 else _NO_CORRECTIONS
+        shares = 1.0 - np.arange(1, len(left) + 1) / FADE_CYCLES
+        self.corrections = left * shares[:, None]
+        self.state['corrected_from'] = cycle
 
     def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
         """Stop the master on its path from the next cycle on; return the motion profile of the stop.
@@ -200,6 +243,7 @@ class Transformation:
     def give_up(self) -> None:
         """Forget program, stop and enabling: there are no more cycles."""
         self.unload()
+        self._unlearn(self.next_cycle, _FAULT, for_good=True)
         self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
         self._stop_hard = False
 
@@ -207,6 +251,7 @@ class Transformation:
         hard, self._stop_hard = self._stop_hard, False
         self._stop_cycle = NEVER
         self._drop_coming()  # who stands stays so
+        self._unlearn(cycle, _FAULT, for_good=True)
         if self.enable_cycle > cycle:
             self.enable_cycle = NEVER
         if self.loaded and cycle < int(self.state['start_cycle'][0]):
@@ -247,6 +292,7 @@ class Transformation:
         self.state['move'] -= left_out
         self.state['end_cycle'] = self.timeline.end_cycle
         self._mark_measured()
+        self._unlearn(cycle, 'the program has become longer')
         self.extensions += 1
 
     def _drop_coming(self) -> None:
@@ -263,6 +309,7 @@ class Transformation:
 
     def _follow(self, profile: MotionProfile) -> None:
         self.timeline.change(profile)
+        self._unlearn(profile.cycle, 'the program is driven otherwise than planned')
         self.state['end_cycle'] = self.timeline.end_cycle
         self._mark_measured()
 
@@ -272,6 +319,8 @@ class Transformation:
 
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
+        over = self.next_cycle >= self.end_cycle
+        self._unlearn(self.next_cycle, '' if over else 'the program was given up')
         self._drop_coming()
         self.loaded = False
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
@@ -295,6 +344,11 @@ class Transformation:
     def moves(self) -> int:
         """Number of moves of the last program that was loaded."""
         return len(self.timeline.plan) if self.timeline.plan is not _NO_PLAN else 0
+
+    @property
+    def learns(self) -> bool:
+        """Whether there are learned torques, for this program or for another one, or a fault has dropped them."""
+        return self._learned is not None or bool(self.unlearned)
 
     @property
     def outputs(self) -> int:
@@ -335,7 +389,7 @@ class Transformation:
             self._stop(cycle)
         if cycle >= self.disable_cycle:
             self.enable_cycle = self.disable_cycle = NEVER
-        command_cycle(cycle, self.record, self.timeline.arrays)
+        command_cycle(cycle, self.record, self.timeline.arrays, self.corrections)
         self.next_cycle = cycle + 1
         return self.motors
 
@@ -379,5 +433,8 @@ class Transformation:
         )
 
 
+_NO_CORRECTIONS: Floats = np.zeros((0, 3))
+_FAULT = 'a fault has dropped them'
+_OVERRIDDEN = 'they belong to an override of 100 %'
 # before the first program: the types that the compiled code knows
 _NO_PLAN = Plan.of([Move(MoveKind.DWELL, rest(1.0), point((0.0, 0.0, 0.0)).segments)])

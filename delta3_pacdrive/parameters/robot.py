@@ -74,6 +74,12 @@ class Parameters:
         return drive.current_reference_filter_s + lag_s
 
     @property
+    def torque_max_n_m(self) -> float:
+        """Largest torque of a motor [N m]: by its peak current, or as its drive limits it (S-0-0092)."""
+        motor = self.motor
+        return min(motor.peak_current_a * motor.torque_constant_n_m_a, self.drive.torque_limit_n_m)
+
+    @property
     def following_error_delay_cycles(self) -> float:
         """Dead time of the following error [cycles]: feedback and set point, unless it was prescribed."""
         prescribed = self.motion.following_error_delay_cycles

@@ -1,6 +1,6 @@
 """All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
 
-from delta3_pacdrive.simulation.run import placed, run
+from delta3_pacdrive.simulation.run import placed, plan_of, run
 from delta3_pacdrive.simulation.warm_up import (
     KERNELS,
     compile_kernels,
@@ -9,4 +9,13 @@ from delta3_pacdrive.simulation.warm_up import (
     rehearse_parts,
 )
 
-__all__ = ['KERNELS', 'compile_kernels', 'load_kernels', 'placed', 'rehearse', 'rehearse_parts', 'run']
+__all__ = [
+    'KERNELS',
+    'compile_kernels',
+    'load_kernels',
+    'placed',
+    'plan_of',
+    'rehearse',
+    'rehearse_parts',
+    'run',
+]

@@ -95,7 +95,7 @@ def note_answers(cycle, answers, task, signals):
 
 
 @kernel
-def run_stretch(cycles, control, task, timeline, robot, built, currents, signals):
+def run_stretch(cycles, control, task, timeline, corrections, robot, built, currents, signals):
     """Run bus cycles of motion alone, up to one in which a status word changes.
 
     Parameters
@@ -104,7 +104,7 @@ def run_stretch(cycles, control, task, timeline, robot, built, currents, signals
         First bus cycle, and the one after the last, shape (2,).
     control
         Control word S-0-0134 of all of them.
-    task, timeline
+    task, timeline, corrections
         What ``command_cycle`` takes.
     robot, built, currents
         What ``robot_cycle`` takes.
@@ -122,7 +122,7 @@ def run_stretch(cycles, control, task, timeline, robot, built, currents, signals
     c, r = task[0], robot[0]
     before = triple(r.status)
     for k in range(first, end):
-        command_cycle(k, task, timeline)
+        command_cycle(k, task, timeline, corrections)
         note_command(k, c.motors, c.torques, r.plant, signals)
         for i in range(3):
             r.torques[i] = c.torques[i]
@@ -236,7 +236,7 @@ class SimulatedOperation:
         self._make_room(after)
         robot.received[:] = 1
         machine = robot.record, robot.plant.built, robot.currents
-        command = task.control(cycle), task.record, task.timeline.arrays
+        command = task.control(cycle), task.record, task.timeline.arrays, task.corrections
         reached = int(run_stretch((cycle, after), *command, *machine, self._signals))
         axes.accept_cycles(reached - cycle, robot.answers, status.tolist())
         if reached == after:

@@ -8,6 +8,7 @@ import numpy as np
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import plan_times, program_planner
+from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.plant.decoupled import require_stable
@@ -34,11 +35,34 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     return parameters.replace(motion__home_m=program.start_m)
 
 
+def plan_of(
+    program: Program, parameters: Parameters, machine: Parameters | None = None
+) -> program_planner.Planned:
+    """Return the plan of a program as ``run`` makes it; raises ProgramError.
+
+    Parameters
+    ----------
+    program
+        What is driven.
+    parameters
+        Of the robot, as ``placed`` returns them.
+    machine
+        Of the robot, where the controller takes it for another one: its encoders say where it stands.
+
+    """
+    robot = Robot(parameters if machine is None else machine)
+    return program_planner.plan(
+        program, Transformation(parameters).locate(robot.encoder_positions()), parameters
+    )
+
+
 def run(
     program: Program,
     parameters: Parameters,
     acquisition: Acquisition | None = None,
     signals: Sequence[str] = (),
+    learned: Learned | None = None,
+    machine: Parameters | None = None,
 ) -> Trace:
     """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
 
@@ -53,6 +77,10 @@ def run(
     signals
         Held on request, beside the usual ones, which are the same: ``payload``, ``outputs``, ``lost_telegrams``, and
         ``drive_`` with the name of a channel of the drives.
+    learned
+        Torques that the controller commands beside those of its model; for another plan they are none.
+    machine
+        Of the robot, where the controller takes it for another one.
 
     Returns
     -------
@@ -70,8 +98,9 @@ def run(
 
     """
     parameters = placed(parameters, program)
-    robot = Robot(parameters) if acquisition is None else ScopedRobot(parameters, acquisition)
-    task = Transformation(parameters)
+    built = parameters if machine is None else placed(machine, program)
+    robot = Robot(built) if acquisition is None else ScopedRobot(built, acquisition)
+    task = Transformation(parameters, learned)
     tcp = task.locate(robot.encoder_positions())
     planned = program_planner.plan(program, tcp, parameters)
     gripped = [change['payload_kg'] for change in plan_times.output_changes(planned.plan)]
@@ -97,6 +126,7 @@ def run(
         'stop_source': operation.stop_source,
         'stop_cycle': operation.stop_cycle if operation.stopped else None,
         'lost_telegrams': operation.lost,
+        'unlearned': task.unlearned,
         'drive_status': operation.drive_status,
     }
     return Trace(

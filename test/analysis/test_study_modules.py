@@ -18,7 +18,16 @@ def body(node):
 
 
 def test_every_study_is_looked_at():
-    assert RUN == ['calibration', 'estimation', 'experiments', 'jacobian', 'one_motor', 'ripple', 'tuning']
+    assert RUN == [
+        'calibration',
+        'estimation',
+        'experiments',
+        'jacobian',
+        'learning',
+        'one_motor',
+        'ripple',
+        'tuning',
+    ]
     assert set(RUN) <= set(WITH_DATA)
 
 

@@ -17,6 +17,7 @@ from delta3_pacdrive.cli.main import main
         ('estimate', 'experiment1', '--output', '{}'),
         ('estimate', '--measurement', '{}/trace.npz'),
         ('ripple', '--output', '{}'),
+        ('learn', '--parameters', 'model', '--output', '{}'),
     ],
 )
 def test_what_a_study_cannot_write_is_refused_before_anything_is_computed(

@@ -22,6 +22,7 @@ from delta3_pacdrive.controller.robot_actions import Answered, Asked, Followed
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
+from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -49,12 +50,17 @@ class Rig:
 
     """
 
-    def __init__(self, robot: Parameters, plan: Callable[[Job], Result] | None = None) -> None:
+    def __init__(
+        self,
+        robot: Parameters,
+        plan: Callable[[Job], Result] | None = None,
+        learned: Learned | None = None,
+    ) -> None:
         self.robot = robot
         self.now_s = 0.0
         self.next_cycle = self.answered = self.holds_until = 0
         self.in_cyclic_operation = True
-        self.task, self.axes = Transformation(robot), AxisMonitor(robot)
+        self.task, self.axes = Transformation(robot, learned), AxisMonitor(robot)
         theta = kinematics.inverse(np.array(robot.motion.home_m), robot.kinematics)
         self.axes.positions[:] = theta * robot.dynamics.gear_ratio
         self.axes.status = [READY] * 3

@@ -180,6 +180,16 @@ def test_feed_forward_of_the_model(run):
     assert torque == pytest.approx(0.78 * peak[3], rel=0.05)
 
 
+def test_learn_a_program(run):
+    _, (*repetitions, (largest, rms)) = run('learn_a_program')
+    numbers, errors, rms_errors = np.array(repetitions).T
+    assert list(numbers) == list(range(len(numbers)))
+    assert errors[0] == pytest.approx(66.0, abs=0.5)
+    assert errors[0] > 15.0 * largest
+    assert rms_errors[0] > 25.0 * rms
+    assert rms == min(rms_errors)
+
+
 def test_fit_a_parameter(run):
     text, lines = run('fit_a_parameter')
     errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]

@@ -18,7 +18,9 @@ from sensor_msgs.msg import JointState
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import derived_signals, runs, trace_export
 from delta3_pacdrive.analysis.run_energy import energy_of_round
+from delta3_pacdrive.motion import learned as learned_torques
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.learned import Learned, Origin
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bag_reader import open_bag
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION
@@ -273,6 +275,31 @@ def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
     first = np.flatnonzero((commands != commands[0]).any(axis=1))[0]
     moving = np.flatnonzero((expected != expected[0]).any(axis=1))[0]
     np.testing.assert_array_equal(commands[first - moving :][: len(expected)], expected)
+
+
+def test_learned_torques_give_the_bits_of_their_simulation(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    robot = parameters.load('model')
+    program = programs.load('experiment1', robot.motion)
+    placed = simulation.placed(robot, program)
+    plan = simulation.plan_of(program, placed).plan
+    waves = 0.1 * np.sin(np.arange(500)[:, None] / np.array([7.0, 11.0, 13.0]))
+    learned = Learned(waves, Origin.of('experiment1', plan, placed))
+    file = learned_torques.save(learned, tmp_path / 'learned.npz')
+    simulated = simulation.run(program, robot, learned=learned)
+    options = ['--real-time-factor', '0', '--parameters', 'model', '--learned', str(file)]
+    recorded, result = _run(delta3, tmp_path / 'bag', *options)
+    _assert_same(simulated, recorded, result)
+    cycles = len(simulated.time_s)
+    commanded = recorded['torque_command'][:cycles]
+    np.testing.assert_array_equal(commanded, simulated['torque_command'])
+    assert np.abs(commanded - simulation.run(program, robot)['torque_command']).max() > 0.09
+    refused = delta3('run', 'experiment2', *options)
+    assert refused.returncode == 1
+    assert refused.stderr.splitlines()[-1].startswith(
+        f'error: the learned torques of {file} do not fit: they belong'
+    )
 
 
 @pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])

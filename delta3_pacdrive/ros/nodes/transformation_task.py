@@ -16,6 +16,7 @@ from delta3_pacdrive.controller.cycle import Command
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.faults.fault import TASK, Fault
+from delta3_pacdrive.motion import learned
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import receive_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver
@@ -44,6 +45,8 @@ WAIT = descriptor(
 )
 JOINT_MOTION = descriptor('also publish joint_motion and jacobian in every cycle', 0, 1, bool)
 
+LEARNED = descriptor('file of learned torques, for the program that they belong to; empty: none', 0, 0, str)
+
 
 class TransformationTaskNode(PollingNode):
     """The node lets the controller of one robot take part in the graph.
@@ -64,6 +67,7 @@ class TransformationTaskNode(PollingNode):
             raise ParameterError(f'real_time_factor is {factor:g}, but must be 0 or at least {FACTOR_MIN:g}')
         wait_for_program = declare(self, 'wait_for_program', False, WAIT)
         joint_motion = declare(self, 'joint_motion', False, JOINT_MOTION)
+        path = declare(self, 'learned', '', LEARNED)
         parameters = declare_robot(self, 'transformation_task')
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
@@ -71,7 +75,15 @@ class TransformationTaskNode(PollingNode):
         clock = Clock(cycle_time_s)
         faults = Faults(self, TASK, lambda: controller.next_cycle, lambda: controller.bus.session)
         self.controller = controller = RobotController(
-            parameters, period_s, report_s, wait_for_program, faults, self, time.monotonic, time.time_ns
+            parameters,
+            period_s,
+            report_s,
+            wait_for_program,
+            faults,
+            self,
+            time.monotonic,
+            time.time_ns,
+            learned.load(path) if path else None,
         )
         self.stamp, self._cycles = clock.stamp, controller.cycles
         self.progress, self.statistics = controller.progress, controller.totals

@@ -1,0 +1,1 @@
+"""Learning: torques that a program still lacks, from repetitions of it (norm-optimal iterative learning control)."""

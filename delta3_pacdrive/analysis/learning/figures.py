@@ -1,0 +1,72 @@
+"""Figures of learning: the error from repetition to repetition, and over time, before and after."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.analysis.figure_style import (
+    AXIS_COLOURS,
+    COLOURS,
+    MUTED,
+    dress,
+    figure_of_program,
+    finish_over_time,
+    legend_above,
+)
+from delta3_pacdrive.analysis.report_folder import Drawings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from delta3_pacdrive.analysis.learning.study import Results
+
+REPETITIONS, ERRORS = NAMES = ('repetitions.png', 'before_and_after.png')
+
+
+def by_name(found: Results) -> Drawings:
+    """Return what draws each figure, by file name."""
+    return {ERRORS: partial(before_and_after, found), REPETITIONS: partial(repetitions, found)}
+
+
+def repetitions(found: Results) -> Figure:
+    """TCP error of each repetition; the one that is kept is marked."""
+    figure = figure_of_program('Learning', found.program, 3.4)
+    axes = figure.subplots()
+    numbers = [one.number for one in found.repetitions]
+    largest = [1e3 * one.tcp_error_max_m for one in found.repetitions]
+    rms = [1e3 * one.tcp_error_rms_m for one in found.repetitions]
+    axes.semilogy(numbers, largest, 'o-', color=COLOURS[0], label='largest')
+    axes.semilogy(numbers, rms, 's-', color=COLOURS[1], label='rms')
+    axes.axvline(found.best.number, color=MUTED, linewidth=0.8, zorder=0)
+    axes.set_xticks(numbers)
+    dress(axes, xlabel='repetition', ylabel='TCP error (mm)')
+    legend_above(axes)
+    return figure
+
+
+def before_and_after(found: Results) -> Figure:
+    """TCP error without and with the learned torques, and these torques."""
+    figure = figure_of_program('Before and after learning', found.program, 5.4)
+    panels = figure.subplots(3, 1, sharex=True)
+    for errors, label, colour in (
+        (found.before_m, 'before', MUTED),
+        (found.after_m, 'after', COLOURS[0]),
+    ):
+        size = 1e3 * np.linalg.norm(errors, axis=1)
+        panels[0].plot(found.time_s, size, color=colour, linewidth=0.9, label=label)
+    panels[1].plot(found.time_s, 1e3 * np.linalg.norm(found.after_m, axis=1), color=COLOURS[0], linewidth=0.9)
+    for axis, colour in enumerate(AXIS_COLOURS[:3]):
+        panels[2].plot(
+            found.time_s,
+            found.learned.torques[:, axis],
+            color=colour,
+            linewidth=0.9,
+            label=f'motor {axis + 1}',
+        )
+    finish_over_time(panels, ('TCP error (mm)', 'after (mm)', 'learned (N m)'))
+    legend_above(panels[0])
+    panels[2].legend(loc='upper right', frameon=False, fontsize=8, ncols=3)
+    return figure

@@ -1,0 +1,79 @@
+"""What learning comes to: tables and text for people, and as JSON."""
+
+from dataclasses import asdict
+from typing import Any
+
+from delta3_pacdrive.analysis.learning.study import Results, Settings
+from delta3_pacdrive.analysis.report_folder import Table
+
+LEARNED, TABLE, CONTRACTIONS = 'learned.npz', 'repetitions.csv', 'contractions.csv'
+
+
+def summary(found: Results, settings: Settings) -> dict[str, Any]:
+    """Return the results, ready for JSON."""
+    worst = max(found.contractions, key=lambda one: one.rate)
+    before = found.repetitions[0]
+    return {
+        'program': found.program,
+        'bandwidth_hz': settings.bandwidth_hz,
+        'change_weight': settings.change_weight,
+        'torque_weight': settings.torque_weight,
+        'contraction': asdict(worst),
+        'repetitions': [asdict(one) for one in found.repetitions],
+        'best': found.best.number,
+        'gain_max': before.tcp_error_max_m / found.best.tcp_error_max_m,
+        'gain_rms': before.tcp_error_rms_m / found.best.tcp_error_rms_m,
+        'at_end': found.at_end,
+        'origin': asdict(found.learned.origin),
+    }
+
+
+def tables(found: Results) -> list[Table]:
+    """Return the table of the repetitions, and that of the contractions."""
+    runs = [
+        {
+            'repetition': one.number,
+            'TCP error max [m]': one.tcp_error_max_m,
+            'TCP error rms [m]': one.tcp_error_rms_m,
+            'current peak [A]': one.current_peak_a,
+            'current rms [A]': one.current_rms_a,
+            'learned torque max [N m]': one.torque_max_n_m,
+        }
+        for one in found.repetitions
+    ]
+    loads = [
+        {
+            'masses': one.masses,
+            **{f'{name} [m]': value for name, value in zip('xyz', one.place_m, strict=True)},
+            'payload [kg]': one.payload_kg,
+            'rate': one.rate,
+            'frequency [Hz]': one.at_hz,
+        }
+        for one in found.contractions
+    ]
+    return [Table.of_rows(TABLE, runs), Table.of_rows(CONTRACTIONS, loads)]
+
+
+def text(document: dict[str, Any]) -> list[str]:
+    """Return the lines that people read: one for each repetition."""
+    worst = document['contraction']
+    lines = [
+        document['program'],
+        '',
+        f'{"repetition":>10} {"TCP error, max / rms":>22} {"current, peak / rms":>22} {"learned torque":>16}',
+    ]
+    for one in document['repetitions']:
+        error = f'{1e3 * one["tcp_error_max_m"]:.4f} / {1e3 * one["tcp_error_rms_m"]:.4f} mm'
+        current = f'{one["current_peak_a"]:.2f} / {one["current_rms_a"]:.2f} A'
+        mark = ' *' if one['number'] == document['best'] else ''
+        torque = f'{one["torque_max_n_m"]:.3f} N m'
+        lines.append(f'{one["number"]:>10} {error:>22} {current:>22} {torque:>16}{mark}')
+    return [
+        *lines,
+        '',
+        f'repetition {document["best"]} is kept: the error is {document["gain_max"]:.1f} times smaller, '
+        f'{document["gain_rms"]:.1f} times in rms; {document["at_end"]}',
+        f'a repetition leaves {worst["rate"]:.2f} of what there is to learn at most ({worst["at_hz"]:.0f} Hz, '
+        f'{100.0 * worst["masses"]:.0f} % of the masses, {worst["payload_kg"]:g} kg): it converges monotonically',
+        '',
+    ]

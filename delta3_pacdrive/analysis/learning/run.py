@@ -1,0 +1,224 @@
+"""Learning from its settings to its folder: responses, criterion, repetitions, and the file of what was learned."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis import study as studies
+from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.learning import figures, report
+from delta3_pacdrive.analysis.learning.lifted import AxisLearning, contraction
+from delta3_pacdrive.analysis.learning.responses import measured, with_masses
+from delta3_pacdrive.analysis.learning.study import Contraction, Repetition, Results, Settings
+from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.errors import LearnedError
+from delta3_pacdrive.motion import learned as torques_file
+from delta3_pacdrive.motion import plan_times
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.learned import Learned, Origin
+from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.trace import Trace
+
+MASS_SHARES = (1.0, 0.7, 1.3)  # of robots for which learning has to converge as well
+PLACES = 3  # on the path, where it has to
+RESPONSE_S = 0.2  # after which the learning takes an impulse response for over
+CYCLES_MAX = 30_000  # of a program: its matrices take 150 MB then
+LEAST_GAIN = 0.03  # of the rms error by a repetition, else it was the last
+SEED_MAX = 2**31
+
+
+@dataclass
+class Study(studies.Study):
+    """The study is what is learned of a program in a folder."""
+
+    settings: Settings
+    robot: core.Parameters = field(init=False)
+    machine: core.Parameters = field(init=False)
+    program: Program = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Read the parameters and the program; raises Delta3Error."""
+        chosen = self.settings
+        robot = core.load(chosen.parameters)
+        machine = robot if chosen.machine is None else core.load(chosen.machine)
+        self.program = programs.load(chosen.program, robot.motion)
+        if self.program.faults:
+            raise LearnedError(f'{chosen.program} injects faults: these would be learned')
+        if not robot.sends_torque:
+            raise LearnedError(
+                'torques are learned that the controller commands: control.feed_forward must be model, as with '
+                '--parameters model'
+            )
+        if machine.bus.cycle_time_s != robot.bus.cycle_time_s:
+            raise LearnedError('controller and machine need the same bus.cycle_time_s')
+        highest_hz = 0.5 / robot.bus.cycle_time_s
+        if chosen.bandwidth_hz > highest_hz:
+            raise LearnedError(
+                f'the bandwidth is {chosen.bandwidth_hz:g} Hz, a bus of {1e3 * robot.bus.cycle_time_s:g} ms has '
+                f'{highest_hz:g} Hz'
+            )
+        self.robot = simulation.placed(robot, self.program)
+        self.machine = simulation.placed(machine, self.program)
+
+    def run(self) -> dict[str, Any]:
+        """Learn, write everything into the folder and return the report; raises Delta3Error."""
+        found = self.learned()
+        chosen = self.settings
+        origin = Provenance.of(self.command, self.robot, chosen.parameters, noted([chosen.program]))
+        folder = ReportFolder(self.folder, origin)
+        folder.clear([report.TABLE, report.CONTRACTIONS, report.LEARNED, *figures.NAMES])
+        folder.make()
+        folder.add(torques_file.save(found.learned, self.folder / report.LEARNED))
+        document = report.summary(found, chosen)
+        self.on_progress('table and figures', 0, 0)
+        return folder.results(
+            'What was learned of a program',
+            document,
+            report.text(document),
+            report.tables(found),
+            figures.by_name(found),
+        )
+
+    def learned(self) -> Results:
+        """Repeat the program and learn; raises Delta3Error."""
+        chosen = self.settings
+        planned = simulation.plan_of(self.program, self.robot, self.machine)
+        cycle_s = self.robot.bus.cycle_time_s
+        cycles = math.ceil(planned.plan.duration_s / cycle_s - 1e-9) + SETTLE_CYCLES
+        if cycles > CYCLES_MAX:
+            raise LearnedError(
+                f'{self.program.name} takes {cycles} bus cycles, {CYCLES_MAX} can be learned: repeat it less often'
+            )
+        places = sample_plan(planned.plan, np.linspace(0.0, planned.plan.duration_s, PLACES))[0]
+        payloads = {move.payload_kg for move in planned.plan.moves}
+        payloads |= {
+            change['payload_kg']
+            for change in plan_times.output_changes(planned.plan)
+            if change['payload_kg'] is not None
+        }
+        loads = [(place, payload) for place in places for payload in sorted({min(payloads), max(payloads)})]
+        axes = self._axes(loads, cycles)
+        contractions = self._contractions(axes, loads)
+        worst = max(contractions, key=lambda one: one.rate)
+        if worst.rate >= 1.0:
+            raise LearnedError(
+                f'the filter is no contraction: with {100.0 * worst.masses:.0f} % of the masses and '
+                f'{worst.payload_kg:g} kg a repetition leaves {worst.rate:.3f} of an error at {worst.at_hz:.0f} Hz, '
+                f'which must be less than 1; a bandwidth below {chosen.bandwidth_hz:g} Hz learns less and converges'
+            )
+        origin = Origin.of(self.program.name, planned.plan, self.robot)
+        return self._repeated(axes, contractions, Learned(np.zeros((cycles, 3)), origin))
+
+    def _axes(self, loads: list[tuple[Floats, float]], cycles: int) -> list[AxisLearning]:
+        """Return the updates, by the mean of what the controller knows of the robot at all loads."""
+        chosen, cycle_s = self.settings, self.robot.bus.cycle_time_s
+        known = self.robot.replace(rich__enabled=False)
+        taps = math.ceil(RESPONSE_S / cycle_s)
+        mean = np.mean([measured(known, *load)[:taps] for load in loads], axis=0)
+        return [
+            AxisLearning(
+                mean[:, axis, axis],
+                cycles,
+                cycle_s,
+                chosen.bandwidth_hz,
+                chosen.change_weight,
+                chosen.torque_weight,
+            )
+            for axis in range(3)
+        ]
+
+    def _contractions(
+        self, axes: list[AxisLearning], loads: list[tuple[Floats, float]]
+    ) -> tuple[Contraction, ...]:
+        found = []
+        for share in MASS_SHARES:
+            robot = with_masses(self.machine, share)
+            for number, (place, payload) in enumerate(loads):
+                self.on_progress(f'responses with {100.0 * share:.0f} % of the masses', number, len(loads))
+                rate, at_hz = contraction(axes, measured(robot, place, payload))
+                x, y, z = (float(value) for value in place)
+                found.append(Contraction(share, (x, y, z), payload, rate, at_hz))
+        return tuple(found)
+
+    def _repeated(
+        self, axes: list[AxisLearning], contractions: tuple[Contraction, ...], nothing: Learned
+    ) -> Results:
+        chosen = self.settings
+        first = best_run = run = self._drive(nothing, 0)
+        start = int(first.meta['start_cycle'])
+        rows = slice(start, start + len(nothing.torques))
+        model = first['torque_command'][rows]
+        present = best = nothing
+        repetitions = [_repetition(0, first, nothing)]
+        at_end = f'{chosen.repetitions} repetitions are done'
+        for number in range(1, chosen.repetitions + 1):
+            self.on_progress('repetitions', number - 1, chosen.repetitions)
+            errors = self._errors(run)[rows]
+            torques = np.stack(
+                [axes[i].update(present.torques[:, i], errors[:, i]) for i in range(3)], axis=-1
+            )
+            present = replace(present, torques=self._possible(torques, model))
+            run = self._drive(present, number)
+            repetitions.append(_repetition(number, run, present))
+            least = min(repetitions[:-1], key=lambda one: one.tcp_error_rms_m).tcp_error_rms_m
+            reached = repetitions[-1].tcp_error_rms_m
+            if reached < least:
+                best, best_run = present, run
+            if reached > (1.0 - LEAST_GAIN) * least:
+                at_end = f'repetition {number} has gained less than {100.0 * LEAST_GAIN:.0f} %'
+                break
+        return Results(
+            self.program.name,
+            contractions,
+            tuple(repetitions),
+            min(repetitions, key=lambda one: one.tcp_error_rms_m),
+            best,
+            first.time_s[rows] - first.time_s[start],
+            first['tcp_error'][rows],
+            best_run['tcp_error'][rows],
+            at_end,
+        )
+
+    def _drive(self, learned: Learned, number: int) -> Trace:
+        """Run a repetition; the noise of its sensors is its own."""
+        seed = (self.machine.rich.sensor_seed + number) % SEED_MAX
+        machine = self.machine.replace(rich__sensor_seed=seed)
+        run = simulation.run(self.program, self.robot, learned=learned, machine=machine)
+        if stopped := run.meta['stopped']:
+            raise LearnedError(f'repetition {number}: {stopped}')
+        if unlearned := run.meta['unlearned']:
+            raise LearnedError(f'repetition {number} has not followed what was learned: {unlearned}')
+        return run
+
+    def _errors(self, run: Trace) -> Floats:
+        """Errors of the motors [rad], shape (cycles, 3): the command that is due less the encoder."""
+        delay = self.robot.set_point_delay_cycles
+        whole, share = math.floor(delay), delay - math.floor(delay)
+        command, cycle = run['motor_command'], np.arange(len(run.time_s))
+        newer, older = (command[np.maximum(cycle - whole - more, 0)] for more in (0, 1))
+        return np.asarray((1.0 - share) * newer + share * older - run['motor_position'])
+
+    def _possible(self, torques: Floats, model: Floats) -> Floats:
+        """Return what the motors can give of torques beside those of the model."""
+        limit = self.robot.torque_max_n_m
+        return np.clip(torques, np.minimum(-limit - model, 0.0), np.maximum(limit - model, 0.0))
+
+
+def _repetition(number: int, run: Trace, learned: Learned) -> Repetition:
+    told = run.meta['figures']
+    return Repetition(
+        number,
+        told['tcp_error_max_m'],
+        told['tcp_error_rms_m'],
+        max(told['current_peak_a']),
+        max(told['current_rms_a']),
+        float(np.abs(learned.torques).max()),
+    )

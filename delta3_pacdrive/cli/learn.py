@@ -1,0 +1,55 @@
+"""``delta3 learn``: the torques that a program still lacks, learned from repetitions of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.option_types import integer_within, number_within
+from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.configuration.packaged import program_names
+
+
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    program: str = argument(
+        f'program file, or a packaged program: {", ".join(program_names())}', default='packaging'
+    )
+    parameters: str | None = option(
+        'parameter file of a robot whose controller feeds the torque of the model forward, such as model',
+        'FILE',
+    )
+    machine: str | None = option(
+        'parameter file of the robot that is driven, where the controller takes it for another one', 'FILE'
+    )
+    repetitions: int = option('repeat it so often at most', 'N', default=10, type=integer_within(1, 100))
+    bandwidth: float = option(
+        'what is faster than this [Hz] is not learned', 'HZ', default=80.0, type=number_within(1.0, 1e4, 'Hz')
+    )
+    output: str = option('folder for what is learned, table, figures and report', 'DIR', default='learned')
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    from delta3_pacdrive.analysis.learning import report, run, study
+
+    settings = study.Settings(
+        options.program, options.parameters, options.machine, options.repetitions, options.bandwidth
+    )
+    folder = Path(options.output).absolute()
+    return conduct(
+        options,
+        lambda show: run.Study(settings, folder, options.command_line, show).run(),
+        report.text,
+        writes=folder,
+    )
+
+
+main = Command(
+    'learn',
+    'Repeat a program without ROS and learn from its errors which torques it still lacks: norm-optimal iterative '
+    'learning control. What is learned is obeyed by simulate and run with --learned.',
+    Options,
+    run,
+)

@@ -1,0 +1,157 @@
+"""Facts about learned torques in the transformation task: with which program they go, and when they are dropped."""
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.controller.transformation import FADE_CYCLES, Transformation
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.learned import Learned, Origin
+
+START = 40
+MOVES = [{'move_l': {'to_m': [0.2, 0.05, -0.8]}}]
+LEARNED_N_M = np.array([0.3, -0.2, 0.1])
+
+
+@pytest.fixture(scope='module')
+def model(robot):
+    return robot.replace(control__feed_forward='model', drive__interpolation='cubic')
+
+
+def planned(robot, moves=MOVES):
+    task = Transformation(robot)
+    tcp = task.locate(Standing(robot).motors)
+    return program_planner.plan(programs.parse({'moves': moves}, robot.motion), tcp, robot).plan
+
+
+class Standing:
+    """The motors of a robot that stands at home, on the grid of increments."""
+
+    def __init__(self, robot):
+        from delta3_pacdrive import kinematics
+
+        increments = robot.bus.increments_per_rev / (2.0 * np.pi)
+        theta = kinematics.inverse(robot.motion.home_m, robot.kinematics) * robot.dynamics.gear_ratio
+        self.motors = np.round(theta * increments) / increments
+
+
+def task_with(robot, torques, moves=MOVES, override=1.0):
+    """Return a task that has learned constant torques for ``MOVES`` and starts moves."""
+    learned = None
+    if torques is not None:
+        plan = planned(robot)
+        cycles = round(plan.duration_s / robot.bus.cycle_time_s) + 50
+        learned = Learned(
+            np.tile(np.asarray(torques, dtype=np.float64), (cycles, 1)), Origin.of('', plan, robot)
+        )
+    task = Transformation(robot, learned)
+    task.locate(Standing(robot).motors)
+    task.load(planned(robot, moves))
+    task.start(START, override)
+    return task
+
+
+def torques_of(task, end):
+    return np.array([(task.command(k), task.torques.copy())[1] for k in range(task.next_cycle, end)])
+
+
+def both(robot, end, act=lambda task: None, at=START + 60, **other):
+    """Return what tasks with and without learned torques command, to which something happens before a cycle."""
+    rows = []
+    for torques in (LEARNED_N_M, None):
+        task = task_with(robot, torques, **other)
+        before = torques_of(task, at)
+        act(task)
+        rows.append(np.vstack([before, torques_of(task, end)]))
+    return rows[0] - rows[1]
+
+
+def test_they_are_added_from_the_first_cycle_of_the_program_to_their_end(model):
+    beside = both(model, START + 800)
+    cycles = round(planned(model).duration_s * 1e3) + 50
+    assert not beside[:START].any()
+    np.testing.assert_allclose(beside[START : START + cycles], np.tile(LEARNED_N_M, (cycles, 1)), atol=1e-12)
+    assert not beside[START + cycles :].any()
+
+
+def test_they_never_ask_for_more_than_a_motor_has(model):
+    small = model.replace(drive__torque_limit_n_m=1.0)
+    task = task_with(small, [50.0, -50.0, 0.0])
+    torques = torques_of(task, START + 100)[START:]
+    np.testing.assert_array_equal(torques[:, :2], np.tile([1.0, -1.0], (100, 1)))
+    assert model.torque_max_n_m == pytest.approx(
+        min(model.motor.peak_current_a * model.motor.torque_constant_n_m_a, model.drive.torque_limit_n_m)
+    )
+
+
+def test_another_program_goes_without_them_and_it_is_said_why(model):
+    other = [{'move_l': {'to_m': [0.2, -0.05, -0.8]}}]
+    assert not both(model, START + 300, moves=other).any()
+    assert 'another plan' in task_with(model, LEARNED_N_M, moves=other).unlearned
+    assert task_with(model, LEARNED_N_M).unlearned == ''
+
+
+def test_another_speed_goes_without_them(model):
+    assert not both(model, START + 300, override=0.9).any()
+    assert 'override' in task_with(model, LEARNED_N_M, override=0.9).unlearned
+
+
+@pytest.mark.parametrize(
+    ('act', 'for_good'),
+    [
+        (lambda task: task.hold(), False),
+        (lambda task: task.stop_at(START + 60), True),
+        (lambda task: task.unload(), False),
+    ],
+    ids=['hold', 'fault', 'forgotten'],
+)
+def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act, for_good, model):
+    beside = both(model, START + 300, act)
+    sizes = np.abs(beside[START:, 0])
+    np.testing.assert_allclose(sizes[:60], 0.3, atol=1e-12)
+    fading = sizes[60 : 60 + FADE_CYCLES]
+    np.testing.assert_allclose(np.diff(fading), -0.3 / FADE_CYCLES, atol=1e-12)
+    assert not sizes[60 + FADE_CYCLES :].any()
+    task = task_with(model, LEARNED_N_M)
+    torques_of(task, START + 60)
+    act(task)
+    torques_of(task, START + 1000)
+    assert task.unlearned
+    task.unload()
+    task.locate(Standing(model).motors)
+    task.load(planned(model))
+    task.start(task.next_cycle)
+    assert bool(task.unlearned) == for_good
+
+
+def test_the_log_says_whether_they_are_followed_and_none_are_after_a_fault(rig, model):
+    """A robot that is up drives what it is asked for; only the program that they belong to goes with them."""
+    here = type(rig)(model).task.state['tcp'][0]
+    plan = program_planner.plan(programs.parse({'moves': MOVES}, model.motion), here, model).plan
+    robot = type(rig)(model, learned=Learned(np.full((500, 3), 0.1), Origin.of('', plan, model)))
+    robot.enable()
+
+    def sentences():
+        said, robot.said = robot.said, []
+        texts = [getattr(action, 'sentence', '') for action in said]
+        return [text for text in texts if text.startswith('learned torques')]
+
+    robot.start('moves: [{move_l: {to_m: [0.2, 0.05, -0.8]}}]')
+    robot.finish()
+    assert sentences() == ['learned torques are followed']
+    assert robot.task.unlearned == ''
+    robot.start('moves: [{move_l: {to_m: [0.0, 0.0, -0.75]}}]')
+    robot.finish()
+    (other,) = sentences()
+    assert other.startswith('learned torques are not followed: they belong to ')
+    robot.do('emergency_stop')
+    robot.run(200)
+    assert robot.do('reset')[0]
+    robot.enable()
+    robot.start('moves: [{move_l: {to_m: [0.2, 0.05, -0.8]}}]')
+    assert sentences() == ['learned torques are not followed: a fault has dropped them']
+
+
+def test_a_task_that_commands_no_torques_has_none_of_them(robot):
+    task = task_with(robot, LEARNED_N_M)
+    assert not torques_of(task, START + 200).any()
