@@ -15,9 +15,8 @@ with TemporaryDirectory() as folder:
     found = Study(settings, Path(folder), 'learn_a_program', silent).learned()
     file = learned.save(found.learned, Path(folder) / 'learned.npz')
     for one in found.repetitions:
-        print(
-            f'repetition {one.number}: TCP error {1e6 * one.tcp_error_max_m:.1f} um, rms {1e6 * one.tcp_error_rms_m:.1f} um'
-        )
+        largest, rms = 1e6 * one.tcp_error_max_m, 1e6 * one.tcp_error_rms_m
+        print(f'repetition {one.number}: TCP error {largest:.1f} um, rms {rms:.1f} um')
 
     robot = d3.load_parameters('model')
     trace = simulation.run(d3.load_program('packaging', robot), robot, learned=learned.load(file))
