@@ -52,6 +52,8 @@ def check_options(
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
     torques = learned.load(options.learned) if options.learned is not None else None
+    if torques is not None:
+        torques.require_robot(robot, str(options.learned))
     if options.program is None:
         return robot, None, None
     program = programs.load(options.program, robot.motion)

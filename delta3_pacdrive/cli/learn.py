@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import integer_within, number_within
 from delta3_pacdrive.cli.studies import conduct
 from delta3_pacdrive.configuration.packaged import program_names
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.analysis.study import OnProgress
 
 
 @dataclass
@@ -38,12 +42,18 @@ def run(options: Options) -> int:
         options.program, options.parameters, options.machine, options.repetitions, options.bandwidth
     )
     folder = Path(options.output).absolute()
-    return conduct(
-        options,
-        lambda show: run.Study(settings, folder, options.command_line, show).run(),
-        report.text,
-        writes=folder,
-    )
+    studies: list[run.Study] = []
+
+    def work(show: 'OnProgress') -> dict[str, Any]:
+        studies.append(run.Study(settings, folder, options.command_line, show))
+        return studies[0].run()
+
+    def unfinished() -> str:
+        if not studies or not studies[0].kept:
+            return 'interrupted: no repetition has learned anything yet, and nothing was written'
+        return f'interrupted: what repetition {studies[0].kept} has learned is in {studies[0].file}'
+
+    return conduct(options, work, report.text, unfinished, folder)
 
 
 main = Command(

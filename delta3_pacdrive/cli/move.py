@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -236,7 +236,7 @@ PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
     'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'fault_code', 'fault_number', 'fault_source',
     'fault_cycle', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m', 'remaining_s', 'payload_kg', 'outputs',
-    'operator',
+    'operator', 'learned_torques', 'unlearned',
 )  # fmt: skip
 
 
@@ -261,6 +261,8 @@ def _state_text(facts: dict[str, Any]) -> str:
     outputs = [str(n) for n in range(8) if int(facts['outputs']) >> n & 1]
     parts.append(f'outputs on: {" ".join(outputs) or "none"}')
     parts.append(f'payload {facts["payload_kg"]:g} kg')
+    if facts['learned_torques']:
+        parts.append(_learned_text(facts))
     if facts['operator']:
         parts.append(f'{facts["operator"]} has control')
     if facts['waiting']:
@@ -268,6 +270,11 @@ def _state_text(facts: dict[str, Any]) -> str:
     if facts['fault']:
         parts.append(f'fault: {facts["fault"]}')
     return ', '.join(parts)
+
+
+def _learned_text(progress: Mapping[str, Any]) -> str:
+    unlearned = progress['unlearned']
+    return f'learned torques are not followed: {unlearned}' if unlearned else 'learned torques are followed'
 
 
 def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Callable[[str], None]) -> None:
@@ -297,6 +304,10 @@ def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Call
     if operator.state == 'error':
         operator.wait_until(lambda: operator.progress.get('fault'), 'sentence about the fault')
         raise RunError(operator.progress['fault'])
+    if operator.progress.get('learned_torques'):
+        seen = operator.progress
+        operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
+        tell(_learned_text(operator.progress))
     tell('the robot stands' if operator.state == 'idle' else f'the robot is {operator.state}')
 
 

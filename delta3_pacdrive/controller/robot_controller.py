@@ -295,6 +295,7 @@ class RobotController:
             'overruns': cycles.scheduler.overruns,
             'slip_s': cycles.scheduler.slip_s,
             'lost_telegrams': cycles.answers.lost,
+            'learned_torques': task.learns,
             'unlearned': task.unlearned,
             'repeated_telegrams': cycles.answers.repeated,
         }

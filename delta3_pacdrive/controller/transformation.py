@@ -26,7 +26,7 @@ from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
-from delta3_pacdrive.motion.learned import Learned
+from delta3_pacdrive.motion.learned import Learned, Origin
 from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.motor import motor
@@ -118,9 +118,15 @@ class Transformation:
         # a longer plan that is still to come, and how many moves it leaves out
         self._longer: tuple[Timeline, int] | None = None
         self._learned = learned
+        self._other_robot = ''
+        if learned is not None:
+            self._other_robot = learned.parameter_refusal(parameters)
+            Origin.of(
+                '', _NO_PLAN, parameters
+            )  # loads what compares plans: the first program does not wait for it
         self._misfit = ''  # why it is not for the program that is loaded
         self.corrections: Floats = _NO_CORRECTIONS
-        self.unlearned = ''
+        self.unlearned = _NOTHING_YET if learned is not None else ''
         self.next_cycle = 0  # of the next command
         self.loaded = False
         self.extensions = 0
@@ -163,7 +169,7 @@ class Transformation:
         self.state['end_cycle'] = self.timeline.end_cycle
         self._drop_coming()
         if self._learned is not None:
-            self._misfit = self._learned.refusal(plan, self._parameters)
+            self._misfit = self._other_robot or self._learned.plan_refusal(plan)
         self.loaded = True
         state = self.state[0]
         state['start_cycle'] = NEVER
@@ -436,5 +442,6 @@ class Transformation:
 _NO_CORRECTIONS: Floats = np.zeros((0, 3))
 _FAULT = 'a fault has dropped them'
 _OVERRIDDEN = 'they belong to an override of 100 %'
+_NOTHING_YET = 'no program has been started'
 # before the first program: the types that the compiled code knows
 _NO_PLAN = Plan.of([Move(MoveKind.DWELL, rest(1.0), point((0.0, 0.0, 0.0)).segments)])

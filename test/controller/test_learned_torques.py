@@ -91,6 +91,16 @@ def test_another_program_goes_without_them_and_it_is_said_why(model):
     assert task_with(model, LEARNED_N_M).unlearned == ''
 
 
+def test_another_robot_goes_without_them(model):
+    plan = planned(model)
+    other = model.replace(drive__position_gain_rad_s_rad=70.0)
+    task = Transformation(other, Learned(np.full((500, 3), 0.1), Origin.of('', plan, model)))
+    task.locate(Standing(other).motors)
+    task.load(planned(other))
+    task.start(START)
+    assert task.unlearned.startswith('they belong to other parameters: drive.position_gain_rad_s_rad')
+
+
 def test_another_speed_goes_without_them(model):
     assert not both(model, START + 300, override=0.9).any()
     assert 'override' in task_with(model, LEARNED_N_M, override=0.9).unlearned
@@ -136,6 +146,8 @@ def test_the_log_says_whether_they_are_followed_and_none_are_after_a_fault(rig, 
         texts = [getattr(action, 'sentence', '') for action in said]
         return [text for text in texts if text.startswith('learned torques')]
 
+    assert robot.task.learns
+    assert robot.task.unlearned == 'no program has been started'
     robot.start('moves: [{move_l: {to_m: [0.2, 0.05, -0.8]}}]')
     robot.finish()
     assert sentences() == ['learned torques are followed']

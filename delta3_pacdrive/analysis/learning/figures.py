@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.learning.study import Results
 
 REPETITIONS, ERRORS = NAMES = ('repetitions.png', 'before_and_after.png')
+WIDTHS = (0.9, 2.4, 0.9)  # of the motors: a path in the x-z plane asks the same of motors 2 and 3
 
 
 def by_name(found: Results) -> Drawings:
@@ -58,15 +59,15 @@ def before_and_after(found: Results) -> Figure:
         size = 1e3 * np.linalg.norm(errors, axis=1)
         panels[0].plot(found.time_s, size, color=colour, linewidth=0.9, label=label)
     panels[1].plot(found.time_s, 1e3 * np.linalg.norm(found.after_m, axis=1), color=COLOURS[0], linewidth=0.9)
-    for axis, colour in enumerate(AXIS_COLOURS[:3]):
+    for axis, (colour, width) in enumerate(zip(AXIS_COLOURS, WIDTHS, strict=False)):
         panels[2].plot(
             found.time_s,
             found.learned.torques[:, axis],
             color=colour,
-            linewidth=0.9,
+            linewidth=width,
             label=f'motor {axis + 1}',
         )
     finish_over_time(panels, ('TCP error (mm)', 'after (mm)', 'learned (N m)'))
     legend_above(panels[0])
-    panels[2].legend(loc='upper right', frameon=False, fontsize=8, ncols=3)
+    legend_above(panels[2])
     return figure

@@ -1,6 +1,8 @@
 """What learning comes to: tables and text for people, and as JSON."""
 
+import shlex
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.analysis.learning.study import Results, Settings
@@ -9,8 +11,8 @@ from delta3_pacdrive.analysis.report_folder import Table
 LEARNED, TABLE, CONTRACTIONS = 'learned.npz', 'repetitions.csv', 'contractions.csv'
 
 
-def summary(found: Results, settings: Settings) -> dict[str, Any]:
-    """Return the results, ready for JSON."""
+def summary(found: Results, settings: Settings, file: Path | None) -> dict[str, Any]:
+    """Return the results, ready for JSON; ``file`` holds the learned torques, None: nothing was learned."""
     worst = max(found.contractions, key=lambda one: one.rate)
     before = found.repetitions[0]
     return {
@@ -21,11 +23,21 @@ def summary(found: Results, settings: Settings) -> dict[str, Any]:
         'contraction': asdict(worst),
         'repetitions': [asdict(one) for one in found.repetitions],
         'best': found.best.number,
-        'gain_max': before.tcp_error_max_m / found.best.tcp_error_max_m,
-        'gain_rms': before.tcp_error_rms_m / found.best.tcp_error_rms_m,
+        'gain_max': _gain(before.tcp_error_max_m, found.best.tcp_error_max_m),
+        'gain_rms': _gain(before.tcp_error_rms_m, found.best.tcp_error_rms_m),
         'at_end': found.at_end,
-        'origin': asdict(found.learned.origin),
+        'follow': _follow(settings, file) if file is not None else '',
     }
+
+
+def _gain(before_m: float, after_m: float) -> float:
+    return before_m / after_m if after_m else 1.0
+
+
+def _follow(settings: Settings, file: Path) -> str:
+    """Return the command that follows what was learned."""
+    robot = ['--parameters', settings.parameters] if settings.parameters else []
+    return shlex.join(['delta3', 'simulate', settings.program, *robot, '--learned', str(file)])
 
 
 def tables(found: Results) -> list[Table]:
@@ -68,12 +80,19 @@ def text(document: dict[str, Any]) -> list[str]:
         mark = ' *' if one['number'] == document['best'] else ''
         torque = f'{one["torque_max_n_m"]:.3f} N m'
         lines.append(f'{one["number"]:>10} {error:>22} {current:>22} {torque:>16}{mark}')
+    if document['follow']:
+        kept = (
+            f'repetition {document["best"]} is kept: the error is {document["gain_max"]:.1f} times smaller, '
+            f'{document["gain_rms"]:.1f} times in rms; {document["at_end"]}'
+        )
+    else:
+        kept = 'no repetition is better than the first run: nothing was learned, and no torques are written'
     return [
         *lines,
         '',
-        f'repetition {document["best"]} is kept: the error is {document["gain_max"]:.1f} times smaller, '
-        f'{document["gain_rms"]:.1f} times in rms; {document["at_end"]}',
+        kept,
         f'a repetition leaves {worst["rate"]:.2f} of what there is to learn at most ({worst["at_hz"]:.0f} Hz, '
         f'{100.0 * worst["masses"]:.0f} % of the masses, {worst["payload_kg"]:g} kg): it converges monotonically',
+        *([f'to follow it: {document["follow"]}'] if document['follow'] else []),
         '',
     ]

@@ -1,7 +1,9 @@
 """Learning from its settings to its folder: responses, criterion, repetitions, and the file of what was learned."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,12 +39,22 @@ SEED_MAX = 2**31
 
 @dataclass
 class Study(studies.Study):
-    """The study is what is learned of a program in a folder."""
+    """The study is what is learned of a program in a folder.
+
+    Attributes
+    ----------
+    robot, machine, program
+        What the controller knows, what is driven, and how.
+    kept
+        Number of the repetition whose torques are in the file so far; 0: none are.
+
+    """
 
     settings: Settings
     robot: core.Parameters = field(init=False)
     machine: core.Parameters = field(init=False)
     program: Program = field(init=False)
+    kept: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         """Read the parameters and the program; raises Delta3Error."""
@@ -69,15 +81,30 @@ class Study(studies.Study):
         self.machine = simulation.placed(machine, self.program)
 
     def run(self) -> dict[str, Any]:
-        """Learn, write everything into the folder and return the report; raises Delta3Error."""
-        found = self.learned()
+        """Learn, write everything into the folder and return the report; raises Delta3Error.
+
+        Whatever ends it early, the torques of the best repetition so far stay in the folder.
+        """
         chosen = self.settings
         origin = Provenance.of(self.command, self.robot, chosen.parameters, noted([chosen.program]))
         folder = ReportFolder(self.folder, origin)
-        folder.clear([report.TABLE, report.CONTRACTIONS, report.LEARNED, *figures.NAMES])
-        folder.make()
-        folder.add(torques_file.save(found.learned, self.folder / report.LEARNED))
-        document = report.summary(found, chosen)
+
+        def begin() -> None:
+            folder.clear([report.TABLE, report.CONTRACTIONS, report.LEARNED, *figures.NAMES])
+            folder.make()
+
+        def keep(learned: Learned, number: int) -> None:
+            if not self.kept:
+                begin()
+            torques_file.save(learned, self.file)
+            self.kept = number
+
+        found = self.learned(keep)
+        if self.kept:
+            folder.add(self.file)
+        else:
+            begin()
+        document = report.summary(found, chosen, self.file if self.kept else None)
         self.on_progress('table and figures', 0, 0)
         return folder.results(
             'What was learned of a program',
@@ -87,8 +114,20 @@ class Study(studies.Study):
             figures.by_name(found),
         )
 
-    def learned(self) -> Results:
-        """Repeat the program and learn; raises Delta3Error."""
+    @property
+    def file(self) -> Path:
+        """Where the torques go."""
+        return self.folder / report.LEARNED
+
+    def learned(self, keep: Callable[[Learned, int], None] = lambda learned, number: None) -> Results:
+        """Repeat the program and learn; raises Delta3Error.
+
+        Parameters
+        ----------
+        keep
+            Takes the torques of each repetition that is the best so far, and its number.
+
+        """
         chosen = self.settings
         planned = simulation.plan_of(self.program, self.robot, self.machine)
         cycle_s = self.robot.bus.cycle_time_s
@@ -115,7 +154,7 @@ class Study(studies.Study):
                 f'which must be less than 1; a bandwidth below {chosen.bandwidth_hz:g} Hz learns less and converges'
             )
         origin = Origin.of(self.program.name, planned.plan, self.robot)
-        return self._repeated(axes, contractions, Learned(np.zeros((cycles, 3)), origin))
+        return self._repeated(axes, contractions, Learned(np.zeros((cycles, 3)), origin), keep)
 
     def _axes(self, loads: list[tuple[Floats, float]], cycles: int) -> list[AxisLearning]:
         """Return the updates, by the mean of what the controller knows of the robot at all loads."""
@@ -149,7 +188,11 @@ class Study(studies.Study):
         return tuple(found)
 
     def _repeated(
-        self, axes: list[AxisLearning], contractions: tuple[Contraction, ...], nothing: Learned
+        self,
+        axes: list[AxisLearning],
+        contractions: tuple[Contraction, ...],
+        nothing: Learned,
+        keep: Callable[[Learned, int], None],
     ) -> Results:
         chosen = self.settings
         first = best_run = run = self._drive(nothing, 0)
@@ -172,6 +215,7 @@ class Study(studies.Study):
             reached = repetitions[-1].tcp_error_rms_m
             if reached < least:
                 best, best_run = present, run
+                keep(best, number)
             if reached > (1.0 - LEAST_GAIN) * least:
                 at_end = f'repetition {number} has gained less than {100.0 * LEAST_GAIN:.0f} %'
                 break

@@ -2,12 +2,13 @@
 
 import itertools
 import json
+import shlex
 
 import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters, simulation
-from delta3_pacdrive.analysis.learning import run, study
+from delta3_pacdrive.analysis.learning import report, run, study
 from delta3_pacdrive.analysis.learning.responses import measured, with_masses
 from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.cli.main import main
@@ -172,6 +173,74 @@ def test_the_folder_holds_what_was_learned_and_a_simulation_follows_it(folder, m
         trace_file.load(tmp_path / 'a.npz')['motor_position'], trace['motor_position']
     )
     assert trace.meta['unlearned'] == ''
+
+
+def test_it_is_said_how_to_follow_what_was_learned(folder):
+    document = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
+    command = shlex.split(document['follow'])
+    assert command == [
+        'delta3', 'simulate', 'experiment1', '--parameters', 'model', '--learned', str(folder / 'learned.npz'),
+    ]  # fmt: skip
+
+
+def interrupted_in(repetition, tmp_path):
+    def interrupt(stage, done, _total):
+        if stage == 'repetitions' and done == repetition - 1:
+            raise KeyboardInterrupt
+
+    settings = study.Settings('experiment1', 'model', None, REPETITIONS, 80.0)
+    learning = run.Study(settings, tmp_path, 'delta3 learn', interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        learning.run()
+    return learning
+
+
+def test_an_interruption_keeps_what_is_learned_so_far(model, tmp_path):
+    (tmp_path / 'report.json').write_text('old')
+    learning = interrupted_in(3, tmp_path)
+    assert learning.kept == 2
+    assert [path.name for path in tmp_path.iterdir()] == ['learned.npz']
+    program = programs.load('experiment1', model.motion)
+    trace = simulation.run(program, model, learned=torques_file.load(learning.file))
+    assert trace.meta['unlearned'] == ''
+    assert trace.meta['figures']['tcp_error_max_m'] < 0.4 * 0.0073e-3
+
+
+def test_an_interruption_before_anything_is_learned_leaves_what_was_there(tmp_path):
+    (tmp_path / 'learned.npz').write_text('old')
+    learning = interrupted_in(1, tmp_path)
+    assert learning.kept == 0
+    assert learning.file.read_text() == 'old'
+
+
+@pytest.mark.parametrize(
+    ('kept', 'sentence'),
+    [
+        (0, 'interrupted: no repetition has learned anything yet, and nothing was written'),
+        (2, 'interrupted: what repetition 2 has learned is in '),
+    ],
+)
+def test_the_command_says_what_an_interruption_keeps(kept, sentence, tmp_path, monkeypatch, capsys):
+    def interrupted(learning):
+        learning.kept = kept
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run.Study, 'run', interrupted)
+    assert main(['learn', 'experiment1', '--parameters', 'model', '--output', str(tmp_path)]) == 130
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith(sentence)
+    assert line.endswith('learned.npz' if kept else 'written')
+
+
+def test_a_program_that_stands_teaches_nothing_and_leaves_no_torques(tmp_path):
+    program = tmp_path / 'program.yaml'
+    program.write_text(json.dumps({'start_m': [0.0, 0.0, -0.75], 'moves': [{'dwell': {'time_s': 0.3}}]}))
+    (tmp_path / 'learned.npz').write_text('old')
+    settings = study.Settings(str(program), 'model', None, REPETITIONS, 80.0)
+    document = run.Study(settings, tmp_path, 'delta3 learn', silent).run()
+    assert (document['best'], document['follow']) == (0, '')
+    assert any('nothing was learned' in line for line in report.text(document))
+    assert not (tmp_path / 'learned.npz').exists()
 
 
 @pytest.mark.parametrize(
