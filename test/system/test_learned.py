@@ -56,7 +56,7 @@ def up(program: Path, start_delta3: Callable[..., subprocess.Popen[str]]) -> Ite
 
 
 def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
-    up: None, program: Path, delta3: Runner
+    up: None, program: Path, delta3: Runner, start_delta3: Callable[..., subprocess.Popen[str]]
 ) -> None:
     def said(*arguments: str) -> str:
         """Return what is said of learned torques after a motion."""
@@ -75,8 +75,11 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     state = json.loads(delta3('move', 'state', '--json').stdout)
     assert (state['learned_torques'], state['unlearned']) == (True, '')
     assert 'they belong to a plan of' in said('program', str(program), '--speed', '0.2')
-    assert delta3('move', 'program', str(program), '--no-wait').returncode == 0
-    assert delta3('move', 'hold').returncode == 0
+    client = start_delta3('move', 'program', str(program))  # who ends it holds the robot
+    assert client.stdout is not None
+    assert [client.stdout.readline().split(' ')[0] for _ in range(2)] == ['planned', 'started']
+    client.send_signal(signal.SIGINT)
+    assert 'stops from bus cycle' in client.communicate(timeout=20.0)[0]
     assert said('resume').endswith('not followed: the program is driven otherwise than planned')
     assert 'the program is driven otherwise than planned' in delta3('move', 'state').stdout
     assert delta3('move', 'override', '50').returncode == 0
