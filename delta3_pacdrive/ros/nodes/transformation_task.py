@@ -44,7 +44,6 @@ WAIT = descriptor(
     'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
 )
 JOINT_MOTION = descriptor('also publish joint_motion and jacobian in every cycle', 0, 1, bool)
-
 LEARNED = descriptor('file of learned torques, for the program that they belong to; empty: none', 0, 0, str)
 
 
