@@ -1,5 +1,9 @@
-"""A limit of memory under which numerical libraries hang, instead of failing, is refused before they load."""
+"""How a process uses memory: how often it looks for garbage, and how much it needs.
 
+A limit under which numerical libraries hang, instead of failing, is refused before they load.
+"""
+
+import gc
 import os
 import resource
 
@@ -21,3 +25,13 @@ def require(in_a_graph: bool) -> None:
         raise RunError(
             f'memory is limited to {limit // 10**6} MB, but at least {needed} MB are needed: see ulimit -v'
         )
+
+
+def collect_seldom() -> None:
+    """Look for garbage seldom: little of what a command imports becomes some, and to look takes a sixth of its time."""
+    gc.set_threshold(50_000, 10, 10)
+
+
+def collect_often() -> None:
+    """Look for garbage often, as Python does by itself: one look is short, and delays no cycle."""
+    gc.set_threshold(700, 10, 10)

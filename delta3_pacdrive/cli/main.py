@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from delta3_pacdrive import interrupts
+from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import RunError
 
 TYPE_CHECKING = False
@@ -69,6 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     own = arguments is None
     if own:
         interrupts.install()
+        memory.collect_seldom()
         for stream in (sys.stdout, sys.stderr):
             # names of files need not be text, and no terminal need know every sign
             if hasattr(stream, 'reconfigure'):
@@ -148,29 +149,15 @@ def _dispatch(arguments: list[str]) -> int:
     except RunError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
-    if command not in OF_ROBOTS:
-        _collect_seldom()
     module = importlib.import_module(f'delta3_pacdrive.cli.{command}')
     with interrupts.raising(command in OF_ROBOTS):
         return int(module.main(rest))
-
-
-def _collect_seldom() -> None:
-    """Look for garbage seldom: little of what a command imports becomes some, and to look takes a sixth of its time.
-
-    Not with a robot: there, one look must be short.
-    """
-    import gc
-
-    gc.set_threshold(50_000, 10, 10)
 
 
 def _check_surroundings(command: str, rest: list[str]) -> None:
     """Raise RunError if a command cannot work here, whatever its options are."""
     if {'-h', '--help'}.intersection(rest):
         return
-    from delta3_pacdrive import memory
-
     for_a_robot = _is_for_a_robot(command, rest)
     memory.require(for_a_robot)
     if for_a_robot:

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from delta3_pacdrive import interrupts
+from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import Delta3Error
 from delta3_pacdrive.ros import domain
 
@@ -102,6 +102,7 @@ def run(
         # long-lived objects need not be walked again by the collector in the middle of a cycle
         gc.collect()
         gc.freeze()
+        memory.collect_often()
         process.spin()
     except Delta3Error as error:
         print(f'error: {error}', file=sys.stderr)

@@ -137,6 +137,24 @@ def test_a_kernel_of_another_module_is_not_kept_because_nobody_knows_what_it_cal
     assert not saved
 
 
+PRODUCT = """
+import json, sys
+import numpy as np
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis import run_comparison
+from delta3_pacdrive.numerics import kernel
+idle = [name for name in ('scipy.linalg', 'scipy.signal', 'scipy.stats') if name in sys.modules]
+product = kernel.kernel(lambda a, b: np.dot(a, b))(np.eye(2), np.full((2, 2), 3.0))
+print(json.dumps({'idle': idle, 'product': product.tolist()}))
+"""
+
+
+def test_a_simulation_loads_no_linear_algebra_and_a_kernel_that_needs_some_has_it():
+    command = [sys.executable, '-P', '-c', PRODUCT]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=True)
+    assert json.loads(done.stdout) == {'idle': [], 'product': [[3.0, 3.0], [3.0, 3.0]]}
+
+
 def test_a_damaged_binary_is_made_again(first, tmp_path):
     for number, path in enumerate((tmp_path / 'cache').rglob('*.nb[ci]')):
         path.write_bytes(path.read_bytes()[:100] if number % 2 else b'')

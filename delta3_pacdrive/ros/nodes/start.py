@@ -35,6 +35,7 @@ def robot_visualization() -> int:
 
 def _start(module: str) -> int:
     interrupts.install()
+    memory.collect_seldom()
     try:
         memory.require(in_a_graph=True)
         domain.check()

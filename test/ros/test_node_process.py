@@ -1,0 +1,25 @@
+"""Facts about the process of a node."""
+
+import json
+import subprocess
+import sys
+
+# at the moment at which cyclic operation would begin
+BEGIN = """
+import gc, json
+from delta3_pacdrive import memory
+from delta3_pacdrive.ros import node_process
+memory.collect_seldom()
+before = gc.get_threshold()
+node_process.Process.spin = lambda process: print(json.dumps([before, gc.get_threshold(), gc.get_freeze_count()]))
+raise SystemExit(node_process.run([], []))
+"""
+
+
+def test_cyclic_operation_begins_with_short_looks_for_garbage() -> None:
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', BEGIN], capture_output=True, text=True, timeout=120.0, check=True
+    )
+    before, then, frozen = json.loads(done.stdout)
+    assert then[0] < 1000 < before[0]
+    assert frozen > 10_000
