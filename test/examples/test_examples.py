@@ -190,6 +190,18 @@ def test_learn_a_program(run):
     assert rms == min(rms_errors)
 
 
+def test_rate_and_energy(run):
+    text, rows = run('rate_and_energy')
+    assert [line.split()[0] for line in text.splitlines()] == ['jerk_m_s3', 'jerk_m_s3', 'torque_rate_n_m_s']
+    rate, lost, current, nominal, error = np.array([row[-5:] for row in rows]).T
+    assert (np.diff(rate) > 0.0).all()
+    assert rate[1] > 180.0
+    assert lost[1] > 2.0 * lost[0]
+    assert current[1:] == pytest.approx(nominal[1:], rel=0.06)
+    assert current[0] < 0.8 * nominal[0]
+    assert (error < 0.25).all()
+
+
 def test_fit_a_parameter(run):
     text, lines = run('fit_a_parameter')
     errors = [float(share) for share in re.findall(r'\(([-+]\d+\.\d+) %\)', text)]
