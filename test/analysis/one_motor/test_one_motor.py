@@ -41,7 +41,7 @@ def test_with_the_coupling_of_the_arms_the_motor_moves_as_in_the_robot(as_in_rob
     assert as_in_robot.inertia_kg_m2 == pytest.approx(ROTOR + 0.86 / GEAR**2)
 
 
-def test_torque_less_friction_load_and_coupling_accelerates_the_shaft(short, robot):
+def test_torque_less_friction_load_and_coupling_accelerates_the_shaft(short, robot, as_in_robot):
     found = single(short, robot, coupling_effect=0.5, load_torque_n_m=6.4, load_inertia_kg_m2=0.3)
     rest = found.torque - found.friction - found.load - found.coupling
     rows = found.driven
@@ -49,6 +49,8 @@ def test_torque_less_friction_load_and_coupling_accelerates_the_shaft(short, rob
     # the friction is that of the start of a period, the acceleration that of the middle
     np.testing.assert_allclose(mean[:-1], found.inertia_kg_m2 * felt[:-1], atol=0.01)
     assert found.load == pytest.approx(6.4 / GEAR)
+    # beside the load it feels half of what the arms of the robot make it feel
+    np.testing.assert_allclose(found.coupling, 0.5 * as_in_robot.coupling, atol=1e-9)
     assert found.inertia_kg_m2 == pytest.approx(ROTOR + 0.3 / GEAR**2)
     # it has nearly come to rest at last: the motor holds load and half of the coupling
     assert found.torque[-1] == pytest.approx(
