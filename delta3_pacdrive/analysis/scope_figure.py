@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,11 +21,14 @@ from delta3_pacdrive.errors import FigureError
 from delta3_pacdrive.recording.acquisition import Record
 from delta3_pacdrive.recording.column_table import ONE
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PANEL_IN = 2.2
 
 
-def draw(record: Record, path: Path, provenance: Provenance) -> Path:
-    """Draw a record as PNG; raises FigureError."""
+def figure_of(record: Record) -> Figure:
+    """Channels inside the drives, a panel for each unit, over the time from the trigger on."""
     units = list(dict.fromkeys(record.units))
     trigger = record.setting.trigger
     title = 'Oscilloscope' if trigger is None else f'Oscilloscope, trigger: {trigger.sentence}'
@@ -45,6 +48,12 @@ def draw(record: Record, path: Path, provenance: Provenance) -> Path:
         legend_above(panel)
     what = 'time from the trigger (ms)' if record.trigger is not None else 'time from the first sample (ms)'
     finish_over_time(panels, ['' if unit == ONE else f'({unit})' for unit in units], what)
+    return figure
+
+
+def draw(record: Record, path: Path, provenance: Provenance) -> Path:
+    """Draw a record as PNG; raises FigureError."""
+    figure = figure_of(record)
     add_foot(figure, provenance)
     try:
         save(figure, path, provenance.lines())

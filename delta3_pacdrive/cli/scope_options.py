@@ -130,6 +130,8 @@ class Records:
     ----------
     written
         What each tells of itself, with its files.
+    taken
+        File and samples of each.
 
     Raises
     ------
@@ -145,6 +147,7 @@ class Records:
         self._options, self._output, self._origin = options, output, origin
         self._several = options.mode == 'normal'
         self.written: list[dict[str, Any]] = []
+        self.taken: list[tuple[Path, Record]] = []
         column_table.require_writable(output, 'record')
         for path in filter(None, (output, options.plot)):
             first = self._named(path, 1)
@@ -169,6 +172,7 @@ class Records:
 
             files.append(str(draw(record, self._named(self._options.plot, number), self._origin)))
         self.written.append(records.facts(record) | {'files': files})
+        self.taken.append((path, record))
 
     def sentences(self) -> list[str]:
         """Say what was written, a sentence for each record."""

@@ -51,6 +51,11 @@ class Options(ReferenceOptions, ScopeOptions):
         'NAMES',
         type=signal_names,
     )
+    report: str | None = option(
+        'leave a folder with the figures and signals of the run, the records of --scope with a figure of each, and a '
+        'page that shows all of it',
+        'DIR',
+    )
     one_motor: bool = flag(
         'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
     )
@@ -87,6 +92,11 @@ class Options(ReferenceOptions, ScopeOptions):
             return '--learned is for the robot, so it is not for --one-motor'
         elif self.scope is not None:
             return '--scope looks into the drives of a robot, so it is not for --one-motor'
+        if self.report is not None:
+            if self.one_motor:
+                return '--report is about a robot, --one-motor leaves a folder of its own: --output'
+            if self.scope is not None and Path(self.scope_output).name != self.scope_output:
+                return '--scope-output is a name without a folder if there is a --report: records are in its folder'
         if self.signals and (self.one_motor or not self.trace):
             return '--signals says what --trace holds of a robot, which is not asked for'
         of_scope = {name(one) for one in fields(ScopeOptions) if one.metadata} | {'--scope-output'}
@@ -103,6 +113,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import run_comparison, trace_export
     from delta3_pacdrive.analysis.provenance import Provenance, digest
+    from delta3_pacdrive.analysis.report_folder import ReportFolder, require_writable_folder
     from delta3_pacdrive.analysis.run_energy import energy_of_round
     from delta3_pacdrive.motion import arrival, learned
     from delta3_pacdrive.motion import program_file as programs
@@ -110,6 +121,7 @@ def run(options: Options) -> int:
 
     if options.trace:
         trace_file.require_writable_trace(options.trace)
+    require_writable_folder(options.report)
     if options.signals:
         trace_export.require_known(options.signals)
     announce_compilation(options.parameters)
@@ -126,6 +138,9 @@ def run(options: Options) -> int:
         torques.require(simulation.plan_of(program, placed).plan, placed, options.learned)
         inputs.append(f'{options.learned} {digest(Path(options.learned))}')
     origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
+    folder = None if options.report is None else ReportFolder(Path(options.report), origin)
+    if folder is not None:
+        folder.make()
     started = time.perf_counter()
     trace, records = _simulated(options, program, robot, origin, torques)
     wall = time.perf_counter() - started
@@ -134,14 +149,20 @@ def run(options: Options) -> int:
         exact = run_comparison.from_exact(
             trace, simulation.run(program, robot.replace(dynamics__arm_coupling=core.EXACT))
         )
-    if options.trace:
+    if options.trace or folder is not None:
         from delta3_pacdrive.analysis.runs import note_limits
 
         note_limits(trace, program, simulation.placed(robot, program))
         trace.meta['provenance'] = origin.lines()
+    if options.trace:
         whole = trace_export.completed(trace, options.signals)
         trace_file.save(trace_export.chosen(whole, options.signals, program.name), options.trace)
     stopped, figures = trace.meta['stopped'], trace.meta['figures']
+    if folder is not None:
+        from delta3_pacdrive.analysis import run_report
+
+        told = [*([stopped] if stopped else []), *(records.sentences() if records else ())]
+        run_report.write(folder, trace, records.taken if records else (), told)
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
     ends = figures['final_tcp_m'], trace.meta['planned_end_m']
@@ -167,6 +188,9 @@ def run(options: Options) -> int:
     if records is not None:
         result['scope'] = records.written
     notes = (*chosen.notes, *(records.sentences() if records else ()))
+    if folder is not None:
+        result['files'] = folder.files
+        notes = (*notes, f'report: {folder.files[0]}')
     return print_run(result, options, robot, inputs, notes=notes)
 
 
@@ -188,7 +212,10 @@ def _simulated(
         return simulation.run(program, robot, *more), None
     from delta3_pacdrive.recording.acquisition import Acquisition
 
-    records = Records(options, options.scope_output, origin)
+    output = (
+        options.scope_output if options.report is None else str(Path(options.report) / options.scope_output)
+    )
+    records = Records(options, output, origin)
     setting = options.setting(options.scope, robot, all_of_it=True)
     acquisition = Acquisition(setting, records.take)
     trace = simulation.run(program, robot, acquisition, asked, torques)

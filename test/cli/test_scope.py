@@ -1,5 +1,6 @@
 """Facts about ``simulate --scope`` and ``scope list``: what is asked for is recorded, what is wrong is said."""
 
+import csv
 import json
 
 import numpy as np
@@ -62,6 +63,45 @@ def test_a_program_triggers_with_what_was_before_it(capsys):
         assert file.read(4) == b'\x89PNG'
 
 
+def test_a_report_holds_figure_and_file_of_each_record_with_a_row_on_its_page(tmp_path, capsys):
+    asked = ('--scope', 'axis1.current,axis2.speed', '--trigger', 'axis1.speed', '--edge', 'both', '--mode', 'normal',
+             '--records', '2', '--duration', '0.01', '--scope-output', 's.npz')  # fmt: skip
+    result = simulated(capsys, *asked, '--report', 'run')
+    names = {'s_1.npz', 's_2.npz', 'oscilloscope_1.png', 'oscilloscope_2.png', 'oscilloscope_records.csv'}
+    assert names | {'index.html', 'signals.csv', 'currents.png'} <= {
+        path.name for path in (tmp_path / 'run').iterdir()
+    }
+    assert {path.removeprefix('run/') for path in result['files']} == {
+        path.name for path in (tmp_path / 'run').iterdir()
+    }
+    page = (tmp_path / 'run/index.html').read_text(encoding='utf-8')
+    for name in names:
+        assert name in page
+    assert page.count('Oscilloscope, trigger: axis1.speed through 0 rad/s') == 2
+    with open('run/oscilloscope_records.csv', encoding='utf-8', newline='') as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith('#')))
+    assert [row['record'] for row in rows] == ['s_1.npz', 's_2.npz']
+    for row, record in zip(rows, result['scope'], strict=True):
+        assert (row['channels'], row['samples'], row['rate [Hz]']) == (
+            'axis1.current axis2.speed',
+            '160',
+            '16000.0',
+        )
+        assert float(row['seen [s]']) == record['trigger_time_s']
+    assert len(columns(f'run/{rows[1]["record"]}')['axis2.speed']) == 160
+
+
+def test_a_report_of_a_run_that_fails_shows_what_was_recorded(tmp_path, capsys):
+    text = 'moves:\n- dwell: {time_s: 0.5}\nfaults:\n- {fault: winding_short, axis: axis2, after_s: 0.1}\n'
+    (tmp_path / 'fault.yaml').write_text(text)
+    options = '--scope', 'axis2.current', '--trigger', 'fault', '--duration', '0.05', '--report', 'run'
+    assert main(['simulate', 'fault.yaml', *options]) == 1
+    page = (tmp_path / 'run/index.html').read_text(encoding='utf-8')
+    assert 'over-current in the winding' in page
+    assert 'oscilloscope.png' in page
+    assert (tmp_path / 'run/scope.csv').exists()
+
+
 def test_a_fault_triggers_and_is_recorded_although_the_run_fails(tmp_path, capsys):
     text = 'moves:\n- dwell: {time_s: 0.5}\nfaults:\n- {fault: winding_short, axis: axis2, after_s: 0.1}\n'
     (tmp_path / 'fault.yaml').write_text(text)
@@ -114,6 +154,11 @@ def test_what_cannot_be_recorded_gets_one_sentence(options, sentence, capsys):
         (('--scope', 'axis1.current', '--records', '2'), '--records is for --mode normal, not for single'),
         (('--scope', 'axis1.current', '--scope-output', 'a.txt'), 'must end in .parquet, .csv or .npz'),
         (('--scope', 'axis1.current', '--plot', 'a.pdf'), 'the name of a figure must end in .png'),
+        (
+            ('--scope', 'axis1.current', '--report', 'run', '--scope-output', 'a/b.csv'),
+            '--scope-output is a name without a folder',
+        ),
+        (('--one-motor', '--report', 'run'), '--report is about a robot'),
         (('--scope', 'axis1.current', '--rate', '20000'), 'must be a number between 1 and 16000 Hz'),
     ],
 )

@@ -1,0 +1,72 @@
+"""The report folder of a run: the figures of its signals, and what oscilloscopes have recorded inside its drives."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext, suppress
+from functools import partial
+from pathlib import Path
+
+from delta3_pacdrive.analysis import run_figures, scope_figure
+from delta3_pacdrive.analysis.report_folder import ReportFolder, Table
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording import record_file, trace_csv, trace_file
+from delta3_pacdrive.recording.acquisition import Record
+from delta3_pacdrive.recording.trace import Trace
+
+SIGNALS, RECORDS, FIGURE = 'signals.csv', 'oscilloscope_records.csv', 'oscilloscope.png'
+
+Kept = tuple[Path, Record]  # a record, and the file in which it is
+
+
+def write(folder: ReportFolder, trace: Trace, records: Sequence[Kept], text: Iterable[str] = ()) -> None:
+    """Write the figures of a run, its signals, and its records with a figure of each; then the page that shows them.
+
+    Parameters
+    ----------
+    folder
+        Where to write; the files of records are there already.
+    trace
+        Of the run.
+    records
+        What the oscilloscopes of its drives have recorded.
+    text
+        What there is to say about the run.
+
+    Raises
+    ------
+    Delta3Error
+        Something cannot be drawn or written.
+
+    """
+    # a run may have stopped before its program began
+    with suppress(TraceError) if trace.meta.get('stopped') else nullcontext():
+        run_figures.draw(trace, folder)
+    signals = folder.path / SIGNALS
+    trace_file.save(trace, signals)
+    folder.add(trace_csv.beside(signals))
+    folder.add(signals)
+    add_records(folder, records)
+    folder.page(f'Run of {trace.meta.get("program", "a program")}', text)
+
+
+def add_records(folder: ReportFolder, records: Sequence[Kept]) -> None:
+    """Add the figure and the file of each record, and a table with a row for each; raises Delta3Error."""
+    rows = []
+    for number, (path, record) in enumerate(records, start=1):
+        name = str(record_file.numbered(FIGURE, number)) if len(records) > 1 else FIGURE
+        folder.figures({name: partial(scope_figure.figure_of, record)}, with_foot=True)
+        folder.add(path)
+        facts = record_file.facts(record)
+        rows.append(
+            {
+                'record': path.name,
+                'figure': name,
+                'channels': ' '.join(facts['channels']),
+                'samples': facts['samples'],
+                'rate [Hz]': facts['rate_hz'],
+                'first sample [s]': facts['time_s'],
+                'trigger': facts['trigger'],
+                'seen [s]': facts['trigger_time_s'],
+            }
+        )
+    if rows:
+        folder.table(Table.of_rows(RECORDS, rows))
