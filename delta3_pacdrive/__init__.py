@@ -134,7 +134,8 @@ def simulate(
     program
         A program, its file, or the name of a packaged one.
     parameters
-        Of the robot; without them the packaged nominal one.
+        Of the robot; without them those of ``delta3 simulate``: nominal, with the controller of the thesis for its
+        packaged programs, else with the one that knows the model.
     signals
         What is told on request only, by names and patterns: ``payload``, ``outputs``, ``tcp_speed``, ``drive_*``.
 
@@ -155,16 +156,19 @@ def simulate(
 
     """
     from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.parameters import of_run
     from delta3_pacdrive.simulation import run
 
-    robot = load_parameters() if parameters is None else parameters
-    read = program if isinstance(program, Program) else load_program(program, robot)
+    if parameters is None:
+        named = program.source if isinstance(program, Program) else program
+        parameters = load_parameters(of_run(None, named or None))
+    read = program if isinstance(program, Program) else load_program(program, parameters)
     if not signals:
-        return run(read, robot)
+        return run(read, parameters)
     from delta3_pacdrive.analysis import trace_export
 
     trace_export.require_known(signals)
-    return trace_export.completed(run(read, robot, signals=trace_export.on_request(signals)), signals)
+    return trace_export.completed(run(read, parameters, signals=trace_export.on_request(signals)), signals)
 
 
 def __getattr__(name: str) -> Any:

@@ -194,6 +194,7 @@ def load(
     if not is_recording(text):
         if columns is not None:
             raise TraceError(f'{text} is a program, so the column file {columns} is not for it')
+        source = core.of_run(source, text)
         trace, robot, program, note, kind = *_simulated(text, source), '', PROGRAM
         story: Mapping[str, Any] = trace.meta
     else:

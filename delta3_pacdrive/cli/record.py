@@ -11,7 +11,9 @@ class Options(NodeOptions):
     """Options of the command."""
 
     bag: str = argument('folder to make')
-    parameters: str | None = option('parameter file of the robot, for the metadata', 'FILE')
+    parameters: str | None = option(
+        'parameter file of the robot, for the metadata, if it is not that of delta3 up', 'FILE'
+    )
 
 
 def run(options: Options) -> int:
@@ -23,7 +25,7 @@ def run(options: Options) -> int:
     folder = Path(options.bag).absolute()
     if folder.exists():
         raise RunError(f'cannot record into {folder}: it exists already')
-    return record(folder, core.load(options.parameters), '/' + options.namespace.strip('/'))
+    return record(folder, core.load(core.of_run(options.parameters)), '/' + options.namespace.strip('/'))
 
 
 main = Command(

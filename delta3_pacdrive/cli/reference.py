@@ -32,11 +32,19 @@ class Chosen:
 
 @contextmanager
 def program_of(options: ReferenceOptions) -> Iterator[Chosen]:
-    """Give what is run; a reference becomes a program file, which is there meanwhile. Raises Delta3Error."""
+    """Give what is run; a reference becomes a program file, which is there meanwhile. Raises Delta3Error.
+
+    The options say from then on which parameter file the run has.
+    """
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.configuration.packaged import THESIS_PROGRAMS
+
+    # what is played is a log to be held against the model: of a robot as the thesis has it
+    like = options.program if options.reference is None else THESIS_PROGRAMS[0]
+    options.parameters = core.of_run(options.parameters, like)
     if options.reference is None:
         yield Chosen(options.program, (options.program,))
         return
-    from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import reference
     from delta3_pacdrive.motion import program_file as programs

@@ -125,10 +125,10 @@ def run(options: Options) -> int:
     if options.signals:
         trace_export.require_known(options.signals)
     announce_compilation(options.parameters)
-    robot = core.load(options.parameters)
-    if options.exchange_period is not None:
-        robot = robot.replace(bus__exchange_period_s=options.exchange_period)
     with program_of(options) as chosen:
+        robot = core.load(options.parameters)
+        if options.exchange_period is not None:
+            robot = robot.replace(bus__exchange_period_s=options.exchange_period)
         program = programs.load(chosen.program, robot.motion)
     simulation.load_kernels(robot)
     inputs, torques = chosen.digests(), None
@@ -239,6 +239,8 @@ def _run_one_motor(options: Options) -> int:
         raise RunError('--exchange-period is not for --one-motor: drive and motor exchange every 125e-6 s')
     if options.trace:
         trace_file.require_writable_trace(options.trace)
+    # what the thesis did in ECAM-4 has its controller
+    options.parameters = options.parameters or core.THESIS_CONTROLLER
     settings = study.Settings(
         options.parameters,
         options.axis,

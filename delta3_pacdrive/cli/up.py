@@ -37,17 +37,21 @@ class _Announcement:
             self._say(f'fault: {self._fault}' if self._fault else 'faults cleared')
         if not self._told and progress['in_torque']:
             self._told = True
+            self._say(f'controller: {self._bringup.robot.controller}')
             self._say(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
         show_run(self._display, progress)
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    from delta3_pacdrive import parameters as core
+
+    options.parameters = core.of_run(options.parameters)
     bringup, result = bring_up(
         options, None, lambda display, bringup: _Announcement(display, bringup, options.json).show
     )
     if options.json:
-        print_json(result, options, bringup.robot)
+        print_json(result | {'controller': bringup.robot.controller}, options, bringup.robot)
     else:
         print(
             f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '

@@ -2,6 +2,8 @@
 
 import os
 
+# what the thesis ran; its controller goes with them
+THESIS_PROGRAMS = ('experiment1', 'experiment2', 'experiment3', 'excitation')
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 

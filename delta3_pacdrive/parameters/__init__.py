@@ -1,6 +1,16 @@
 """Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, the rules that their values keep, their files."""
 
-from delta3_pacdrive.parameters.file import DEFAULT_FILE, config_directory, find, load, parts, write
+from delta3_pacdrive.parameters.file import (
+    DEFAULT_FILE,
+    MODEL_CONTROLLER,
+    THESIS_CONTROLLER,
+    config_directory,
+    find,
+    load,
+    of_run,
+    parts,
+    write,
+)
 from delta3_pacdrive.parameters.geometry import ArmDeviations, Kinematics
 from delta3_pacdrive.parameters.records import (
     CUBIC,
@@ -44,8 +54,10 @@ __all__ = [
     'INTERPOLATIONS',
     'LINEAR',
     'MODEL',
+    'MODEL_CONTROLLER',
     'PAYLOAD_MAX_KG',
     'PLANTS',
+    'THESIS_CONTROLLER',
     'ArmDeviations',
     'Bus',
     'Control',
@@ -64,6 +76,7 @@ __all__ = [
     'groups',
     'is_rich',
     'load',
+    'of_run',
     'parts',
     'write',
 ]

@@ -5,11 +5,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.configuration import parameter_file
+from delta3_pacdrive.configuration import packaged, parameter_file
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.robot import Parameters, flat_document, from_tree, groups
 
 DEFAULT_FILE = 'delta3.yaml'
+THESIS_CONTROLLER, MODEL_CONTROLLER = 'delta3', 'model'  # files that say which controller a run has
 
 
 def load(path: str | Path | None = None) -> Parameters:
@@ -35,6 +36,29 @@ def load(path: str | Path | None = None) -> Parameters:
     return from_tree(_joined(trees, where), where)
 
 
+def of_run(given: str | None, program: str | Path | None = None) -> str:
+    """Return the parameter file of a run: the one with its controller, if ``given`` does not say another one.
+
+    Packaged programs of the thesis are driven by its controller, all others, and a robot that is up without any, by the
+    one that knows the model. A file of differences, such as ``rich``, differs from that.
+    """
+    own = THESIS_CONTROLLER if program is not None and _is_of_the_thesis(program) else MODEL_CONTROLLER
+    if given is None:
+        return own
+    first, *_ = files = parts(given)
+    says = [file.stem for file in files if file.parent.resolve() == config_directory().resolve()]
+    if own == MODEL_CONTROLLER and _is_packaged_difference(first) and own not in says:
+        return f'{own}+{given}'
+    return given
+
+
+def _is_of_the_thesis(program: str | Path) -> bool:
+    path, folder = Path(program), config_directory() / 'programs'
+    if path.parent == Path() and not path.exists():
+        path = folder / f'{path.name}.yaml'
+    return path.stem in packaged.THESIS_PROGRAMS and path.resolve().parent == folder.resolve()
+
+
 def parts(path: str | Path) -> list[Path]:
     """Return the files that ``path`` means: itself, a packaged one, or several that ``+`` joins."""
     found = find(path)
@@ -47,9 +71,9 @@ def parts(path: str | Path) -> list[Path]:
 def find(path: str | Path) -> Path:
     """Return the parameter file that ``path`` means: itself, else the packaged one of that name."""
     path = Path(path)
-    for packaged in config_directory().glob('*.yaml'):
-        if str(path) in (packaged.name, packaged.stem) and not path.exists():
-            return packaged
+    for own in config_directory().glob('*.yaml'):
+        if str(path) in (own.name, own.stem) and not path.exists():
+            return own
     return path
 
 

@@ -10,7 +10,17 @@ from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.checked import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.geometry import Kinematics
-from delta3_pacdrive.parameters.records import MODEL, Bus, Control, Drive, Dynamics, Motion, Motor, Rich
+from delta3_pacdrive.parameters.records import (
+    LINEAR,
+    MODEL,
+    Bus,
+    Control,
+    Drive,
+    Dynamics,
+    Motion,
+    Motor,
+    Rich,
+)
 from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
@@ -53,6 +63,16 @@ class Parameters:
     def gear_gives(self) -> bool:
         """Whether the controller knows of gears that give."""
         return self.control.gear_stiffness_n_m_rad > 0.0 or self.control.gear_backlash_rad > 0.0
+
+    @property
+    def controller(self) -> str:
+        """Which controller it is, in words."""
+        torque = 'the whole model' if self.sends_torque else 'one inertia per axis'
+        words = [f'torque of {torque}', f'{self.drive.interpolation} set points']
+        if self.gear_gives:
+            words.append('gears that give')
+        of_thesis = self.control == Control() and self.drive.interpolation == LINEAR
+        return f'{", ".join(words)}{" (of the thesis)" * of_thesis}'
 
     @property
     def gear_compliance_rad_n_m(self) -> float:

@@ -41,6 +41,7 @@ class Recording:
             'program': program,
             'checksum': parameters.checksum,
             'parameters': flat_document(parameters),
+            'controller': parameters.controller,
             'gear_ratio': parameters.dynamics.gear_ratio,
             'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
             'cycle_time_s': parameters.bus.cycle_time_s,

@@ -86,6 +86,7 @@ class RobotReader:
         self._questions = {
             node: operator.create_client(GetParameters, f'{node}/get_parameters') for node in TELL_PARAMETERS
         }
+        self._controller = ''  # until the robot has told its parameters
         self._answers: dict[str, tuple[list[str], Any]] = {}  # by node: names, and what is to come
         self._asked_in = ''  # session
 
@@ -147,6 +148,7 @@ class RobotReader:
             operator=p['operator'],
             payload_kg=min(max(p['payload_kg'], 0.0), core.PAYLOAD_MAX_KG),
             outputs=int(p['outputs']),
+            controller=self._controller,
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -191,6 +193,7 @@ class RobotReader:
         except Delta3Error:
             return False  # a robot of another version
         before, self.parameters = self.parameters, found
+        self._controller = found.controller
         self.planned.use(found.kinematics)
         return found.checksum != before.checksum
 

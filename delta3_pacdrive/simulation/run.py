@@ -145,6 +145,7 @@ def _meta(planned: program_planner.Planned, parameters: Parameters, task: Transf
         'outputs': plan_times.output_changes(planned.plan),
         'checksum': parameters.checksum,
         'parameters': flat_document(parameters),
+        'controller': parameters.controller,
         'gear_ratio': parameters.dynamics.gear_ratio,
         'rich': parameters.rich.enabled,
         'cycle_time_s': parameters.bus.cycle_time_s,

@@ -151,6 +151,7 @@ class Film:
             remaining_s=max(float(self.time_s[-1]) - time_s, 0.0),
             payload_kg=payload_kg,
             outputs=sum(1 << number for number, name in enumerate(OUTPUTS) if on.get(name)),
+            controller='' if run.robot_note else run.robot.controller,
         )
 
     def _drives(self, time_s: float) -> tuple[DriveFacts, ...]:

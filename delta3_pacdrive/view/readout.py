@@ -72,6 +72,8 @@ def status(facts: Facts, tcp_m: Floats | None) -> str:
     outputs = ' '.join(str(n) for n in range(8) if facts.outputs >> n & 1)
     queue = () if facts.recording else (('queue', f'{facts.queue}'),)
     rows.append(_pairs(*queue, ('outputs', outputs or 'none'), ('payload', f'{facts.payload_kg:g} kg')))
+    if facts.controller:
+        rows.append(_pairs(('controller', html.escape(facts.controller))))
     if facts.operator:
         rows.append(_pairs(('control', html.escape(facts.operator))))
     rows += [html.escape(text) for text in (facts.working, facts.waiting) if text]

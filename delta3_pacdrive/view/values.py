@@ -86,6 +86,8 @@ class Facts:
         Its title, if this is one; ``override`` is the speed at which it is played then.
     payload_kg, outputs
         What it carries, and its digital outputs as bits.
+    controller
+        Which one it is, in words; empty as long as that is not known.
 
     """
 
@@ -111,6 +113,7 @@ class Facts:
     recording: str = ''
     payload_kg: float = 0.0
     outputs: int = 0
+    controller: str = ''
 
 
 @dataclass(frozen=True)

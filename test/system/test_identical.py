@@ -308,7 +308,7 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
 ) -> None:
     program = tmp_path / 'mixed.yaml'
     program.write_text(MIXED)
-    robot = parameters.load()
+    robot = parameters.load(parameters.of_run(None, program))
     simulated = simulation.run(programs.load(program, robot.motion), robot)
     bag = tmp_path / 'bag'
     recorded, result = _run(delta3, bag, '--real-time-factor', '0', *options, program=str(program))
@@ -385,7 +385,7 @@ def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
 ) -> None:
     program = tmp_path / 'disturbed.yaml'
     program.write_text(DISTURBED)
-    robot = parameters.load()
+    robot = parameters.load(parameters.of_run(None, program))
     simulated = simulation.run(programs.load(program, robot.motion), robot)
     done = delta3('run', program, '--bag', tmp_path / 'bag', *options)
     assert done.returncode == 1

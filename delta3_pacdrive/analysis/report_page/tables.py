@@ -218,10 +218,11 @@ def _statistics(run: Run, name: str) -> str:
 def _parameters(run: Run, name: str) -> str:
     changed = run.changed_parameters()
     note = f'<p>{escape(run.robot_note)}.</p>' if run.robot_note else ''
+    controller = f'<p>Controller: {escape(run.robot.controller)}.</p>'
     if not changed:
-        body = note + '<p>All parameters are as packaged.</p>'
+        body = f'{note}{controller}<p>All parameters are as packaged.</p>'
     else:
-        body = note + _table(
+        body = f'{note}{controller}' + _table(
             ['parameter', 'value', 'packaged'],
             [[f'<code>{key}</code>', _value(own), _value(usual)] for key, (own, usual) in changed.items()],
         )

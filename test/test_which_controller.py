@@ -1,0 +1,72 @@
+"""Facts about which controller a run has that nobody asked for one: the thesis' for its programs, else the model's."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import delta3_pacdrive as d3
+from delta3_pacdrive import parameters
+from delta3_pacdrive.analysis import runs
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.configuration.packaged import THESIS_PROGRAMS
+from delta3_pacdrive.motion import program_file as programs
+
+THESIS = 'torque of one inertia per axis, linear set points (of the thesis)'
+MODEL = 'torque of the whole model, cubic set points'
+
+
+@pytest.mark.parametrize('program', THESIS_PROGRAMS)
+def test_programs_of_the_thesis_are_driven_by_its_controller(program):
+    assert parameters.of_run(None, program) == 'delta3'
+    assert parameters.of_run(None, programs.find(program)) == 'delta3'
+    assert parameters.of_run('rich', program) == 'rich'
+
+
+@pytest.mark.parametrize('program', [None, 'packaging', 'packaging_stops', 'mine.yaml'])
+def test_everything_else_is_driven_by_the_one_that_knows_the_model(program):
+    assert parameters.of_run(None, program) == 'model'
+    assert parameters.load(parameters.of_run('rich', program)) == parameters.load('rich+model')
+    assert parameters.of_run('model+rich', program) == 'model+rich'
+
+
+@pytest.mark.parametrize('given', ['delta3', 'delta3+rich', 'model', 'mine.yaml'])
+def test_who_names_a_complete_file_or_a_controller_has_it(given):
+    assert parameters.of_run(given, 'packaging') == given
+    assert parameters.of_run(given, 'experiment1') == given
+
+
+def test_a_copy_of_a_program_is_no_program_of_the_thesis(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / 'experiment1.yaml'
+    shutil.copy(programs.find('experiment1'), own)
+    assert parameters.of_run(None, own) == 'model'
+    assert parameters.of_run(None, 'experiment1.yaml') == 'model'
+    assert parameters.of_run(None, 'experiment1') == 'delta3'
+
+
+def test_a_controller_is_told_in_words(robot):
+    assert robot.controller == THESIS
+    assert parameters.load('model').controller == MODEL
+    assert parameters.load('rich+model+gears').controller == f'{MODEL}, gears that give'
+    assert (
+        robot.replace(drive__interpolation='cubic').controller
+        == 'torque of one inertia per axis, cubic set points'
+    )
+
+
+@pytest.mark.parametrize(('program', 'controller'), [('experiment1', THESIS), ('packaging', MODEL)])
+def test_a_run_has_the_same_bits_from_the_command_line_in_python_and_in_reports(
+    program, controller, tmp_path, capsys
+):
+    assert main(['simulate', program, '--trace', str(tmp_path / 'run.npz')]) == 0
+    assert f'controller  {controller}' in capsys.readouterr().out
+    assert main(['simulate', program, '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['controller'] == controller
+    trace, here = d3.load_trace(tmp_path / 'run.npz'), d3.simulate(program)
+    loaded, shown = d3.simulate(d3.load_program(program)), runs.load(program)
+    assert trace.meta['controller'] == here.meta['controller'] == controller
+    assert shown.robot.controller == controller
+    for one in (here, loaded, shown.whole):
+        np.testing.assert_array_equal(one['tcp_true'], trace['tcp_true'])
