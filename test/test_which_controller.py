@@ -65,7 +65,7 @@ def test_a_run_has_the_same_bits_from_the_command_line_in_python_and_in_reports(
     assert main(['simulate', program, '--json']) == 0
     assert json.loads(capsys.readouterr().out)['controller'] == controller
     trace, here = d3.load_trace(tmp_path / 'run.npz'), d3.simulate(program)
-    loaded, shown = d3.simulate(d3.load_program(program)), runs.load(program)
+    loaded, shown = d3.simulate(d3.load_program(program, d3.load_parameters())), runs.load(program)
     assert trace.meta['controller'] == here.meta['controller'] == controller
     assert shown.robot.controller == controller
     for one in (here, loaded, shown.whole):

@@ -150,8 +150,9 @@ class Run:
     @property
     def told_source(self) -> str | None:
         """Parameter file for the provenance: where a recording tells its own parameters, the recording."""
-        told_itself = self.kind != PROGRAM and not self.robot_note
-        return self.name if told_itself else self.source or None
+        if self.kind == PROGRAM:
+            return core.of_run(self.source or None, self.name)
+        return self.source or None if self.robot_note else self.name
 
     def changed_parameters(self) -> dict[str, tuple[Any, Any]]:
         """Return the parameters that are not as packaged, by name: its own value and the packaged one."""
@@ -194,8 +195,7 @@ def load(
     if not is_recording(text):
         if columns is not None:
             raise TraceError(f'{text} is a program, so the column file {columns} is not for it')
-        source = core.of_run(source, text)
-        trace, robot, program, note, kind = *_simulated(text, source), '', PROGRAM
+        trace, robot, program, note, kind = *_simulated(text, core.of_run(source, text)), '', PROGRAM
         story: Mapping[str, Any] = trace.meta
     else:
         chosen = None if columns is None else column_file.read(columns)

@@ -146,7 +146,7 @@ def print_figures(result: dict[str, Any]) -> None:
     rows = [
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
         ('wall time', f'{result["wall_time_s"]:.3f} s ({factor:.2f} x real time)'),
-        ('controller', result['controller']),
+        *([('controller', result['controller'])] if 'controller' in result else ()),
         (
             'TCP error',
             f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms',

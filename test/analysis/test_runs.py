@@ -136,7 +136,12 @@ def test_a_program_tells_moves_outputs_and_its_start(program):
         ('output', 'gripper on, payload 0.5 kg'),
     ]
     assert run.marks[1].time_s == pytest.approx(line.end_s, abs=1e-9)
-    assert run.changed_parameters() == {'motion.home_m': ((0.0, 0.0, -0.78), (0.0, 0.0, -0.75))}
+    assert run.changed_parameters() == {
+        'motion.home_m': ((0.0, 0.0, -0.78), (0.0, 0.0, -0.75)),
+        'control.feed_forward': ('model', 'inertia'),
+        'drive.interpolation': ('cubic', 'linear'),
+    }
+    assert run.told_source == 'model'
 
 
 def test_a_program_tells_what_limits_each_of_its_moves_in_every_round(program):

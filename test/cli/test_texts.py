@@ -30,6 +30,7 @@ FIGURES = {
     'at_current_rms_a': [0.34, None, 0.36],
 }
 RESULT = FIGURES | {
+    'controller': 'torque of a hand',
     'bus_time_s': 3.0,
     'wall_time_s': 1.5,
     'cycles': 2987,
@@ -59,6 +60,7 @@ def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsy
     assert printed(capsys) == {
         'bus time': ['3.000 s in 2987 cycles'],
         'wall time': ['1.500 s (2.00 x real time)'],
+        'controller': ['torque of a hand'],
         'TCP error': ['1.230 mm max, 0.450 mm rms'],
         'final TCP': ['(100.000, -20.000, -753.000) mm'],
         'current peak': ['1.11 / 2.22 / 3.33 A'],

@@ -55,7 +55,8 @@ def test_the_planned_end_is_that_of_the_program_and_not_of_the_first_move(robot)
 def test_a_simulation_that_does_not_arrive_says_so_and_fails(tmp_path, capsys):
     path, trace = tmp_path / 'heavy.yaml', tmp_path / 'heavy.npz'
     path.write_text(HEAVY)
-    assert main(['simulate', str(path), '--json', '--trace', str(trace)]) == 1
+    thesis = ['--parameters', 'delta3']  # whose controller does not know of the payload
+    assert main(['simulate', str(path), '--json', '--trace', str(trace), *thesis]) == 1
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert result['ok'] is False
@@ -63,7 +64,7 @@ def test_a_simulation_that_does_not_arrive_says_so_and_fails(tmp_path, capsys):
     assert 'has not arrived' in result['error']
     assert f'error: {result["error"]}' in printed.err
     assert trace.exists()  # what went wrong can be looked at
-    assert main(['simulate', str(path)]) == 1
+    assert main(['simulate', str(path), *thesis]) == 1
     assert 'heavy: not arrived' in capsys.readouterr().out
 
 

@@ -15,7 +15,7 @@ from delta3_pacdrive.analysis.report_page.columns import resolution_of
 from delta3_pacdrive.analysis.report_page.plots import DERIVED, QUANTITIES
 from delta3_pacdrive.analysis.run_comparison import compare, move_figures
 from delta3_pacdrive.errors import ReportError
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from page_data import document_of, signals_of
 
 ORIGIN = Provenance('delta3 report <a> & "b"', None, 'abc (delta3.yaml)', ('experiment1 123',), 'numpy 2')
@@ -68,8 +68,8 @@ class Tags(HTMLParser):
 def test_the_numbers_in_the_page_are_those_of_the_trace(one, text, robot):
     time_s, found = signals_of(document_of(text)['runs'][0])
     np.testing.assert_allclose(time_s, one.part.time_s, rtol=0.0, atol=1e-9)
-    assert set(found) == {*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *DERIVED}
-    for name in (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS):
+    assert set(found) == {*SIGNALS, *TORQUE_SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *DERIVED}
+    for name in (*SIGNALS, *TORQUE_SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS):
         step = resolution_of(name, QUANTITIES[name][0], robot.bus.increments_per_rev)
         assert np.abs(found[name] - one.part[name]).max() <= 0.5 * step * ROUNDING, name
 
