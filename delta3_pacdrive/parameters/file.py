@@ -37,10 +37,18 @@ def load(path: str | Path | None = None) -> Parameters:
 
 
 def of_run(given: str | None, program: str | Path | None = None) -> str:
-    """Return the parameter file of a run: the one with its controller, if ``given`` does not say another one.
+    """Return the parameter file of a run: the one with its controller, unless another one is given.
 
     Packaged programs of the thesis are driven by its controller, all others, and a robot that is up without any, by the
     one that knows the model. A file of differences, such as ``rich``, differs from that.
+
+    Parameters
+    ----------
+    given
+        What was asked for, None for nothing.
+    program
+        Its file, or the name of a packaged one; None for a robot that waits for moves.
+
     """
     own = THESIS_CONTROLLER if program is not None and _is_of_the_thesis(program) else MODEL_CONTROLLER
     if given is None:
