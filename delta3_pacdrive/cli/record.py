@@ -12,7 +12,7 @@ class Options(NodeOptions):
 
     bag: str = argument('folder to make')
     parameters: str | None = option(
-        'parameter file of the robot, for the metadata, if it is not that of delta3 up', 'FILE'
+        'parameter file of the robot, for the metadata, instead of what it tells', 'FILE'
     )
 
 
@@ -25,7 +25,8 @@ def run(options: Options) -> int:
     folder = Path(options.bag).absolute()
     if folder.exists():
         raise RunError(f'cannot record into {folder}: it exists already')
-    return record(folder, core.load(core.of_run(options.parameters)), '/' + options.namespace.strip('/'))
+    robot = None if options.parameters is None else core.load(core.of_run(options.parameters))
+    return record(folder, robot, '/' + options.namespace.strip('/'))
 
 
 main = Command(

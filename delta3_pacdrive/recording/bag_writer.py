@@ -163,9 +163,16 @@ class BagWriter:
         try:
             self._storage.close_chunk()
             self._commit()
-            self._write_metadata(self._custom | {OPEN_KEY: OPEN})
+            self._write_open_metadata()
         except OSError as error:
             raise RunError(f'cannot record into {self.path}: {_why(error)}') from error
+
+    def tell(self, custom: Mapping[str, str]) -> None:
+        """Replace custom data of a bag that is written to, on the disk as well; never raises for the disk."""
+        self._custom |= custom
+        if not self.stopped:
+            with suppress(OSError):  # the end says it again
+                self._write_open_metadata()
 
     def write(self, connection: Connection, received_ns: int, data: bytes) -> None:
         """Write a message; never raises for the disk."""
@@ -248,6 +255,9 @@ class BagWriter:
         storage.chunk = type(chunk)(_NEVER_NS, 0, type(chunk.bio)(), type(chunk.msgs)(list))
         storage.channel_stats = dict(mark.counts)
         storage.message_start_time, storage.message_end_time = mark.first_ns, mark.last_ns
+
+    def _write_open_metadata(self) -> None:
+        self._write_metadata(self._custom | {OPEN_KEY: OPEN})
 
     def _write_metadata(self, custom: Mapping[str, str]) -> None:
         """Replace metadata.yaml: a reader sees the old one or the new one."""

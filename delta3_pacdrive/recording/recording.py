@@ -37,19 +37,18 @@ class Recording:
     """
 
     def __init__(self, folder: Path, program: str, parameters: Parameters) -> None:
-        self._meta: dict[str, Any] = {
-            'program': program,
-            'checksum': parameters.checksum,
-            'parameters': flat_document(parameters),
-            'controller': parameters.controller,
-            'gear_ratio': parameters.dynamics.gear_ratio,
-            'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
-            'cycle_time_s': parameters.bus.cycle_time_s,
-            'exchange_period_s': parameters.bus.exchange_period_s,
-        }
+        self._meta: dict[str, Any] = {'program': program} | _about_robot(parameters)
         self.bag = BagWriter(folder, {METADATA_KEY: json.dumps(self._meta)}, self._about)
         self._completeness: dict[str, Completeness] = {}
+        self._of_exchange: set[str] = set()  # topics that come every exchange
         self._starts: set[int] = set()
+
+    def know(self, parameters: Parameters) -> None:
+        """Take what has been learned of the robot since the recording began."""
+        self._meta |= _about_robot(parameters)
+        for name, item in self._completeness.items():
+            item.period_ns = self._period_ns(name)
+        self.bag.tell({METADATA_KEY: json.dumps(self._meta)})
 
     def add_topic(self, absolute: str, message_type: str, depth: int, latched: bool) -> Write:
         """Announce a topic by its absolute name; the returned call writes a message of it."""
@@ -58,8 +57,9 @@ class Recording:
 
     def add_cyclic_topic(self, name: str, of_exchange: bool, write: Write) -> Write:
         """Count the messages of a topic, by its relative name, that comes every bus cycle, or every exchange."""
-        period_s = self._meta['exchange_period_s' if of_exchange else 'cycle_time_s']
-        counted = self._completeness[name] = Completeness(round(period_s * NANOSECONDS), self._starts)
+        if of_exchange:
+            self._of_exchange.add(name)
+        counted = self._completeness[name] = Completeness(self._period_ns(name), self._starts)
 
         def write_and_count(received_ns: int, data: bytes) -> None:
             write(received_ns, data)
@@ -100,7 +100,24 @@ class Recording:
         """Finish the bag; what is written is complete and readable."""
         self.bag.close(self._about(self.bag.stopped))
 
+    def _period_ns(self, name: str) -> int:
+        period_s = self._meta['exchange_period_s' if name in self._of_exchange else 'cycle_time_s']
+        return round(float(period_s) * NANOSECONDS)
+
     def _about(self, stopped: str) -> dict[str, str]:
         """Return what the metadata says of a bag that ends now."""
         found = self._meta | {'lost': self.lost()} | ({'stopped': stopped} if stopped else {})
         return {METADATA_KEY: json.dumps(found)}
+
+
+def _about_robot(parameters: Parameters) -> dict[str, Any]:
+    """Return what the metadata says of a robot."""
+    return {
+        'checksum': parameters.checksum,
+        'parameters': flat_document(parameters),
+        'controller': parameters.controller,
+        'gear_ratio': parameters.dynamics.gear_ratio,
+        'torque_constant_n_m_a': parameters.motor.torque_constant_n_m_a,
+        'cycle_time_s': parameters.bus.cycle_time_s,
+        'exchange_period_s': parameters.bus.exchange_period_s,
+    }

@@ -9,12 +9,9 @@ import json
 import math
 import time
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import GetParameters
-from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, String
 
@@ -27,31 +24,16 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.numbers import row_of
-from delta3_pacdrive.ros.parameters import shows
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.told_parameters import ToldParameters
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 
 SILENT_S = 2.0  # without a report, after which no robot is there
-TELL_PARAMETERS = {
-    'plant': 'plant',
-    'mc4_drive_1': 'mc4_drive',
-    'transformation_task': 'transformation_task',
-}  # kinds
 OVERLOAD = 'overload_s'
-
-
-def _plain(names: list[str], response: Any) -> dict[str, Any]:
-    """Return parameters by their names as a node has answered them; raises RuntimeError for a type that is none."""
-    values = [parameter_value_to_python(told) for told in response.values] if response else []
-    return {
-        name: value if isinstance(value, (bool, int, float, str)) else list(value)
-        for name, value in zip(names, values, strict=False)
-        if value is not None
-    }
 
 
 class RobotReader:
@@ -82,12 +64,8 @@ class RobotReader:
         plan = interfaces.MOTION_PLAN
         plan.subscription(operator, self._on_plan, raw=True, profile=plan.delivery.view)
         interfaces.STATUS.subscription(operator, self._on_status)
-        # all parameters of the robot, each of a node that shows it
-        self._questions = {
-            node: operator.create_client(GetParameters, f'{node}/get_parameters') for node in TELL_PARAMETERS
-        }
+        self._told = ToldParameters(operator)
         self._controller = ''  # until the robot has told its parameters
-        self._answers: dict[str, tuple[list[str], Any]] = {}  # by node: names, and what is to come
         self._asked_in = ''  # session
 
     @property
@@ -177,29 +155,12 @@ class RobotReader:
     def learn(self) -> bool:
         """Ask for the parameters of the robot once in each session; whether others than before are known now."""
         session = str(self.operator.progress.get('session', '')) if self.here else ''
-        ready = all(question.service_is_ready() for question in self._questions.values())
-        if session and session != self._asked_in and ready:
+        if session and session != self._asked_in and self._told.ready:
             self._asked_in = session
-            self._ask_for_parameters()
-        if not self._answers or not all(answer.done() for _, answer in self._answers.values()):
+            self._told.ask()
+        if (found := self._told.take()) is None:
             return False
-        answers, self._answers = self._answers, {}
-        plain: dict[str, Any] = {}
-        for names, answer in answers.values():
-            with suppress(RuntimeError):  # an answer that cannot be read is none
-                plain |= _plain(names, answer.result())
-        try:
-            found = core.from_flat(plain)
-        except Delta3Error:
-            return False  # a robot of another version
         before, self.parameters = self.parameters, found
         self._controller = found.controller
         self.planned.use(found.kinematics)
         return found.checksum != before.checksum
-
-    def _ask_for_parameters(self) -> None:
-        left = list(core.flatten(self.parameters))
-        for node, question in self._questions.items():
-            names = [name for name in left if shows(TELL_PARAMETERS[node], name)]
-            left = [name for name in left if name not in names]
-            self._answers[node] = names, question.call_async(GetParameters.Request(names=names))

@@ -19,7 +19,8 @@ from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.qos import PLAN_WRITER, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.ros.robot_reader import TELL_PARAMETERS, RobotReader
+from delta3_pacdrive.ros.robot_reader import RobotReader
+from delta3_pacdrive.ros.told_parameters import TELL_PARAMETERS
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}

@@ -177,7 +177,8 @@ def test_joint_motion_on_line_has_the_bits_that_a_trace_gives(
 def test_what_a_bag_tells_when_it_changes_is_what_a_simulation_notes(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    robot, names = parameters.load(), ['payload', 'outputs', 'fault', 'lost_telegrams', 'status_word']
+    robot = parameters.load(parameters.of_run(None, 'packaging'))
+    names = ['payload', 'outputs', 'fault', 'lost_telegrams', 'status_word']
     simulated = simulation.run(programs.load('packaging', robot.motion), robot, signals=names)
     simulated = trace_export.completed(simulated, names)
     recorded, _ = _run(delta3, tmp_path / 'bag', '--real-time-factor', '0', program='packaging')

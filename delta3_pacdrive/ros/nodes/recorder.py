@@ -20,15 +20,20 @@ from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.interfaces import PHASE, RECORDED, RECORDER_STATE, Topic
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor, overrides
 from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.told_parameters import ToldParameters
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: all that was published has arrived
+ANSWER_S = 2.0  # for a robot that was asked for its parameters, before it is asked again
 
 
 class RecorderNode(PollingNode):
-    """A node that writes a bag until it is destroyed."""
+    """A node that writes a bag until it is destroyed.
 
-    def __init__(self, **node_options: Any) -> None:
+    With ``asks`` the parameters that it was given are those of the metadata until the robot has told its own.
+    """
+
+    def __init__(self, asks: bool = False, **node_options: Any) -> None:
         super().__init__('recorder', **node_options)
         folder = declare(self, 'bag', '', descriptor('folder of the new bag', 0, 0, str))
         program = declare(self, 'program', '', descriptor('name of the program, for the metadata', 0, 0, str))
@@ -41,6 +46,8 @@ class RecorderNode(PollingNode):
         self._ready = self._said_stopped = False
         self._newest_ns = 0  # when the newest message was published
         self._recording.bag.begin()
+        self._told = ToldParameters(self) if asks else None
+        self._ask_s = 0.0  # monotonic, not before
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
 
@@ -70,7 +77,20 @@ class RecorderNode(PollingNode):
 
     def _flush(self) -> None:
         self._recording.bag.flush()
+        self._learn()
         self._announce()
+
+    def _learn(self) -> None:
+        """Ask the robot for its parameters until it has told them."""
+        if self._told is None:
+            return
+        if (found := self._told.take()) is not None:
+            self._recording.know(found)
+            self._told = None
+            self.get_logger().info(f'controller of the robot: {found.controller}')
+        elif self._told.ready and time.monotonic() >= self._ask_s:
+            self._ask_s = time.monotonic() + ANSWER_S
+            self._told.ask()
 
     def _catch_up(self) -> None:
         """Take what had been published when this was called, of a robot that goes on or has ended."""
@@ -109,6 +129,10 @@ class RecorderNode(PollingNode):
 
     def destroy_node(self) -> None:
         """Close the bag."""
+        if self._told is not None:
+            self.get_logger().warning(
+                'the robot has not told its parameters: the metadata has those of delta3 up'
+            )
         self._catch_up()
         self._recording.close()
         self._announce()
@@ -121,8 +145,10 @@ class RecorderNode(PollingNode):
         super().destroy_node()
 
 
-def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
+def record(folder: Path, robot: core.Parameters | None, namespace: str) -> int:
     """Be a process that records a robot into a new folder until it is interrupted; return the exit status.
+
+    A robot of which nothing is known is asked for its parameters.
 
     Raises
     ------
@@ -132,10 +158,15 @@ def record(folder: Path, robot: core.Parameters, namespace: str) -> int:
     """
     discovery.keep_to_this_machine()
     made: list[RecorderNode] = []
+    known = core.load(core.of_run(None)) if robot is None else robot
 
     def recorder() -> RecorderNode:
         made.append(
-            RecorderNode(namespace=namespace, parameter_overrides=overrides(robot, {'bag': str(folder)}))
+            RecorderNode(
+                robot is None,
+                namespace=namespace,
+                parameter_overrides=overrides(known, {'bag': str(folder)}),
+            )
         )
         return made[0]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
 from rosbags.interfaces import QosDurability
@@ -89,7 +90,8 @@ def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: An
 
 EVERY_TOPIC = {
     'sercos/mdt', 'sercos/phase', 'sercos/participants', 'plant/motor_shafts', 'following_error', 'joint_states',
-    'tcp/command', 'tcp/actual', 'tcp/error', 'outputs', 'faults/schedule', 'control/operator',
+    'tcp/command', 'tcp/actual', 'tcp/error', 'joint_motion', 'jacobian', 'outputs', 'faults/schedule',
+    'control/operator',
     *(f'sercos/at/{axis}' for axis in DRIVES), *(f'{axis}/motor_current' for axis in DRIVES),
     *(f'motion/{name}' for name in ('master', 'plan', 'located', 'progress', 'course', 'state', 'status', 'verdict')),
     'unit_robot/answer', 'unit_robot/queue', 'unit_robot/requests', 'robot_description',
@@ -135,6 +137,7 @@ def test_every_topic_of_a_robot_is_recorded_under_its_name_with_time_and_constan
         'program': 'a program',
         'checksum': robot.checksum,
         'parameters': parameters.flat_document(robot),
+        'controller': robot.controller,
         'gear_ratio': robot.dynamics.gear_ratio,
         'torque_constant_n_m_a': 0.8,
         'cycle_time_s': 1e-3,
@@ -198,6 +201,38 @@ def test_topics_of_the_exchange_are_counted_by_its_period(graph: Any, tmp_path: 
         shafts.publish(JointState(header=Header(stamp=Time(nanosec=250_000 * exchange))))
     graph.spin_until(lambda: recorder.completeness()['plant/motor_shafts'][0] == 4, 'the messages')
     assert recorder.completeness()['plant/motor_shafts'] == (4, 1)
+
+
+def test_a_robot_of_which_nothing_is_known_tells_its_own_parameters(graph: Any, tmp_path: Path) -> None:
+    """The bag has them on the disk while it is written, and counts by them what came before."""
+    robot = parameters.load('model').replace(bus__cycle_time_s=2e-3, bus__exchange_period_s=1e-3)
+    recorder = graph.add(
+        lambda **options: RecorderNode(True, **options), bag=str(tmp_path / 'bag'), **lists(parameters.load())
+    )
+    names = 'motion/master', 'plant/motor_shafts'
+    master, shafts = (graph.listener.create_publisher(CYCLIC[name], name, CYCLIC_PUBLISHER) for name in names)
+    graph.spin_until(
+        lambda: master.get_subscription_count() and shafts.get_subscription_count(), 'the recorder'
+    )
+    for cycle in (100, 102, 106):
+        header = Header(stamp=Time(nanosec=cycle * 1_000_000))
+        master.publish(Vector3Stamped(header=header))
+        shafts.publish(JointState(header=header))
+    graph.spin_until(lambda: recorder.completeness()['motion/master'][0] == 3, 'the messages')
+    graph.spin_until(lambda: recorder.completeness()['plant/motor_shafts'][0] == 3, 'the messages')
+    assert recorder.completeness()['motion/master'] == (3, 4)
+    graph.robot(**lists(robot))
+
+    def told() -> Any:
+        document = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text(encoding='utf-8'))
+        return json.loads(document['rosbag2_bagfile_information']['custom_data']['delta3_pacdrive'])
+
+    graph.spin_until(lambda: told()['controller'] == robot.controller, 'its word', 20.0)
+    assert told()['parameters'] == parameters.flat_document(robot)
+    assert told()['checksum'] == robot.checksum
+    cycles, exchanges = (recorder.completeness()[name] for name in names)
+    assert cycles == (3, 1)
+    assert exchanges == (3, 4)
 
 
 def test_the_last_words_before_the_end_are_recorded(graph: Any, tmp_path: Path) -> None:
