@@ -37,8 +37,8 @@ class _Announcement:
             self._say(f'fault: {self._fault}' if self._fault else 'faults cleared')
         if not self._told and progress['in_torque']:
             self._told = True
-            self._say(f'controller: {self._bringup.robot.controller}')
             self._say(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
+            self._say(f'controller: {self._bringup.robot.controller}')
         show_run(self._display, progress)
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from delta3_pacdrive import parameters
+from delta3_pacdrive.recording.bag_reader import open_bag
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from robots import nothing_is_left
 
@@ -31,6 +33,7 @@ class Up:
         assert self.process.stderr is not None
         line = self.process.stderr.readline()
         assert line.startswith('ready after'), line + self.process.stderr.read()
+        self.controller = self.process.stderr.readline()
 
     def tidy(self) -> None:
         """Leave the robot at home, idle, with an empty queue and the usual override, and nobody in control."""
@@ -78,6 +81,20 @@ def robot(up: Up) -> subprocess.Popen[str]:
     """Give the process of a robot that stands at home."""
     up.tidy()
     return up.process
+
+
+def test_a_robot_that_is_up_has_the_controller_that_knows_the_model_and_says_so(
+    up: Up, start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    assert up.controller == f'controller: {parameters.load("model").controller}\n'
+    recorder = start_delta3('record', tmp_path / 'bag')
+    assert recorder.stderr is not None
+    said = iter(recorder.stderr.readline, '')
+    assert any('controller of the robot: torque of the whole model' in line for line in said)
+    recorder.send_signal(signal.SIGINT)
+    _, errors = recorder.communicate(timeout=20.0)
+    assert recorder.returncode == 0, errors
+    assert open_bag(tmp_path / 'bag').meta['controller'] == parameters.load('model').controller
 
 
 def test_moves_are_driven_and_refused_from_the_command_line(robot: subprocess.Popen, delta3: Runner) -> None:
