@@ -70,3 +70,12 @@ def test_a_run_has_the_same_bits_from_the_command_line_in_python_and_in_reports(
     assert shown.robot.controller == controller
     for one in (here, loaded, shown.whole):
         np.testing.assert_array_equal(one['tcp_true'], trace['tcp_true'])
+
+
+def test_torques_are_learned_for_the_controller_that_a_run_has(tmp_path, capsys):
+    learn = ['learn', '--output', str(tmp_path / 'learned'), '--repetitions', '1', '--json']
+    assert main([*learn, 'experiment1']) == 1
+    assert 'control.feed_forward must be model' in capsys.readouterr().err
+    program = tmp_path / 'dwell.yaml'
+    program.write_text('moves: [{move_l: {to_m: [0.0, 0.02, -0.75]}}]')
+    assert main([*learn, str(program)]) == 0

@@ -36,8 +36,10 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.learning import report, run, study
 
+    options.parameters = core.of_run(options.parameters, options.program)
     settings = study.Settings(
         options.program, options.parameters, options.machine, options.repetitions, options.bandwidth
     )

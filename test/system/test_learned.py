@@ -96,7 +96,7 @@ def test_a_robot_to_which_they_do_not_belong_does_not_come_up(
     program: Path, delta3: Runner, nothing_left_behind: None
 ) -> None:
     file = program.with_suffix('.npz')
-    refused = delta3('up', '--learned', str(file))
+    refused = delta3('up', '--parameters', 'delta3', '--learned', str(file))
     assert refused.returncode == 1
     assert refused.stderr.startswith(
         f'error: the learned torques of {file} do not fit: they belong to other parameters: '
