@@ -1,6 +1,6 @@
 """All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import plan_times, program_planner
 from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.plant.decoupled import require_stable
 from delta3_pacdrive.recording.acquisition import Acquisition
@@ -17,6 +18,8 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.scoped import ScopedRobot
+
+Planner = Callable[[Program, Floats, Parameters], program_planner.Planned]
 
 
 def placed(parameters: Parameters, program: Program) -> Parameters:
@@ -63,6 +66,7 @@ def run(
     signals: Sequence[str] = (),
     learned: Learned | None = None,
     machine: Parameters | None = None,
+    planner: Planner = program_planner.plan,
 ) -> Trace:
     """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
 
@@ -81,6 +85,8 @@ def run(
         Torques that the controller commands beside those of its model; for another plan they are none.
     machine
         Of the robot, where the controller takes it for another one.
+    planner
+        Plans the program from where the robot stands; one that knows many plans saves the time to make them again.
 
     Returns
     -------
@@ -102,7 +108,7 @@ def run(
     robot = Robot(built) if acquisition is None else ScopedRobot(built, acquisition)
     task = Transformation(parameters, learned)
     tcp = task.locate(robot.encoder_positions())
-    planned = program_planner.plan(program, tcp, parameters)
+    planned = planner(program, tcp, parameters)
     gripped = [change['payload_kg'] for change in plan_times.output_changes(planned.plan)]
     require_stable(parameters, max([planned.plan.move(0).payload_kg, *filter(None, gripped)]))
     task.load(planned.plan)

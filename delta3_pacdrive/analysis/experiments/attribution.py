@@ -23,7 +23,9 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, flatten
 
@@ -206,12 +208,21 @@ def attribute(
     effects = effects_of(robot)
     count = 1 << len(effects)
     rows = []
+    plans: dict[bytes, Planned] = {}
+
+    def planned(program: Program, tcp_m: Floats, parameters: Parameters) -> Planned:
+        """Plan once for each place: effects change what the encoders say of it, but nothing that is planned with."""
+        place = tcp_m.tobytes()
+        if place not in plans:
+            plans[place] = program_planner.plan(program, tcp_m, parameters)
+        return plans[place]
+
     for mask in range(count):
         on_progress(f'effects, {count} simulations', mask, count)
         chosen = [name for i, name in enumerate(effects) if mask >> i & 1]
         parameters = with_effects(robot, chosen)
         try:
-            trace = simulation.run(program, parameters)
+            trace = simulation.run(program, parameters, planner=planned)
         except RunError as error:
             raise RunError(f'robot with {", ".join(chosen) or "no effect"}: {error}') from error
         rows.append(_numbers(Comparison.of(model, Run.of(trace, parameters))))
