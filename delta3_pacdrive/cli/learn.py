@@ -40,6 +40,8 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.learning import report, run, study
 
     options.parameters = core.of_run(options.parameters, options.program)
+    if options.machine is not None:
+        options.machine = core.of_run(options.machine, options.program)
     settings = study.Settings(
         options.program, options.parameters, options.machine, options.repetitions, options.bandwidth
     )

@@ -232,6 +232,21 @@ def test_the_command_says_what_an_interruption_keeps(kept, sentence, tmp_path, m
     assert line.endswith('learned.npz' if kept else 'written')
 
 
+def test_the_machine_has_the_drives_that_the_controller_takes_it_to_have(tmp_path, monkeypatch):
+    """A file of differences, such as that of the built robot, differs from the same file for both."""
+    asked = []
+
+    def interrupted(learning):
+        asked.append(learning)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run.Study, 'run', interrupted)
+    assert main(['learn', 'packaging', '--machine', 'rich', '--output', str(tmp_path)]) == 130
+    (learning,) = asked
+    assert learning.machine.drive == learning.robot.drive
+    assert (learning.machine.rich.enabled, learning.robot.rich.enabled) == (True, False)
+
+
 def test_a_program_that_stands_teaches_nothing_and_leaves_no_torques(tmp_path):
     program = tmp_path / 'program.yaml'
     program.write_text(json.dumps({'start_m': [0.0, 0.0, -0.75], 'moves': [{'dwell': {'time_s': 0.3}}]}))
