@@ -29,9 +29,9 @@ Arguments of the kernels here:
 ``time``, ``sharpness``
     Factor of the time over the barrier [1/s], at a grid point and as a whole.
 ``heat``
-    Weight of the squared shares of the torques beside the time.
+    Number: weight of the squared shares of the torques beside the time.
 ``weight``, ``a``, ``b``, ``c``
-    A row (a, b, c) by y, y', y'', and its factor.
+    A row (a, b, c) [s^2] by y, y', y'', and its factor.
 ``gradient``, ``band``
     Take the gradient, shape (n + 2,), and the Hessian's diagonal and two below it, shape (3, n + 2).
 ``warm``
