@@ -2,15 +2,19 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.drive.bus_drive import AHEAD, BusDrive
+from delta3_pacdrive.drive.channels import channel_named
 from delta3_pacdrive.drive.drive_clock import Command
+from delta3_pacdrive.drive.scope import Block
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.sercos.participants import Occasion
+from delta3_pacdrive.sercos.service_channel import Access, Operation, ServiceError, parse_idn
 from delta3_pacdrive.sercos.slave import State
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S
@@ -139,6 +143,21 @@ def test_without_master_and_plant_nothing_is_left_to_stop_with(rig: Rig) -> None
     assert rig.on_bus.slave.parting
     rig.wait(BUS_SILENT_S + 3 * LOOK_S)
     assert rig.on_bus.slave.state is State.OUT
+
+
+@pytest.mark.parametrize('cycles', [3, 8])  # in the middle of a block of samples, and at its end
+def test_what_the_oscilloscope_has_seen_is_shown_with_the_parameters_of_its_time(
+    cycles: int, rig: Rig
+) -> None:
+    blocks: list[Block] = []
+    rig.on_bus.arm([channel_named('S-0-0104')], 16, blocks.append)
+    rig.run(cycles)
+    gain = Access(parse_idn('S-0-0104'), Operation.WRITE, 72.5)
+    assert rig.on_bus.register.serve(gain, Phase.CP4).error == ServiceError.NONE
+    rig.run(16)
+    shown = np.concatenate([block.values[:, 0] for block in blocks])
+    assert shown[:cycles].tolist() == [60.0] * cycles
+    assert set(shown[cycles:]) == {72.5}
 
 
 def test_two_different_mdt_of_a_cycle_are_a_second_master(rig: Rig) -> None:
