@@ -10,6 +10,7 @@ from std_msgs.msg import Header, String
 
 from delta3_pacdrive.parameters import load
 from delta3_pacdrive.ros.interfaces import MOTION_CHANGE, RECORDED
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
@@ -54,7 +55,9 @@ class Cell:
 
     def __init__(self, graph: Any) -> None:
         self.graph = graph
-        self.task = graph.robot(**ON_REQUEST)
+        graph.robot(('plant', '1', '2', '3'), **ON_REQUEST)
+        # every output, also those that a task tells if it is asked for
+        self.task = graph.add(TransformationTaskNode, real_time_factor=0.0, joint_motion=True, **ON_REQUEST)
         self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.player = graph.add(Node, 'player')
