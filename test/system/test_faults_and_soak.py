@@ -170,6 +170,7 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     process = start_delta3('up', '--ordinary-priority')
     assert process.stderr is not None
     assert process.stderr.readline().startswith('ready after')
+    assert process.stderr.readline() == 'controller: torque of the whole model, cubic set points\n'
     try:
         refused = delta3('faults', 'inject', '{fault: rain}')
         assert refused.returncode == 1
