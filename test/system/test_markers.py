@@ -28,7 +28,7 @@ def robot(
     process = start_delta3('up', '--markers', '--ordinary-priority')
     assert process.stderr is not None
     lines = iter(process.stderr.readline, '')
-    assert any(line.startswith('ready after') for line in lines)
+    assert any(line.startswith('controller: ') for line in lines)  # behind that it is ready
     yield process
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20.0)
