@@ -36,7 +36,7 @@ def wait_for(condition: Callable[[], Any], what: str) -> Any:
 
 def ready(process: subprocess.Popen[str]) -> None:
     line = process.stderr.readline()
-    while line and not line.startswith('ready after'):
+    while line and not line.startswith('controller: '):  # the last line of a robot that comes up
         line = process.stderr.readline()
     assert line, 'the robot did not come up'
 
