@@ -102,11 +102,15 @@ class Cell:
         for number, (topic, data) in enumerate(messages):
             publishers[topic].publish(data)
             if number % BURST == BURST - 1:
-                self.graph.spin_for(0.001)
-        end = self.task.controller.answered + 100
-        self.graph.spin_until(lambda: self.task.controller.answered >= end, 'cycles')
+                self.go_on(1)
+        self.go_on(100)
         for publisher in publishers.values():
             self.player.destroy_publisher(publisher)
+
+    def go_on(self, cycles: int) -> None:
+        """Let the robot go on by some bus cycles."""
+        end = self.task.controller.answered + cycles
+        self.graph.spin_until(lambda: self.task.controller.answered >= end, f'{cycles} cycles')
 
     def enter(self, state: str) -> None:
         """Bring the robot into a state."""
