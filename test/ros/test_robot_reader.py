@@ -99,9 +99,20 @@ def diagnostics(**values: str) -> DiagnosticArray:
 
 def progress(**values: Any) -> String:
     facts = dict.fromkeys(
-        ('session', 'phase', 'waiting', 'fault', 'fault_code', 'fault_source', 'state', 'operator'), 'x'
+        (
+            'session',
+            'phase',
+            'waiting',
+            'fault',
+            'fault_code',
+            'fault_source',
+            'state',
+            'operator',
+            'unlearned',
+        ),
+        'x',
     )
-    facts |= dict.fromkeys(('finished', 'in_torque', 'enabled'), False)
+    facts |= dict.fromkeys(('finished', 'in_torque', 'enabled', 'learned_torques'), False)
     facts |= dict.fromkeys(
         ('fault_number', 'fault_cycle', 'cycles', 'move', 'moves', 'outputs', 'control'), 0
     )
