@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -262,7 +262,9 @@ def _state_text(facts: dict[str, Any]) -> str:
     parts.append(f'outputs on: {" ".join(outputs) or "none"}')
     parts.append(f'payload {facts["payload_kg"]:g} kg')
     if facts['learned_torques']:
-        parts.append(_learned_text(facts))
+        from delta3_pacdrive.motion.learned import followed_text
+
+        parts.append(followed_text(facts['unlearned']))
     if facts['operator']:
         parts.append(f'{facts["operator"]} has control')
     if facts['waiting']:
@@ -270,11 +272,6 @@ def _state_text(facts: dict[str, Any]) -> str:
     if facts['fault']:
         parts.append(f'fault: {facts["fault"]}')
     return ', '.join(parts)
-
-
-def _learned_text(progress: Mapping[str, Any]) -> str:
-    unlearned = progress['unlearned']
-    return f'learned torques are not followed: {unlearned}' if unlearned else 'learned torques are followed'
 
 
 def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Callable[[str], None]) -> None:
@@ -305,9 +302,11 @@ def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Call
         operator.wait_until(lambda: operator.progress.get('fault'), 'sentence about the fault')
         raise RunError(operator.progress['fault'])
     if operator.progress.get('learned_torques'):
+        from delta3_pacdrive.motion.learned import followed_text
+
         seen = operator.progress
         operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
-        tell(_learned_text(operator.progress))
+        tell(followed_text(operator.progress['unlearned']))
     tell('the robot stands' if operator.state == 'idle' else f'the robot is {operator.state}')
 
 

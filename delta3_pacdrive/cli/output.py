@@ -161,15 +161,9 @@ def print_figures(result: dict[str, Any]) -> None:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
     if 'energy' in result:
-        e = result['energy']
-        what = 'a round' if result.get('repeat', 1) > 1 else 'in all'
-        rows.append(
-            (
-                'energy',
-                f'{e["copper_j"] + e["friction_j"]:.3g} J lost {what}: {e["copper_j"]:.3g} in windings, '
-                f'{e["friction_j"]:.3g} in friction; {e["drawn_j"]:.3g} drawn, {e["returned_j"]:.3g} of it flow back',
-            )
-        )
+        from delta3_pacdrive.motion.energy import Energy
+
+        rows.append(('energy', Energy(**result['energy']).text(result.get('repeat', 1))))
     if 'from_exact' in result:
         apart = result['from_exact']
         rows.append(

@@ -18,6 +18,7 @@ from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
 from delta3_pacdrive.motion.execution import MotionProfile
+from delta3_pacdrive.motion.learned import followed_text
 from delta3_pacdrive.motion.plan import STANDING_M
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
@@ -171,8 +172,7 @@ class RobotState:
             robot_actions.Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}')
         )
         if self._task.learns:
-            followed = f'not followed: {self._task.unlearned}' if self._task.unlearned else 'followed'
-            self.actions.append(robot_actions.Said(f'learned torques are {followed}'))
+            self.actions.append(robot_actions.Said(followed_text(self._task.unlearned)))
         self._enter(Event.START)
         return None
 

@@ -36,6 +36,14 @@ class Energy:
         """Energy that becomes heat [J]."""
         return self.copper_j + self.friction_j
 
+    def text(self, repeat: int) -> str:
+        """Return it for people: of a round of a program that has ``repeat`` of them."""
+        what = 'a round' if repeat > 1 else 'in all'
+        return (
+            f'{self.lost_j:.3g} J lost {what}: {self.copper_j:.3g} in windings, {self.friction_j:.3g} in friction; '
+            f'{self.drawn_j:.3g} drawn, {self.returned_j:.3g} of it flow back'
+        )
+
 
 def energy(d: PathDynamics, parameters: Parameters) -> Energy:
     """Sum up the energy of a timed motion over its samples."""

@@ -182,6 +182,11 @@ class Learned:
         _require(self.parameter_refusal(parameters), source)
 
 
+def followed_text(unlearned: str) -> str:
+    """Say whether learned torques are followed; ``unlearned`` is why not, empty if they are."""
+    return f'learned torques are not followed: {unlearned}' if unlearned else 'learned torques are followed'
+
+
 def _require(refusal: str, source: str) -> None:
     if refusal:
         raise LearnedError(f'the learned torques of {source} do not fit: {refusal}')

@@ -126,7 +126,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
             f'{planned.plan.duration_s:.3f} s{rounds}, override up to {100.0 * planned.override_max:.0f} %',
         ),
         ('rms current', f'{currents} A, the limit is {parameters.motor.nominal_current_a:g} A'),
-        ('energy', _energy_text(found)),
+        ('energy', found.energy.text(planned.repeat)),
         (
             'used',
             ', '.join(f'{100.0 * share:.0f} % {quantity.value}' for share, quantity in used if share > 0.0),
@@ -135,15 +135,6 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     rows += _distance_rows(nearest(found))
     rows += [('note', notice) for notice in planned.notices]
     return [*lines, *(f'{name:>12}  {line}' for name, line in rows)]
-
-
-def _energy_text(found: PlanStudy) -> str:
-    e = found.energy
-    what = 'a round' if found.planned.repeat > 1 else 'in all'
-    return (
-        f'{e.lost_j:.3g} J lost {what}: {e.copper_j:.3g} in windings, {e.friction_j:.3g} in friction; '
-        f'{e.drawn_j:.3g} drawn, {e.returned_j:.3g} of it flow back'
-    )
 
 
 def _distance_rows(least: dict[str, float]) -> list[tuple[str, str]]:
