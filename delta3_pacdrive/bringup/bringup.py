@@ -21,7 +21,7 @@ from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.bringup.robot_processes import SPARE, RobotProcesses
 from delta3_pacdrive.controller.messages import QueueReport
-from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError
+from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError, TraceError
 from delta3_pacdrive.motion import arrival
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.program_planner import Planned
@@ -114,11 +114,21 @@ class Bringup:
             finally:
                 self._stop()
         if self.options.bag:
-            result['bag_missing'] = sum(bag_trace.missing(self.options.bag).values())
-            result['bag_cut'] = bag_trace.cut(self.options.bag)
-            if self._planned and result['cycles'] <= ENERGY_CYCLES_MAX:
-                result |= self._energy(self._planned, self.options.bag)
+            result |= self._recorded(self.options.bag, result['cycles'])
         return result
+
+    def _recorded(self, bag: Path, cycles: int) -> dict[str, Any]:
+        """Return what there is to say of a recording: the robot has run, whatever has become of it."""
+        try:
+            told: dict[str, Any] = {
+                'bag_missing': sum(bag_trace.missing(bag).values()),
+                'bag_cut': bag_trace.cut(bag),
+            }
+            if self._planned and cycles <= ENERGY_CYCLES_MAX:
+                told |= self._energy(self._planned, bag)
+        except TraceError as error:
+            return {'bag_missing': 0, 'bag_cut': str(error)}
+        return told
 
     def _energy(self, planned: Planned, bag: Path) -> dict[str, Any]:
         """Return the energy of a round as the recording tells it; empty if the recording cannot."""

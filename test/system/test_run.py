@@ -154,6 +154,32 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     assert 100 < len(trace_file.load(bag).time_s) < result['cycles']
 
 
+@pytest.mark.parametrize(
+    ('left', 'told'), [(60, 'it was cut off or is damaged'), (60_000, 'it holds no cyclic topic of a robot')]
+)
+def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
+    left: int,
+    told: str,
+    tmp_path: Path,
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    processes: Callable[[], list[str]],
+    nothing_left_behind: None,
+) -> None:
+    bag = tmp_path / 'bag'
+    process = start_delta3('run', 'experiment1', '--bag', bag, '--json')
+    file = bag / 'bag.mcap'
+    _wait_for(
+        lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 150_000), 'a run'
+    )
+    os.kill(_pid_of('recorder', processes), signal.SIGKILL)
+    os.truncate(file, left)
+    output, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 0, errors
+    result = json.loads(output)
+    assert result['ok'] is True
+    assert told in result['bag_cut']
+
+
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_robot_that_is_ended_brakes_first(
     number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
