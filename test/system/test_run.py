@@ -165,11 +165,13 @@ def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
 ) -> None:
+    program = tmp_path / 'slow.yaml'
+    program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.06}}]')
     bag = tmp_path / 'bag'
-    process = start_delta3('run', 'experiment1', '--bag', bag, '--json')
+    process = start_delta3('run', program, '--bag', bag, '--json')
     file = bag / 'bag.mcap'
     _wait_for(
-        lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 150_000), 'a run'
+        lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 500_000), 'a run'
     )
     os.kill(_pid_of('recorder', processes), signal.SIGKILL)
     os.truncate(file, left)
