@@ -23,6 +23,7 @@ class Command(NamedTuple):
     torques: Floats  # (3,) of the motors [N m], S-0-0081, where the robot's parameters ask for them; else 0
     control: int  # S-0-0134
     payload: float  # [kg], gripped
+    outputs: int  # bit n is output n
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class ControllerCycle:
     def command(self, cycle: int) -> Command:
         """Return the command of the next cycle."""
         motors = self._task.command(cycle)
-        return Command(motors, self._task.torques, self._task.control(cycle), self._task.payload)
+        task = self._task
+        return Command(motors, task.torques, task.control(cycle), task.payload, task.outputs)
 
     def evaluate(
         self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool
@@ -97,7 +99,8 @@ class ControllerCycle:
         Returns
         -------
         Stop | None
-            What the fault of a drive asks for. The evaluated answers are in ``Transformation.answer``.
+            What the fault of a drive asks for, or a robot that is not in position. The evaluated answers are in
+            ``Transformation.answer``.
 
         """
         axes = self._axes
@@ -109,5 +112,6 @@ class ControllerCycle:
         self._task.receive(cycle, axes.positions, axes.torques)
         found = axes.check(cycle, program_starts)
         if found is None or (stopped and not found.not_following):
-            return None
+            late = None if stopped else self._task.settle(cycle)
+            return None if late is None else Stop(late, cycle + self._reaction_cycles)
         return Stop(found.fault, cycle + self._reaction_cycles, found.not_following, found.drive)

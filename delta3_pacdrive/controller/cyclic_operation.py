@@ -3,11 +3,12 @@
 All of it happens in each bus cycle, a thousand times a second on a clock and more often without one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.cycle import Command, ControllerCycle, emergency_stop
 from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.controller.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.faults.fault import AT_FAULTS
@@ -17,6 +18,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.input_image import InputImage
 from delta3_pacdrive.sercos.losses import NO_ANSWER
 from delta3_pacdrive.sercos.scheduler import CycleScheduler
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
@@ -61,6 +63,8 @@ class CyclicOperation:
         Those of the ATs and of the operator.
     port
         Takes part in each cycle.
+    gate
+        Of the script that decides, if one does.
     fall
         Called with a fault for which the phase has to fall.
     now_s, now_ns
@@ -72,8 +76,8 @@ class CyclicOperation:
         Whether the bus is in cyclic operation.
     next_cycle, answered
         Next cycle to start, next one to be complete.
-    answers
-        What has been answered, until a cycle is complete.
+    answers, inputs
+        What has been answered, until a cycle is complete; and what the inputs were then.
     scheduler, watchdog, statistics
         Decides when cycles start, knows for how long none was answered, counts.
     last_answer_s
@@ -92,12 +96,13 @@ class CyclicOperation:
         services: ServiceRequests,
         faults: Schedule,
         port: CyclePort,
+        gate: ScriptGate,
         fall: Callable[[RobotFault], None],
         now_s: Callable[[], float],
         now_ns: Callable[[], int],
     ) -> None:
         self._state, self._axes, self._services, self._faults = state, axes, services, faults
-        self._port, self._fall = port, fall
+        self._port, self._gate, self._fall = port, gate, fall
         self._cycle = ControllerCycle(task, axes, parameters)
         self.watchdog = Watchdog(look_s)
         self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
@@ -105,14 +110,16 @@ class CyclicOperation:
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
         self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max)
         self.answers: AnswerBuffer[Content] = AnswerBuffer()
+        self.inputs = InputImage()
         self.running = False
         self.next_cycle = self.answered = 0
         self.last_answer_s = 0.0
 
-    def begin(self, cycle: int) -> None:
-        """Begin cyclic operation with a cycle."""
+    def begin(self, cycle: int, inputs: Sequence[str] = ()) -> None:
+        """Begin cyclic operation with a cycle; ``inputs`` are the names of those that the plant has."""
         self.next_cycle = self.answered = cycle
         self.answers.begin(cycle)
+        self.inputs.begin(cycle, inputs)
         self._link.clear()
         self.last_answer_s = self._now_s()
         self.watchdog.received(self.last_answer_s)
@@ -126,8 +133,12 @@ class CyclicOperation:
 
     def start_due(self) -> None:
         """Start every cycle that is due."""
-        may_start, state = self.scheduler.may_start, self._state
-        while self.running and may_start(self.next_cycle, self.next_cycle - self.answered, self._now_s()):
+        may_start, state, gate = self.scheduler.may_start, self._state, self._gate
+        while (
+            not gate.closed
+            and self.running
+            and may_start(self.next_cycle, self.next_cycle - self.answered, self._now_s())
+        ):
             cycle = self.next_cycle
             outstanding = cycle - self.answered
             if cycle >= self._faults.next_cycle:
@@ -137,6 +148,8 @@ class CyclicOperation:
             self._port.send(cycle, command)
             self.next_cycle = cycle + 1
             state.commanded(cycle)
+            if gate.commanded(cycle):
+                state.hold()
             if state.actions:
                 self._port.change()
 
@@ -166,12 +179,25 @@ class CyclicOperation:
                 self._state.stop(RobotFault(FaultCode.SECOND_WRITER, sentence, axis))
                 self._port.report()
 
+    def take_inputs(self, cycle: int, bits: int) -> None:
+        """Take the inputs that the plant tells in a bus cycle, as bits."""
+        if not self.running:
+            return
+        if self.next_cycle <= cycle:
+            self._port.refuse(f'inputs of bus cycle {cycle} are ahead of bus time')
+            return
+        self.inputs.put(cycle, bits)
+        self.complete()
+
     def complete(self, received_ns: int = 0) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
-        buffer, state, services = self.answers, self._state, self._services
-        if not buffer.is_complete(self.answered):
+        buffer, inputs, state, services = self.answers, self.inputs, self._state, self._services
+        if not buffer.is_complete(self.answered) or not inputs.is_complete(self.answered):
             return  # nothing that is held back may start, either
-        while (cycle := self.answered) < self.next_cycle and buffer.is_complete(cycle):
+        gate = self._gate
+        while not gate.closed and (cycle := self.answered) < self.next_cycle:
+            if not (buffer.is_complete(cycle) and inputs.is_complete(cycle)):
+                break
             answers = buffer.get(cycle)
             if services.busy:
                 for index, answer in enumerate(answers):
@@ -185,9 +211,12 @@ class CyclicOperation:
             if stop is not None:
                 state.stop_for(stop)
                 self._port.report()
-            if cycle == state.ends:
+            if state.ended(cycle):
                 state.answered(cycle)
                 self._port.report()
+            if state.fault:
+                gate.happen(GateEvent.FAIL)
+            gate.answered(cycle, inputs.take(cycle))
             if state.fault and self._axes.absent and state.without_torque:
                 self._fall(state.fault)
                 return

@@ -46,6 +46,8 @@ class Orders:
         What became of orders and changes, each with what it was about; whoever publishes them takes them away.
     checked
         Rows of the present plan that have been checked.
+    script
+        Identity of the script that decides, empty if none does: its orders are carried out as those of the planner.
 
     """
 
@@ -59,7 +61,8 @@ class Orders:
     ) -> None:
         self._state, self._control, self._watch = state, control, watch
         self._check_faults = check_faults
-        self._intake = PlanIntake(parameters)
+        self.script = ''
+        self._intake, self._script_intake = PlanIntake(parameters), PlanIntake(parameters)
         self._changes = Numbering()
         self._rows: deque[tuple[Origin, Any]] = deque()
         self._revoked: set[tuple[str, int]] = set()
@@ -77,6 +80,8 @@ class Orders:
         self._rows.clear()
         self._revoked.clear()
         self._intake.begin()
+        self._script_intake.begin()
+        self.script = ''
         self._order = 0
         self._driven = set()
 
@@ -91,7 +96,9 @@ class Orders:
     def _has_another(self) -> bool:
         if self._watch.planner == self._listened_to:
             return False
-        self._listened_to, self._order, self._driven = self._watch.planner, 0, set()
+        self._listened_to = self._watch.planner
+        if not self.script or self._planner != self.script:  # what a script drives is none of the planners'
+            self._order, self._driven = 0, set()
         return True
 
     def look(self, now_s: float) -> Reason | None:
@@ -132,7 +139,7 @@ class Orders:
             operator.identity if operator else '',
             operator.name if operator else '',
             control.losses,
-            self._order,
+            self._order if self._planner == self._watch.planner else 0,
             self._intake.checked,
             next_cycle,
             **RobotFault.facts(refusal.fault if refusal else None),
@@ -148,12 +155,15 @@ class Orders:
     def _origin(self, label: str) -> Origin:
         """Return where a row comes from; raises TelegramError if that is none of this robot's planner."""
         origin = Origin.from_label(label)
-        if (origin.planner, origin.session) != (self._watch.planner, self._session):
+        if not self._listens_to(origin.planner) or origin.session != self._session:
             raise TelegramError(
                 f'an order of planner {shown(origin.planner)} in session {shown(origin.session)} is not for this '
                 'robot now; is it a recording?'
             )
         return origin
+
+    def _listens_to(self, planner: str) -> bool:
+        return planner == self._watch.planner or (bool(self.script) and planner == self.script)
 
     def take_row(self, label: str, row: Any) -> None:
         """Take a row of a plan, to be checked later; raises TelegramError if it is of another writer or session."""
@@ -172,9 +182,15 @@ class Orders:
             self._state.abort()
 
     def check_row(self) -> None:
-        """Check one of the rows that wait; the order that ends them is carried out or refused."""
+        """Check one of the rows that wait; the order that ends them is carried out or refused.
+
+        Rows of a planner or a script that is gone meanwhile are dropped.
+        """
         origin, row = self._rows.popleft()
-        outcome = self._intake.take(origin, row)
+        if not self._listens_to(origin.planner):
+            return
+        by_script = bool(self.script) and origin.planner == self.script
+        outcome = (self._script_intake if by_script else self._intake).take(origin, row)
         if isinstance(outcome, Order):
             outcome = self._start(origin, outcome)
         elif isinstance(outcome, MoreMoves):
@@ -189,7 +205,7 @@ class Orders:
             self._check_faults(order.faults)
         except ProgramError as error:
             return Reason.of(error)
-        disagreement = self._watch.disagreement()
+        disagreement = None if origin.planner == self.script else self._watch.disagreement()
         if disagreement is not None:
             return Reason(Code.CONTENT, f'it was planned for another robot: {disagreement}')
         before, self._planner = self._planner, origin.planner
@@ -199,7 +215,7 @@ class Orders:
             return reason
         self._order = origin.number
         self._driven = {origin.number}
-        self._tell('plan', origin)
+        self._tell('plan', origin, cycle=self._state.starts)
         return None
 
     def _extend(self, origin: Origin, order: MoreMoves) -> Reason | None:
@@ -212,13 +228,19 @@ class Orders:
             )
             return Reason(Code.WITHDRAWN if taken_back else Code.STATE, what)
 
+        at_once = origin.planner == self.script  # the bus may wait for the script before they follow
+
         def tell(reason: Reason | None, _: str) -> None:
             if reason is None:
                 self._order = origin.number
                 self._driven.add(origin.number)
-            self._tell('plan', origin, reason)
+            if not at_once:
+                self._tell('plan', origin, reason)
 
-        return self._state.extend(order, tell)
+        refused = self._state.extend(order, tell)
+        if refused is None and at_once:
+            self._tell('plan', origin, cycle=order.told.profile.cycle)
+        return refused
 
     def take_profile(self, label: str, row: Any) -> None:
         """Carry a change out or refuse it; raises TelegramError if it is of another writer or session."""
@@ -229,8 +251,13 @@ class Orders:
             reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:
             reason = Reason.of(error)
-        self._tell('change', origin, reason)
+        followed = self._state.followed
+        self._tell('change', origin, reason, 0 if followed is None else followed.cycle)
 
-    def _tell(self, what: str, origin: Origin, reason: Reason | None = None) -> None:
-        code, sentence = (reason.code, reason.sentence) if reason else (ACCEPTED, '')
+    def _tell(self, what: str, origin: Origin, reason: Reason | None = None, cycle: int = 0) -> None:
+        """Tell what became of an order; to a script also the bus cycle from which on it is followed."""
+        of_script = origin.planner == self.script
+        code, sentence = (
+            (reason.code, reason.sentence) if reason else (ACCEPTED, str(cycle) if of_script else '')
+        )
         self.verdicts.append((what, verdict_of(origin, code, sentence)))

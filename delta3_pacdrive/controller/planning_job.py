@@ -156,6 +156,7 @@ def _follow(
         return Result(job.number, None, None, UNROUNDED)
     count = len(seam.again)
     places = (None,) * count + more.places if more.places and more.repeat == 1 else ()
+    names = ('',) * count + more.names if more.repeat == 1 else ()
     program = replace(
         more,
         statements=seam.again + statements,
@@ -163,6 +164,7 @@ def _follow(
         repeat=1,
         payload_kg=seam.payload_kg,
         places=places,
+        names=names,
     )
     planned = program_planner.plan(
         program, seam.start_m, robot, open_end=True, progress=progress, before=behind.load
@@ -213,4 +215,9 @@ def _appended(queue: Program | None, more: Program) -> Program:
         return more
     if queue.repeat > 1 or more.repeat > 1:
         raise ProgramError('a queue with a repeated program takes no other moves; clear it first')
+    if more.payload_kg not in (None, queue.payload_kg):
+        raise ProgramError(
+            'payload_kg of a program, and the mass of its tool, count from its start: none behind moves in the queue; '
+            'clear it first'
+        )
     return replace(queue, statements=queue.statements + more.statements, faults=queue.faults + more.faults)

@@ -16,6 +16,8 @@ from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.robot_actions import Said
 from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.controller.script_gate import GateEvent, ScriptGate
+from delta3_pacdrive.controller.script_service import ScriptService
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.faults.fault import UNIT_ROBOT, Fault
@@ -70,6 +72,8 @@ class RobotController:
         The phases of the bus, its cycles, the state of the robot, its transformation, what is known of the drives.
     enabling, services, control, planners, orders
         What operators and clients ask of the drives, who has control, which planner is there, what it has ordered.
+    gate, scripts
+        Of the script that decides, if one does, and what it asks for.
     wait_for_program
         Whether the bus still stays in CP3 until a program is loaded.
 
@@ -97,6 +101,7 @@ class RobotController:
         self.services = ServiceRequests(self.bus.channel_closed)
         self.state = RobotState(self, self.task, self.axes)
         self.enabling = Enabling(self, self.task, self.axes, self.state)
+        self.gate = ScriptGate(self.task, has_clock=period_s > 0.0)
         self.cycles = CyclicOperation(
             parameters,
             period_s,
@@ -107,6 +112,7 @@ class RobotController:
             self.services,
             faults,
             port,
+            self.gate,
             self._fall,
             now_s,
             now_ns,
@@ -115,6 +121,9 @@ class RobotController:
         self.planners = PlannerWatch(report_s, identity)
         self.orders = Orders(parameters, self.state, self.control, self.planners, port.check_faults)
         self.orders.begin_session(self.bus.session.decode())
+        self.scripts = ScriptService(
+            self.state, self.task, self.cycles, self.gate, self.orders, self.control, period_s > 0.0
+        )
         if parameters.motion.enable_cycle >= 0:
             self.task.enable(parameters.motion.enable_cycle)
 
@@ -206,7 +215,7 @@ class RobotController:
         if cycle or self.state.fault:
             self.task.disable()  # who comes back enables nothing by himself
         self.axes.begin()
-        self.cycles.begin(cycle)
+        self.cycles.begin(cycle, self.bus.inputs)
         if self._start_s is None:
             self._start_s = self.cycles.last_answer_s
 
@@ -233,6 +242,8 @@ class RobotController:
 
     def look(self, now_s: float) -> None:
         """Look whether everybody is still there who should be."""
+        if self.state.fault:
+            self.gate.happen(GateEvent.FAIL)  # the bus waits for no script any more: the robot has to stop
         self._look_for_drives(now_s)
         lost = self.orders.look(now_s)
         if lost is not None:
@@ -241,12 +252,14 @@ class RobotController:
             code = FaultCode.PLANNER_SILENT if silent else FaultCode.PLANNER_RESTARTED
             sentence = f'{lost}, in bus cycle {self.answered}'
             self.state.stop(RobotFault(code, sentence, UNIT_ROBOT, cycle=self.answered))
+        self.scripts.look()
+        self.cycles.complete()  # what was answered while the bus waited for a script that is gone
         self.enabling.look()
 
     def _look_for_drives(self, now_s: float) -> None:
         silence_s = self.cycles.watchdog.silence_s(now_s)
         answered, next_cycle = self.answered, self.next_cycle
-        if not self.bus.cyclic or next_cycle == answered:
+        if not self.bus.cyclic or next_cycle == answered or self.gate.closed:
             self.cycles.watchdog.received(now_s)
             return
         answers = self.cycles.answers
@@ -273,6 +286,7 @@ class RobotController:
             **RobotFault.facts(state.fault),
             'state': str(state.motion),
             'finished': state.finished,
+            'settling': task.settling(answered - 1),
             'in_torque': state.in_torque,
             'enabled': state.enabled,
             'operator': operator.name if operator else '',
@@ -295,8 +309,8 @@ class RobotController:
             'overruns': cycles.scheduler.overruns,
             'slip_s': cycles.scheduler.slip_s,
             'lost_telegrams': cycles.answers.lost,
-            'learned_torques': task.learns,
-            'unlearned': task.unlearned,
+            'learned_torques': task.learned.exist,
+            'unlearned': task.learned.reason,
             'repeated_telegrams': cycles.answers.repeated,
         }
 

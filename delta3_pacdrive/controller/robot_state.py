@@ -92,6 +92,7 @@ class RobotState:
         self._aborting = False
         self._due = NEVER  # command cycle at which something ends
         self._told: MotionProfile | None = None  # the motion profile that was told last
+        self._own_told: MotionProfile | None = None  # the same of those that the task goes over to by itself
         self._outputs, self._payload = task.outputs, task.payload
         # how often the plan became longer before, and who is told what becomes of the next time
         self._extending: tuple[int, Told] | None = None
@@ -103,6 +104,11 @@ class RobotState:
     def enabled(self) -> bool:
         """Whether the drives are enabled, or about to be."""
         return not self.fault and self._task.enable_cycle < NEVER and self._task.disable_cycle == NEVER
+
+    @property
+    def followed(self) -> MotionProfile | None:
+        """The motion profile that was told last."""
+        return self._told
 
     @property
     def in_torque(self) -> bool:
@@ -171,8 +177,8 @@ class RobotState:
         self.actions.append(
             robot_actions.Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}')
         )
-        if self._task.learns:
-            self.actions.append(robot_actions.Said(followed_text(self._task.unlearned)))
+        if self._task.learned.exist:
+            self.actions.append(robot_actions.Said(followed_text(self._task.learned.reason)))
         self._enter(Event.START)
         return None
 
@@ -306,9 +312,19 @@ class RobotState:
         if self._told is not None:
             self.actions.append(robot_actions.Followed(self._told))
 
+    def ended(self, cycle: int) -> bool:
+        """Whether a program is over with the answers of a cycle: the last ones, of a robot that is in position."""
+        return cycle >= self.ends and self._task.in_position(cycle)
+
     def commanded(self, cycle: int) -> None:
         """Look at what the command of a cycle has brought about."""
         task = self._task
+        if task.own_profile is not self._own_told:
+            self._own_told = task.own_profile
+            if self._own_told is not None and self.motion == MotionState.MOVING:
+                self._told = self._own_told
+                self.actions.append(robot_actions.Followed(self._told))
+                self.ends = task.coming_last_cycle
         if self._extending is not None:
             self._look_at_extension()
         if task.outputs != self._outputs or task.payload != self._payload:

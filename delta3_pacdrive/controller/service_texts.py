@@ -32,6 +32,12 @@ def parse_answer(text: str) -> tuple[bool, str]:
     return word == ACCEPTED, sentence
 
 
+def value_in(sentence: str) -> float:
+    """Return the value that the sentence of an accepted access tells; raises TelegramError if it tells none."""
+    _, equals, value = sentence.rpartition(' = ')
+    return _number(value.split(' ')[0] if equals else '')
+
+
 def parse_request(text: str) -> tuple[int, Access]:
     """Return (number of the drive, access) of a request; raises TelegramError or ParameterError."""
     words = text.split()

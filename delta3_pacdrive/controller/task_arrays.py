@@ -57,6 +57,11 @@ STATE = np.dtype(
         ('payload', 'f8'),  # gripped [kg]
         ('corrected_from', 'i8'),
         ('tcp', 'f8', (3,)),  # commanded [m]
+        # beside it where the plan has it, and what goes with a belt: place [m], velocity [m/s], acceleration [m/s^2]
+        ('planned', 'f8', (3,)),
+        ('tracks', 'i8'),  # whether there is any of that
+        ('offset', 'f8', (3, 3)),
+        ('tracks_history', 'i8', (HISTORY,)),
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
         ('twist_history', 'f8', (HISTORY, 3)),  # of the gears [rad], arm side
@@ -71,6 +76,9 @@ STATE = np.dtype(
         ('current_peak', 'f8', (3,)),
         ('current_square_sum', 'f8', (3,)),
         ('final_tcp', 'f8', (3,)),
+        # of the motors [rad]: how far they are off their commands, and for how many cycles no farther than the window
+        ('off', 'f8', (3,)),
+        ('within', 'i8'),
     ],
     align=True,
 )
@@ -82,6 +90,7 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'cycle_time': lambda p: p.bus.cycle_time_s,
     'extrapolation': lambda p: p.following_error_delay_cycles,  # [cycles], of the actual value (7.3)
     'set_point_delay': lambda p: p.set_point_delay_cycles,  # [cycles], of the actual TCP behind the command
+    'position_window': lambda p: p.drive.position_window_rad,
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
     'sends_torque': lambda p: p.sends_torque,
     'torque_max': lambda p: p.torque_max_n_m,
@@ -136,7 +145,7 @@ def stand_at(theta: Floats, twist: Floats, tcp: Floats, state: np.void) -> None:
     shapes (3,).
     """
     state['twist_history'] = twist
-    state['tcp'] = state['tcp_history'] = tcp
+    state['tcp'] = state['planned'] = state['tcp_history'] = tcp
     state['theta_history'] = state['theta_before'] = state['theta_before_that'] = theta
 
 
@@ -156,9 +165,15 @@ def command_cycle(cycle, task, timeline, corrections):
             p = plate_position(theta, task[0].geometry)
         for axis in range(3):
             s.tcp[axis] = p[axis]
+            s.planned[axis] = p[axis]
+    if s.tracks != 0:
+        has_angles = False
+        for axis in range(3):
+            s.tcp[axis] = s.planned[axis] + s.offset[0, axis]
     if not has_angles:
         theta = arm_angles(triple(s.tcp), task[0].geometry)
     row = cycle % HISTORY
+    s.tracks_history[row] = s.tracks
     for i in range(3):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
@@ -202,6 +217,8 @@ def feed_forward(cycle, task, timeline):
 def _motion_at(cycle, lead, task, timeline):
     """Motion of the arms at the time of a command, or ``lead`` [s] later; that of the command at rest is known."""
     s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
+    if s.tracks != 0:
+        return _tracked_motion_at(cycle, lead, task, timeline)
     theta, speed, acceleration = triple(s.theta_history[cycle % HISTORY]), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if (s.start_cycle - cycle) * c.cycle_time <= lead:
         time = (cycle - timeline.profile[0].cycle) * c.cycle_time + lead
@@ -215,6 +232,26 @@ def _motion_at(cycle, lead, task, timeline):
             theta = arm_angles(place, g)
             speed, acceleration = arm_motion(theta, (place, first, second), v, a, g)
     return theta, speed, acceleration
+
+
+@kernel
+def _tracked_motion_at(cycle, lead, task, timeline):
+    """Motion of the arms ``lead`` [s] after a command on a belt: that of the plan, and what goes with the belt."""
+    s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
+    place, velocity, bend = triple(s.planned), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if (s.start_cycle - cycle) * c.cycle_time <= lead:
+        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + lead
+        number, distance, v, a = profile_at(time, s.move, timeline)
+        place, first, second = plan_motion_at(distance, number, tables)
+        velocity = (first[0] * v, first[1] * v, first[2] * v)
+        bend = combine(a, first, v * v, second, 0.0, second)
+    along, speed, more = triple(s.offset[0]), triple(s.offset[1]), triple(s.offset[2])
+    place = combine(1.0, place, 1.0, along, lead, combine(1.0, speed, 0.5 * lead, more, 0.0, more))
+    velocity = combine(1.0, velocity, 1.0, speed, lead, more)
+    bend = combine(1.0, bend, 1.0, more, 0.0, more)
+    theta = arm_angles(place, g)
+    rates, accelerations = arm_motion(theta, (place, velocity, bend), 1.0, 0.0, g)
+    return theta, rates, accelerations
 
 
 @kernel
@@ -330,8 +367,16 @@ def answer_cycle(cycle, positions, torques, task):
             theta[2] - (1.0 - share) * twist[2] - share * before[2],
         )
     p = plate_position(theta, task[0].geometry)
-    error_square = 0.0
+    error_square, within = 0.0, True
     for i in range(3):
+        due_shaft = (s.theta_history[row, i] + s.twist_history[row, i]) * c.gear_ratio
+        if s.tracks_history[row] != 0:
+            # on a belt nothing stands: what counts is the command that the actual position answers to
+            due_shaft = (1.0 - share) * (s.theta_history[newer, i] + s.twist_history[newer, i])
+            due_shaft += share * (s.theta_history[older, i] + s.twist_history[older, i])
+            due_shaft *= c.gear_ratio
+        s.off[i] = due_shaft - positions[i]
+        within = within and abs(s.off[i]) <= c.position_window
         out.theta[i] = theta[i]
         out.tcp_actual[i] = p[i]
         out.tcp_command[i] = s.tcp_history[row, i]
@@ -343,6 +388,10 @@ def answer_cycle(cycle, positions, torques, task):
         error_square += out.tcp_error[i] * out.tcp_error[i]
         s.theta_before_that[i] = before
         s.theta_before[i] = theta[i]
+    s.within = s.within + 1 if within else 0
+    if s.start_cycle <= cycle:
+        for i in range(3):
+            s.final_tcp[i] = p[i]
     if s.start_cycle <= cycle < s.end_cycle + SETTLE_CYCLES:
         s.measured_cycles += 1
         s.error_square_sum += error_square
@@ -352,4 +401,3 @@ def answer_cycle(cycle, positions, torques, task):
             s.current_peak[i] = max(s.current_peak[i], abs(current))
             s.current_square_sum[i] += current * current
             s.following_error_max = max(s.following_error_max, abs(out.following_error[i]))
-            s.final_tcp[i] = p[i]

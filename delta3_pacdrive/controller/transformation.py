@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.belt_tracking import BeltTracking
+from delta3_pacdrive.controller.learned_torques import FAULT, LearnedTorques
+from delta3_pacdrive.controller.position_wait import PositionWait
 from delta3_pacdrive.controller.task_arrays import (
     SETTLE_CYCLES,
     TASK,
@@ -22,12 +25,12 @@ from delta3_pacdrive.controller.task_arrays import (
     task_constants,
 )
 from delta3_pacdrive.dynamics import gravity, inertia
-from delta3_pacdrive.errors import ProgramError, RunError
+from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
-from delta3_pacdrive.motion.learned import Learned, Origin
-from delta3_pacdrive.motion.plan import Move, MoveKind, Plan
+from delta3_pacdrive.motion.learned import Learned
+from delta3_pacdrive.motion.plan import TRACK_BIT, Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.motor import motor
 from delta3_pacdrive.numerics.types import Floats
@@ -47,7 +50,6 @@ MEASURED = (
 )  # fmt: skip
 # each makes the error some thousand times smaller: the weight hardly changes within a twist
 TWIST_ITERATIONS = 4
-FADE_CYCLES = 40  # in which learned torques go that are no longer followed
 DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 
 
@@ -89,14 +91,16 @@ class Transformation:
         The program in bus time, and whether it is loaded.
     next_cycle
         Cycle of the next command.
+    own_profile
+        The newest motion profile by which the task itself waits for the robot at an exact stop, or goes on.
     extensions
         How often a plan has become longer while it was driven.
     enable_cycle, disable_cycle
         From which cycle on the drives are enabled, and no longer; ``NEVER`` for none.
-    corrections
-        Learned torques that are followed, or fade [N m], shape (n, 3).
-    unlearned
-        Why no learned torques are followed; empty while they are, or if there are none.
+    learned
+        Its learned torques, which are followed or not.
+    tracking
+        Of the belts on its bus; None: there are none.
     current_peak, current_rms
         Of the motors in the program [A], by axis, as the drives have formed them of all samples; None: not known yet.
 
@@ -117,19 +121,13 @@ class Transformation:
         self._coming: MotionProfile | None = None
         # a longer plan that is still to come, and how many moves it leaves out
         self._longer: tuple[Timeline, int] | None = None
-        self._learned = learned
-        self._other_robot = ''
-        if learned is not None:
-            self._other_robot = learned.parameter_refusal(parameters)
-            Origin.of(
-                '', _NO_PLAN, parameters
-            )  # loads what compares plans: the first program does not wait for it
-        self._misfit = ''  # why it is not for the program that is loaded
-        self.corrections: Floats = _NO_CORRECTIONS
-        self.unlearned = _NOTHING_YET if learned is not None else ''
+        self.learned = LearnedTorques(parameters, learned, _NO_PLAN, self.state)
         self.next_cycle = 0  # of the next command
         self.loaded = False
         self.extensions = 0
+        self._wait = PositionWait(parameters)
+        self.tracking: BeltTracking | None = None
+        self.own_profile: MotionProfile | None = None
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
         self._stop_hard = False
@@ -168,8 +166,7 @@ class Transformation:
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
         self.state['end_cycle'] = self.timeline.end_cycle
         self._drop_coming()
-        if self._learned is not None:
-            self._misfit = self._other_robot or self._learned.plan_refusal(plan)
+        self.learned.load(plan)
         self.loaded = True
         state = self.state[0]
         state['start_cycle'] = NEVER
@@ -191,31 +188,9 @@ class Transformation:
             state[name] = 0
         self.current_peak, self.current_rms = [None] * 3, [None] * 3
         self._mark_measured()
-        self._follow_learned(cycle, override)
+        self._wait.begin(self.timeline)
+        self.learned.start(cycle, override)
         return self.end_cycle
-
-    def _follow_learned(self, cycle: int, override: float) -> None:
-        if self._learned is None:
-            return
-        as_planned = override == 1.0
-        self.unlearned = self._misfit if self._misfit or as_planned else _OVERRIDDEN
-        self.corrections = _NO_CORRECTIONS if self.unlearned else self._learned.torques
-        self.state['corrected_from'] = cycle
-
-    def _unlearn(self, cycle: int, reason: str, for_good: bool = False) -> None:
-        """Let learned torques fade from a cycle on: what is driven is no longer what they are for."""
-        row = cycle - int(self.state['corrected_from'][0])
-        followed = row < len(self.corrections) and not self.unlearned
-        if self._learned is not None and (followed or for_good):
-            self.unlearned = reason
-        if for_good:
-            self._learned = None
-        if not followed:
-            return
-        left = self.corrections[row : row + FADE_CYCLES] if row >= 0 else _NO_CORRECTIONS
-        shares = 1.0 - np.arange(1, len(left) + 1) / FADE_CYCLES
-        self.corrections = left * shares[:, None]
-        self.state['corrected_from'] = cycle
 
     def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
         """Stop the master on its path from the next cycle on; return the motion profile of the stop.
@@ -227,7 +202,15 @@ class Transformation:
         self._drop_coming()
         profile = self.timeline.stop(cycle, acceleration_m_s2)
         self._follow(profile)
+        self._halt(hard=acceleration_m_s2 > 0.0)
         return profile
+
+    def _halt(self, hard: bool) -> None:
+        """Bring what goes with a belt to rest from the next cycle on."""
+        if self.tracking is not None:
+            self.tracking.halt(self.next_cycle, hard)
+            if self.loaded:
+                self.state['end_cycle'] = max(self.end_cycle, self.tracking.rest_cycle)
 
     def stop_at(self, cycle: int, hard: bool = False) -> None:
         """Stop on the path from a cycle on that is still to come, then take the torque off.
@@ -249,7 +232,7 @@ class Transformation:
     def give_up(self) -> None:
         """Forget program, stop and enabling: there are no more cycles."""
         self.unload()
-        self._unlearn(self.next_cycle, _FAULT, for_good=True)
+        self.learned.drop(self.next_cycle, FAULT, for_good=True)
         self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
         self._stop_hard = False
 
@@ -257,14 +240,17 @@ class Transformation:
         hard, self._stop_hard = self._stop_hard, False
         self._stop_cycle = NEVER
         self._drop_coming()  # who stands stays so
-        self._unlearn(cycle, _FAULT, for_good=True)
+        self.learned.drop(cycle, FAULT, for_good=True)
         if self.enable_cycle > cycle:
             self.enable_cycle = NEVER
         if self.loaded and cycle < int(self.state['start_cycle'][0]):
             self.unload()
         if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
             self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
+        self._halt(hard)
         stands = max(self.end_cycle, cycle) if self.loaded else cycle
+        if self.tracking is not None:
+            stands = max(stands, self.tracking.rest_cycle)
         self.disable_cycle = min(self.disable_cycle, stands + DISABLE_CYCLES)
 
     def change(self, profile: MotionProfile) -> None:
@@ -298,7 +284,8 @@ class Transformation:
         self.state['move'] -= left_out
         self.state['end_cycle'] = self.timeline.end_cycle
         self._mark_measured()
-        self._unlearn(cycle, 'the program has become longer')
+        self._wait.lengthen(self.timeline, left_out)
+        self.learned.drop(cycle, 'the program has become longer')
         self.extensions += 1
 
     def _drop_coming(self) -> None:
@@ -315,8 +302,9 @@ class Transformation:
 
     def _follow(self, profile: MotionProfile) -> None:
         self.timeline.change(profile)
-        self._unlearn(profile.cycle, 'the program is driven otherwise than planned')
+        self.learned.drop(profile.cycle, 'the program is driven otherwise than planned')
         self.state['end_cycle'] = self.timeline.end_cycle
+        self._wait.follow(self.timeline)
         self._mark_measured()
 
     def _mark_measured(self) -> None:
@@ -326,7 +314,8 @@ class Transformation:
     def unload(self) -> None:
         """Forget the program; the TCP stays where it is commanded to be."""
         over = self.next_cycle >= self.end_cycle
-        self._unlearn(self.next_cycle, '' if over else 'the program was given up')
+        self.learned.drop(self.next_cycle, '' if over else 'the program was given up')
+        self._wait.end()
         self._drop_coming()
         self.loaded = False
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
@@ -352,14 +341,9 @@ class Transformation:
         return len(self.timeline.plan) if self.timeline.plan is not _NO_PLAN else 0
 
     @property
-    def learns(self) -> bool:
-        """Whether there are learned torques, for this program or for another one, or a fault has dropped them."""
-        return self._learned is not None or bool(self.unlearned)
-
-    @property
     def outputs(self) -> int:
         """Outputs as bits: bit n = output n."""
-        return int(self.state['outputs'][0])
+        return int(self.state['outputs'][0]) & (TRACK_BIT - 1)
 
     @property
     def payload(self) -> float:
@@ -393,11 +377,38 @@ class Transformation:
             self._go_over(cycle)
         if cycle >= self._stop_cycle:
             self._stop(cycle)
+        if cycle >= self._wait.first_cycle:
+            self._begin_wait(cycle)
         if cycle >= self.disable_cycle:
             self.enable_cycle = self.disable_cycle = NEVER
-        command_cycle(cycle, self.record, self.timeline.arrays, self.corrections)
+        if self.tracking is not None:
+            self._track(cycle, self.tracking)
+        command_cycle(cycle, self.record, self.timeline.arrays, self.learned.torques)
         self.next_cycle = cycle + 1
         return self.motors
+
+    def _track(self, cycle: int, tracking: BeltTracking) -> None:
+        """Add what goes with a belt to the command of a cycle; hold the plan if the robot cannot stay on its belt."""
+        state = self.state[0]
+        if tracking.lost is not None:
+            if self.loaded and not self.held:
+                self.own_profile = self.hold()
+            self._halt(hard=False)
+        if tracking.step(cycle, bool(state['outputs'] & TRACK_BIT)):
+            state['tracks'], state['offset'] = 1, tracking.offset
+        elif state['tracks']:
+            state['tracks'], state['tcp'] = 0, state['planned']
+
+    def release(self) -> None:
+        """Forget belt and program of a robot that stands: it stands there beside the belt."""
+        if self.tracking is None:
+            return
+        state = self.state[0]
+        if self.loaded:
+            self.unload()
+        self.tracking.release()
+        state['outputs'] &= TRACK_BIT - 1
+        state['tracks'], state['planned'] = 0, state['tcp']
 
     def next_event(self, cycle: int) -> int:
         """Return the first cycle from a cycle on whose command does more than follow the present motion profile."""
@@ -405,8 +416,44 @@ class Transformation:
         longer = NEVER if self._longer is None else self._longer[0].start_cycle
         # at either end of the measured cycles the control word changes
         edge = next((edge for edge in self._measured if edge > cycle), NEVER)
-        due = min(coming, longer, edge, self._stop_cycle, self.disable_cycle)
+        due = min(coming, longer, edge, self._stop_cycle, self.disable_cycle, self._wait.first_cycle)
         return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))
+
+    def _begin_wait(self, cycle: int) -> None:
+        self.own_profile = self._wait.rest_at(cycle, self.timeline)
+        self._follow(self.own_profile)
+
+    def settling(self, cycle: int) -> bool:
+        """Whether a program waits for the robot, at an exact stop or at its end, when a cycle has been answered."""
+        if not self.loaded or self.held or cycle < int(self.state['start_cycle'][0]):
+            return False
+        return self._wait.waits or cycle >= self.end_cycle
+
+    def in_position(self, cycle: int) -> bool:
+        """Whether every drive has been within its position window for long enough when a cycle has been answered.
+
+        That counts from the cycle on in which the set points stand: answers of earlier ones may still be on their way.
+        """
+        stood = cycle + 1 - (self._wait.since if self._wait.waits else self.end_cycle)
+        return self._wait.is_long_enough(min(int(self.state['within'][0]), stood))
+
+    def settle(self, cycle: int) -> RobotFault | None:
+        """Go on behind an exact stop once the answers of a cycle tell of a robot in position.
+
+        Returns the fault of one that has not come to a stop, or to the end of its program, in time.
+        """
+        if not self.settling(cycle):
+            return None
+        wait, end = self._wait, self.end_cycle
+        if self.in_position(cycle):
+            if wait.waits and self._coming is None and self._longer is None:
+                self._coming = self.own_profile = wait.way_on(cycle, self.timeline)
+            return None
+        if wait.waits:
+            return wait.fault(cycle, wait.since, f'at the end of move {wait.number}', self.state[0])
+        if cycle < self.last_cycle:
+            return None
+        return wait.fault(cycle, end, 'at the end of the program', self.state[0])
 
     def commanded_to(self, cycle: int) -> None:
         """Note that compiled code has given the commands of the cycles before this one."""
@@ -439,9 +486,5 @@ class Transformation:
         )
 
 
-_NO_CORRECTIONS: Floats = np.zeros((0, 3))
-_FAULT = 'a fault has dropped them'
-_OVERRIDDEN = 'they belong to an override of 100 %'
-_NOTHING_YET = 'no program has been started'
 # before the first program: the types that the compiled code knows
 _NO_PLAN = Plan.of([Move(MoveKind.DWELL, rest(1.0), point((0.0, 0.0, 0.0)).segments)])

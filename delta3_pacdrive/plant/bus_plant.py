@@ -8,7 +8,7 @@ from typing import Protocol
 
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.parameters import Motor, Parameters
-from delta3_pacdrive.plant.plant_clock import PlantClock
+from delta3_pacdrive.plant.plant_clock import Around, PlantClock
 from delta3_pacdrive.sercos import slave
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.participants import Occasion
@@ -45,7 +45,7 @@ class PlantPort(Protocol):
         """Say that the machine stands."""
 
     def tell_loss(self, sentence: str) -> None:
-        """Say which drives are without power."""
+        """Say which drives are without power, or that the MDT is missing."""
 
 
 class BusPlant:
@@ -63,6 +63,8 @@ class BusPlant:
         Time between two looks [s].
     now_s
         Returns the time of a clock that never jumps [s].
+    around
+        What stands around the robot, if anything does.
 
     Attributes
     ----------
@@ -78,12 +80,14 @@ class BusPlant:
         port: PlantPort,
         look_s: float,
         now_s: Callable[[], float],
+        around: Around | None = None,
     ) -> None:
         self._port, self._now_s = port, now_s
         self._linked: set[str] = set()  # drives that are heard in this session
         self._drives = Watchdog(look_s)
+        self._repeated = 0  # currents, at the last look
         self.slave = BusSlave()
-        self.clock = PlantClock(parameters, faults, self._send_shafts)
+        self.clock = PlantClock(parameters, faults, self._send_shafts, around)
 
     def _send_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         self._port.send_shafts(exchange, shafts)
@@ -109,7 +113,7 @@ class BusPlant:
                     self._port.greet(False)
                     self.clock.begin(start)
                 case slave.Part():
-                    pass  # the drives stop, and are waited for
+                    self.clock.go_on_without_outputs()  # the drives stop, and are waited for
                 case slave.Leave(session, cyclic):
                     self._linked.clear()
                     if cyclic:
@@ -135,11 +139,17 @@ class BusPlant:
 
     def look(self) -> None:
         """Look in cyclic operation whether the drives are still there; whoever is not has lost power."""
+        if self.clock.repeated != self._repeated:
+            self._repeated = self.clock.repeated
+            self._drives.received(self._now_s())  # the bus waits
         silence = self._drives.silence_s(self._now_s())
         if silence <= (PARTING_S if self.slave.parting else DRIVE_SILENT_S):
             return
         silent = self.clock.silent()
-        names = ', '.join(DRIVES[index] for index in silent)
-        self._port.tell_loss(f'plant: no current of {names} for {silence:.1f} s: without power')
+        if silent:
+            names = ', '.join(DRIVES[index] for index in silent)
+            self._port.tell_loss(f'plant: no current of {names} for {silence:.1f} s: without power')
+        else:
+            self._port.tell_loss(f'plant: no MDT for {silence:.1f} s: the outputs stay as they are')
         if not self.clock.drop(silent):
             self._do(self.slave.rest())

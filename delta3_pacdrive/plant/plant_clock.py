@@ -6,6 +6,7 @@ machine goes on without current, its brakes falling, for ``REST_S`` of bus time,
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -16,6 +17,26 @@ from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 REST_S = 1.0
+OUTPUTS_AHEAD_MAX = 64  # bus cycles by which an MDT may be ahead of the plant
+
+
+class Around(Protocol):
+    """What stands around the robot, and goes on with the plant bus cycle by bus cycle."""
+
+    def begin(self, cycle: int) -> None:
+        """Begin cyclic operation with a bus cycle."""
+
+    def take_outputs(self, cycle: int, outputs: int) -> None:
+        """Take the outputs of the MDT of a bus cycle, as bits."""
+
+    def knows(self, cycle: int) -> bool:
+        """Whether the outputs are known that are there in a bus cycle."""
+
+    def step(self, cycle: int, tcp_m: Sequence[float]) -> float | None:
+        """Go on to a bus cycle; return what hangs at the robot [kg], None: the robot says it."""
+
+    def lose_part(self) -> None:
+        """Let what hangs at the robot fall off."""
 
 
 class PlantClock:
@@ -29,23 +50,33 @@ class PlantClock:
         Of the plant.
     publish
         Called with the number of an exchange and the true shafts at its start.
+    around
+        What stands around the robot, if anything does.
 
     Attributes
     ----------
     exchange
         Number of the present exchange period, whose currents are awaited.
+    repeated
+        Currents that came a second time, as those of a drive do whose bus waits.
     powerless
         Drives that have sent no current: their motors are without power until cyclic operation begins anew.
 
     """
 
     def __init__(
-        self, parameters: Parameters, faults: Schedule, publish: Callable[[int, Sequence[float]], None]
+        self,
+        parameters: Parameters,
+        faults: Schedule,
+        publish: Callable[[int, Sequence[float]], None],
+        around: Around | None = None,
     ) -> None:
         bus = parameters.bus
         self._plant = Plant(parameters)
-        self._faults, self._publish = faults, publish
-        self.exchange = 0
+        self._faults, self._publish, self._around = faults, publish, around
+        self._carried: float | None = None  # what hangs at the robot in truth, if that is known
+        self._waits = True  # for the outputs of the MDT before, if there is something around
+        self.exchange = self.repeated = 0
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._rest_cycles = math.ceil(REST_S / bus.cycle_time_s)
         self.samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
@@ -75,6 +106,9 @@ class PlantClock:
         for waiting in self._currents:
             waiting.clear()
         self.powerless.clear()
+        self._waits = True
+        if self._around is not None:
+            self._around.begin(-(-self.exchange // self._per_cycle))
         self._publish(self.exchange, self._plant.shafts())
 
     def take(
@@ -84,6 +118,7 @@ class PlantClock:
         if exchange > self.exchange + self._per_cycle:
             return False
         waiting = self._currents[index]
+        self.repeated += exchange < self.exchange
         if exchange >= self.exchange and exchange not in waiting:
             waiting[exchange] = released, payload, values
             first, second, third = self._currents
@@ -91,15 +126,27 @@ class PlantClock:
                 self._advance()
         return True
 
+    def take_outputs(self, cycle: int, outputs: int) -> None:
+        """Take the outputs of the MDT of a bus cycle, as bits, and go on if they were the last that was awaited."""
+        if self._around is not None and cycle <= self.cycle + OUTPUTS_AHEAD_MAX:
+            self._around.take_outputs(cycle, outputs)
+            self._waits = True  # whoever commands the outputs is there
+            self._advance()
+
     def silent(self) -> list[int]:
         """Return the drives whose currents are awaited."""
         return [index for index, waiting in enumerate(self._currents) if self.exchange not in waiting]
 
     def drop(self, silent: Sequence[int]) -> bool:
-        """Go on without the currents of some drives; False if no drive has power any more."""
+        """Go on without the currents of some drives, and without outputs; False if no drive has power any more."""
         self.powerless.update(silent)
-        self._advance()
+        self.go_on_without_outputs()
         return len(self.powerless) < len(DRIVES)
+
+    def go_on_without_outputs(self) -> None:
+        """Wait for no outputs until some come again: whoever commands them may be gone, and the drives stop."""
+        self._waits = False
+        self._advance()
 
     def come_to_rest(self) -> int:
         """Let the machine go on without any current until it stands; return the bus cycle from which on it does."""
@@ -118,12 +165,24 @@ class PlantClock:
                 not 0 < len(self.powerless) < len(DRIVES) or not self.powerless.issuperset(self.silent())
             ):
                 return
+            if not self._knows_outputs():
+                return
             self._integrate()
+
+    def _knows_outputs(self) -> bool:
+        """Whether the outputs of the MDT before are there, where they count."""
+        if self._around is None or not self._waits or self.exchange % self._per_cycle:
+            return True
+        return self._around.knows(self.cycle)
 
     def _integrate(self) -> None:
         if self.exchange >= self._faults.next_cycle * self._per_cycle:
             changes = self._faults.due(self.cycle)
             apply_to_plant(self._plant.state[0], changes, self._faults.active)
+            if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
+                self._around.lose_part()
+        if self._around is not None and not self.exchange % self._per_cycle:
+            self._carried = self._around.step(self.cycle, self._plant.tcp().tolist())
         brakes = []
         for index, waiting in enumerate(self._currents):
             released = False
@@ -134,6 +193,7 @@ class PlantClock:
                 released, self._payload, values = current
             self._matrix[:, index] = values
             brakes.append(released)
-        self._plant.advance(self._matrix, brakes, self._payload)
+        payload = self._payload if self._carried is None else self._carried
+        self._plant.advance(self._matrix, brakes, payload)
         self.exchange += 1
         self._publish(self.exchange, self._plant.shafts())

@@ -168,6 +168,11 @@ class BusMaster:
         self._resting: dict[int, float] = {}  # shaft positions [rad] that the drives have answered with
         self._looks = self._looks_in_vain = 0
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs that the plant answers for."""
+        return self._participants.inputs
+
     def closed(self) -> Reason | None:
         """Say why nothing that needs cyclic operation can be done, None if it can."""
         return None if self.cyclic else Reason(Code.BUS, f'the bus is in {self.phase.name}')
@@ -275,7 +280,7 @@ class BusMaster:
         Parameters
         ----------
         silent
-            Drives whose answers of the cycle ``answered`` are awaited.
+            Drives whose answers of the cycle ``answered`` are awaited; none: it is the inputs.
         silence_s
             How long no cycle has been complete [s].
         ahead
@@ -284,10 +289,10 @@ class BusMaster:
             First bus cycles that are not started, and not complete.
 
         """
-        names = ', '.join(DRIVES[index] for index in silent)
+        names = ', '.join(DRIVES[index] for index in silent) or 'the inputs'
         sentence = f'no AT of {names} for {silence_s:.1f} s in bus cycle {answered} ({NO_ANSWER})'
         fault = RobotFault(FaultCode.ANSWER_LOST, sentence, names, NO_ANSWER, answered)
-        if silence_s > ANSWER_SILENT_S and ahead > AHEAD:
+        if silence_s > ANSWER_SILENT_S and ahead > AHEAD and silent:
             return [Drop(index, fault) for index in silent]
         if silence_s > BUS_SILENT_S:
             # where nobody can go on, or nobody may, the plant is as good a guess as the drives

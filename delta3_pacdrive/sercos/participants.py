@@ -8,7 +8,7 @@ announces itself then has come later, or has left the bus.
 from dataclasses import dataclass
 from enum import StrEnum
 
-from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
+from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, PLANT, Identity
 
 
 class Occasion(StrEnum):
@@ -31,6 +31,8 @@ class Announcement:
         Partners from which it has received something in the session.
     bus_cycle
         First bus cycle that it has not seen yet.
+    inputs
+        Names of the inputs that it answers for.
 
     """
 
@@ -41,6 +43,7 @@ class Announcement:
     identity: Identity
     links: tuple[str, ...] = ()
     bus_cycle: int = 0
+    inputs: tuple[str, ...] = ()
 
 
 class Participants:
@@ -53,6 +56,8 @@ class Participants:
         something.
     bus_cycle
         First bus cycle that nobody has seen yet.
+    inputs
+        Names of the inputs that the plant answers for.
 
     """
 
@@ -60,6 +65,7 @@ class Participants:
         self.identities: dict[str, Identity] = {}
         self.links: dict[str, tuple[str, ...]] = {}
         self.bus_cycle = 0
+        self.inputs: tuple[str, ...] = ()
         self._session = ''
         self._cyclic = False
         self._told: set[tuple[str, str, Occasion]] = set()
@@ -82,6 +88,8 @@ class Participants:
         if not self._cyclic:
             self.identities[announcement.name] = announcement.identity
             self.links[announcement.name] = announcement.links
+            if announcement.name == PLANT:
+                self.inputs = announcement.inputs
             return False
         key = (announcement.name, announcement.instance, announcement.occasion)
         if announcement.occasion == Occasion.CALLED or key in self._told:

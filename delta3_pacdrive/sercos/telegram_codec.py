@@ -59,7 +59,7 @@ def _blocks(telegram: Telegram) -> tuple[list[tuple[bytes, int]], bytes]:
     if telegram.names:
         grow(4, struct.pack('<I', len(telegram.names)))
         for name in telegram.names:
-            grow(4, struct.pack('<I', len(name) + 1) + name.encode() + b'\0')
+            grow(4, struct.pack('<I', len(name.encode()) + 1) + name.encode() + b'\0')
     for length in telegram.lengths:
         if telegram.names:
             grow(4, struct.pack('<I', length))
@@ -111,7 +111,11 @@ class TelegramCodec:
         self._template.append(tail)
         self._struct = struct.Struct(form + f'{len(tail)}s')
         self._constants = tuple(self._template[place] for place in places)
-        self._constants_of, self._values_of = itemgetter(*places), itemgetter(*numbers)
+        self._constants_of = itemgetter(*places)
+        # of a single place an itemgetter returns no tuple
+        self._values_of = (
+            itemgetter(*numbers) if len(numbers) > 1 else itemgetter(slice(numbers[0], numbers[0] + 1))
+        )
 
         blank = self.encode((0, 0), bytes(telegram.frame_length), [0.0] * len(numbers))
         self._blank = np.frombuffer(blank, np.uint8)

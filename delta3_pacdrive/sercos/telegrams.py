@@ -20,7 +20,7 @@ POINT, VECTOR = 'geometry_msgs/msg/PointStamped', 'geometry_msgs/msg/Vector3Stam
 BASE_FRAME = b'base'
 NO_SESSION = b'0000'
 BRAKE_FREE, BRAKE_HELD = 'free', 'held'
-MDT_FRAME = 'CPn wwww wwww wwww ssss ssss ssss ppp.pppp hhhh'
+MDT_FRAME = 'CPn wwww wwww wwww ssss ssss ssss ppp.pppp oo hhhh'
 AT_FRAME = 'wwww ssss hhhh'
 CURRENT_FRAME = f'{BRAKE_FREE} ppp.pppp hhhh'
 _TWO_WORDS = struct.Struct('>HH')
@@ -64,6 +64,7 @@ MDT = Telegram('sercos/mdt', JOINT_STATE, DRIVES, (3, 0, 0), len(MDT_FRAME))
 # with the additive torque commands S-0-0081 [N m] as efforts
 TORQUE_MDT = MDT._replace(lengths=(3, 0, 3))
 AT = tuple(Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME)) for axis in DRIVES)
+INPUTS_TOPIC = 'sercos/at/io'
 SHAFTS = Telegram('plant/motor_shafts', JOINT_STATE, DRIVES, (3, 3, 3), len(NO_SESSION))
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
 # the joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
@@ -98,6 +99,11 @@ class BrakeOutput(NamedTuple):
     payload_kg: float
 
 
+def inputs(names: Sequence[str]) -> Telegram:
+    """Return that of inputs with these names: 1 is on, 0 is off."""
+    return Telegram(INPUTS_TOPIC, JOINT_STATE, tuple(names), (len(names), 0, 0), len(NO_SESSION))
+
+
 def mdt(torques: bool) -> Telegram:
     """Return that of a master which commands torques beside the shafts, or of one that does not."""
     return TORQUE_MDT if torques else MDT
@@ -109,24 +115,44 @@ def new_session() -> bytes:
 
 
 def mdt_frame(
-    phase: int, control: int, payload_kg: float, session: bytes, service: Sequence[int] = (0, 0, 0)
+    phase: int,
+    control: int,
+    payload_kg: float,
+    session: bytes,
+    service: Sequence[int] = (0, 0, 0),
+    outputs: int = 0,
 ) -> bytes:
-    """Frame of an MDT: phase, the control word S-0-0134 for each drive, its word of the service channel, payload."""
+    """Frame of an MDT: phase, the control word S-0-0134 for each drive, its word of the service channel, payload.
+
+    Behind them the digital outputs: bit n is output n.
+    """
     words = ' '.join(f'{word:04x}' for word in (control, control, control, *service))
-    return f'CP{phase} {words} {payload_kg:08.4f} '.encode() + session
+    return f'CP{phase} {words} {payload_kg:08.4f} {outputs:02x} '.encode() + session
 
 
 def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> DriveWords:
     """Return what an MDT tells a drive; raises TelegramError."""
     try:
-        head, *words, payload, theirs = frame.decode('ascii').split()
+        head, *words, payload, outputs, theirs = frame.decode('ascii').split()
         if len(words) != 2 * len(DRIVES):
             raise ValueError
+        _outputs(outputs)
         control, service = _TWO_WORDS.unpack(unhexlify(words[axis_index] + words[len(DRIVES) + axis_index]))
         parsed = DriveWords(Phase[head], control, service, _payload(payload))
     except (ValueError, KeyError, struct.error):
         raise TelegramError(f'frame_id {frame!r:.60} of an MDT is not "{MDT_FRAME}"') from None
     require_session(theirs.encode(), session, 'an MDT')
+    return parsed
+
+
+def parse_outputs(frame: bytes, session: bytes) -> int:
+    """Return the outputs that an MDT tells the plant, as bits; raises TelegramError."""
+    try:
+        *_, outputs, theirs = frame.decode('ascii').split()
+        parsed = _outputs(outputs)
+    except ValueError:
+        raise TelegramError(f'frame_id {frame!r:.60} of an MDT is not "{MDT_FRAME}"') from None
+    require_session(theirs.encode(), session, 'an MDT to the plant')
     return parsed
 
 
@@ -189,6 +215,12 @@ def parse_phase_text(text: str) -> tuple[Phase, bytes]:
         return Phase[name], session.encode('ascii')
     except (KeyError, ValueError):
         raise TelegramError(f'frame_id {text!r:.60} of a phase is not "CPn hhhh"') from None
+
+
+def _outputs(text: str) -> int:
+    if len(text) != len('oo'):
+        raise ValueError
+    return unhexlify(text)[0]
 
 
 def _payload(text: str) -> float:

@@ -28,7 +28,7 @@ from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_st
 from delta3_pacdrive.controller.task_arrays import answer_cycle, command_cycle
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import fault_text
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import FaultCode, RunError
 from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
@@ -36,16 +36,19 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.plant.plant import true_tcp
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import in_torque
+from delta3_pacdrive.simulation.belts import readings
 from delta3_pacdrive.simulation.requested import Requested
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
+ROOM_CYCLES = 1024  # for signals, before anybody knows how long it takes
 
 NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS)
 (
@@ -148,6 +151,8 @@ class SimulatedOperation:
         Of the robot.
     signals
         On request: see ``Requested``.
+    world
+        The cell around the robot; None: the robot carries what its program says.
 
     Attributes
     ----------
@@ -155,6 +160,8 @@ class SimulatedOperation:
         Why the program was given up, empty while it was not.
     stop_source, stop_cycle
         ``RobotFault.source`` of it, and first bus cycle of the stop, ``NEVER`` without one.
+    cycle
+        The next bus cycle.
     drive_status
         Of each drive the bus cycles from which on it tells another status word S-0-0135, each with that word.
 
@@ -172,9 +179,10 @@ class SimulatedOperation:
         faults: Sequence[Fault],
         parameters: Parameters,
         signals: Sequence[str] = (),
+        world: World | None = None,
     ) -> None:
-        self._robot, self._task, self._parameters = robot, task, parameters
-        self._requested = Requested(signals, robot, parameters)
+        self._robot, self._task, self._parameters, self._world = robot, task, parameters, world
+        self._requested = Requested(signals, robot, parameters, world)
         self._start = parameters.motion.start_cycle
         self._must_succeed = not faults
         self._schedule = Schedule()
@@ -184,7 +192,9 @@ class SimulatedOperation:
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
         self._axes = AxisMonitor(parameters)
         self._controller = ControllerCycle(task, self._axes, parameters)
-        self._signals = np.empty((len(NAMES), task.last_cycle + 1, 3))
+        room = task.last_cycle + 1 if task.end_cycle < NEVER else ROOM_CYCLES
+        self._signals = np.empty((len(NAMES), room, 3))
+        self.cycle = 0
         self.stopped = self.stop_source = ''
         self.stop_cycle = self._fault_cycle = NEVER
         self.drive_status: list[list[list[int]]] = [[] for _ in DRIVES]
@@ -204,16 +214,29 @@ class SimulatedOperation:
 
         """
         rest_cycles = round(REST_S / self._parameters.bus.cycle_time_s)
-        cycle, rests = 0, NEVER
-        while (end := rests if self.stopped else self._task.last_cycle + 1) > cycle:
-            cycle = self._advance(cycle, end)
+        rests = NEVER
+        while (end := self._end(self.cycle, rests)) > self.cycle:
+            self.cycle = self._advance(self.cycle, end)
             if self.stopped and rests == NEVER and self._without_torque():
-                rests = cycle + rest_cycles
-        signals = {name: signal[:cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
+                rests = self.cycle + rest_cycles
+        return self.signals()
+
+    def signals(self) -> dict[str, Floats]:
+        """Return the signals so far, torques [N m] in place of currents."""
+        signals = {name: signal[: self.cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
                 del signals[name]
         return signals | self._requested.signals(self._fault_cycle)
+
+    def _end(self, cycle: int, rests: int) -> int:
+        """Return the cycle before which the run ends, as far as is known in a cycle."""
+        if self.stopped:
+            return rests
+        last = self._task.last_cycle
+        if cycle < last:
+            return last
+        return last + 1 if cycle == last or self._task.in_position(cycle - 1) else cycle + 1
 
     def _without_torque(self) -> bool:
         return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)
@@ -224,7 +247,8 @@ class SimulatedOperation:
         after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
         robot, task, axes = self._robot, self._task, self._axes
         status = robot.status
-        one_by_one = robot.observed or bool(self._requested)
+        one_by_one = robot.observed or bool(self._requested) or self._settles(cycle)
+        one_by_one = one_by_one or self._world is not None
         if after <= cycle or one_by_one or not axes.is_checked(status.tolist()):
             self._make_room(cycle + 1)
             self._requested.note_begin()
@@ -236,7 +260,7 @@ class SimulatedOperation:
         self._make_room(after)
         robot.received[:] = 1
         machine = robot.record, robot.plant.built, robot.currents
-        command = task.control(cycle), task.record, task.timeline.arrays, task.corrections
+        command = task.control(cycle), task.record, task.timeline.arrays, task.learned.torques
         reached = int(run_stretch((cycle, after), *command, *machine, self._signals))
         axes.accept_cycles(reached - cycle, robot.answers, status.tolist())
         if reached == after:
@@ -245,6 +269,11 @@ class SimulatedOperation:
         task.commanded_to(reached + 1)
         self._evaluate(reached)
         return reached + 1
+
+    def _settles(self, cycle: int) -> bool:
+        """Whether the answers of a cycle are looked at, because the program waits for the robot."""
+        task = self._task
+        return task.settling(cycle) and (cycle < task.end_cycle or cycle >= task.last_cycle)
 
     def _make_room(self, cycles: int) -> None:
         room = self._signals.shape[1]
@@ -258,7 +287,15 @@ class SimulatedOperation:
         robot = self._robot
         if cycle >= self._schedule.next_cycle:
             self._change_faults(cycle)
-        motors, torques, control, payload = self._controller.command(cycle)
+        if self._world is not None:
+            # the outputs of the MDT before: they are there now
+            self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs)
+        motors, torques, control, payload, _ = self._controller.command(cycle)
+        carried = None if self._world is None else self._world.carried_kg
+        if carried is not None:
+            # what the controller has gripped is what it believes; this hangs there, from now on
+            payload = carried
+            robot.grip(carried)
         note_command(cycle, motors, torques, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
         robot.cycle(motors, control, payload, received, torques)
@@ -276,12 +313,15 @@ class SimulatedOperation:
             else (answers[:, index].tolist(), status[index])
             for index, axis in enumerate(DRIVES)
         ]
-        if self._must_succeed and cycle >= self._start:
+        if self._must_succeed and cycle >= self._start and not self.stopped:
             self._require_torque(status, cycle)
         starts = NEVER if self.stopped else self._start
         stop = self._controller.evaluate(cycle, received, starts, bool(self.stopped))
+        if self._task.tracking is not None and self._world is not None:
+            self._task.tracking.observe(cycle, readings(self._world))
         note_answers(cycle, answers, self._task.record, self._signals)
-        if stop is not None and not self._must_succeed:
+        late = stop is not None and stop.fault.code is FaultCode.NOT_IN_POSITION
+        if stop is not None and (late or not self._must_succeed):
             causes = [f': {fault_text(self._robot.drives[axis].fault)}' for axis in self._axes.faulty()]
             self._stop(stop, ''.join(causes[:1]))
 
@@ -294,6 +334,8 @@ class SimulatedOperation:
         for fault, _ in changes:
             if fault.kind == 'emergency_stop':
                 self._stop(emergency_stop(cycle))
+            if fault.kind == 'payload_lost' and self._world is not None:
+                self._world.lose_part(cycle)
 
     def _stop(self, stop: Stop, cause: str = '') -> None:
         if not self.stopped:

@@ -12,7 +12,8 @@ from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.channels import channel_named
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.recording.signals import OF_DRIVES, OUTPUT_COLUMNS, columns_of
+from delta3_pacdrive.peripherals.world import World
+from delta3_pacdrive.recording.signals import OF_CELLS, OF_DRIVES, OUTPUT_COLUMNS, columns_of
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.simulation.robot import Robot
 
@@ -25,14 +26,22 @@ class Requested:
     Parameters
     ----------
     names
-        Of ``OF_TASK``, or ``drive_`` and a channel of the drives; others are left to who computes them.
+        Of ``OF_TASK``, ``drive_`` and a channel of the drives, or ``cell_`` and what a cell tells; others are left to
+        who computes them.
     robot, parameters
         The machine, and what it is.
+    world
+        The cell around it, if there is one.
 
     """
 
-    def __init__(self, names: Sequence[str], robot: Robot, parameters: Parameters) -> None:
-        self._drives, self._parameters = robot.drives, parameters
+    def __init__(
+        self, names: Sequence[str], robot: Robot, parameters: Parameters, world: World | None = None
+    ) -> None:
+        self._drives, self._parameters, self._world = robot.drives, parameters, world
+        self._of_cell: dict[str, list[list[float]]] = {
+            name: [] for name in names if name.startswith(OF_CELLS) and world is not None
+        }
         self._channels = {
             name: channel_named(name.removeprefix(OF_DRIVES)) for name in names if name.startswith(OF_DRIVES)
         }
@@ -44,7 +53,7 @@ class Requested:
 
     def __bool__(self) -> bool:
         """Whether anything is noted."""
-        return bool(self._channels or self._of_task)
+        return bool(self._channels or self._of_task or self._of_cell)
 
     def note_begin(self) -> None:
         """Note what the bus cycle before has left in the drives: their samples of the instant of the AT."""
@@ -54,6 +63,10 @@ class Requested:
 
     def note_end(self, task: Transformation, axes: AxisMonitor) -> None:
         """Note what the task commands in a bus cycle, and what is lost up to it; nothing is late without a clock."""
+        if self._of_cell and self._world is not None:
+            told = self._world.signals()
+            for name, rows in self._of_cell.items():
+                rows.append(told[name])
         for name, rows in self._task.items():
             if name == 'payload':
                 rows.append([task.payload])
@@ -68,7 +81,7 @@ class Requested:
         """Return the signals, shapes (cycles, columns); a fault of the robot was found in a cycle, or ``NEVER``."""
         found = {
             name: np.array(rows, dtype=np.float64).reshape(-1, len(columns_of(name, '')))
-            for name, rows in self._task.items()
+            for name, rows in (self._task | self._of_cell).items()
         }
         if 'fault' in found:
             found['fault'][fault_cycle:] = 1.0

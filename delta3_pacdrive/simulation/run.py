@@ -12,6 +12,8 @@ from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, flat_document
+from delta3_pacdrive.peripherals.cell import Cell
+from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.plant.decoupled import require_stable
 from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.recording.trace import Trace
@@ -67,6 +69,7 @@ def run(
     learned: Learned | None = None,
     machine: Parameters | None = None,
     planner: Planner = program_planner.plan,
+    cell: Cell | None = None,
 ) -> Trace:
     """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
 
@@ -87,6 +90,9 @@ def run(
         Of the robot, where the controller takes it for another one.
     planner
         Plans the program from where the robot stands; one that knows many plans saves the time to make them again.
+    cell
+        What stands around the robot: its gripper takes real parts then, and the payload of the program is what the
+        controller believes. Signals ``cell_...`` are held on request.
 
     Returns
     -------
@@ -110,6 +116,8 @@ def run(
     tcp = task.locate(robot.encoder_positions())
     planned = planner(program, tcp, parameters)
     gripped = [change['payload_kg'] for change in plan_times.output_changes(planned.plan)]
+    if cell is not None:
+        gripped += [part.mass_kg for part in cell.parts.values()]
     require_stable(parameters, max([planned.plan.move(0).payload_kg, *filter(None, gripped)]))
     task.load(planned.plan)
     motion = parameters.motion
@@ -117,38 +125,67 @@ def run(
         raise RunError('motion.enable_cycle and motion.start_cycle must not be negative in a simulation')
     task.enable(motion.enable_cycle)
     task.start(motion.start_cycle)
-    operation = SimulatedOperation(robot, task, program.faults, parameters, signals)
+    world = None if cell is None else World(cell, parameters.bus.cycle_time_s, motion.start_cycle)
+    operation = SimulatedOperation(robot, task, program.faults, parameters, signals, world)
     try:
         found = operation.run()
     finally:
         if isinstance(robot, ScopedRobot):
             robot.finish()
-    found['current'] /= parameters.motor.torque_constant_n_m_a
-    for axis, drive in enumerate(robot.drives):
-        task.current_peak[axis], task.current_rms[axis] = drive.program_current()
-    meta = _meta(planned, parameters, task) | {
-        'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
-        'stopped': operation.stopped,
-        'stop_source': operation.stop_source,
-        'stop_cycle': operation.stop_cycle if operation.stopped else None,
-        'lost_telegrams': operation.lost,
-        'unlearned': task.unlearned,
-        'drive_status': operation.drive_status,
-    }
-    return Trace(
-        np.arange(len(found['current']), dtype=np.float64) * parameters.bus.cycle_time_s, found, meta
-    )
-
-
-def _meta(planned: program_planner.Planned, parameters: Parameters, task: Transformation) -> dict[str, Any]:
-    figures = task.figures()
-    return {
+    note_currents(robot, task)
+    driven = {
         'program': planned.name,
         'notices': list(planned.notices),
         'program_s': planned.plan.duration_s,
         'repeat': planned.repeat,
         'moves': plan_times.driven_moves(planned.plan),
         'outputs': plan_times.output_changes(planned.plan),
+        'start_cycle': parameters.motion.start_cycle,
+        'end_cycle': task.end_cycle,
+        'planned_end_m': planned.plan.end_m().tolist(),
+        'figures': vars(task.figures()),
+        'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
+        'unlearned': task.learned.reason,
+    }
+    return trace_of(found, driven, operation, parameters, world)
+
+
+def note_currents(robot: Robot, task: Transformation) -> None:
+    """Let the task know the currents of the motors in its program, as the drives have formed them of all samples."""
+    for axis, drive in enumerate(robot.drives):
+        task.current_peak[axis], task.current_rms[axis] = drive.program_current()
+
+
+def trace_of(
+    found: dict[str, Floats],
+    driven: dict[str, Any],
+    operation: SimulatedOperation,
+    parameters: Parameters,
+    world: World | None,
+) -> Trace:
+    """Return the trace of a simulation.
+
+    Parameters
+    ----------
+    found
+        Its signals, torques [N m] in place of currents.
+    driven
+        What was driven, for the ``meta``.
+    operation
+        Its bus cycles.
+    parameters
+        Of the robot.
+    world
+        The cell around it, if there is one.
+
+    """
+    found['current'] /= parameters.motor.torque_constant_n_m_a
+    meta = {
+        'stopped': operation.stopped,
+        'stop_source': operation.stop_source,
+        'stop_cycle': operation.stop_cycle if operation.stopped else None,
+        'lost_telegrams': operation.lost,
+        'drive_status': operation.drive_status,
         'checksum': parameters.checksum,
         'parameters': flat_document(parameters),
         'controller': parameters.controller,
@@ -156,8 +193,10 @@ def _meta(planned: program_planner.Planned, parameters: Parameters, task: Transf
         'rich': parameters.rich.enabled,
         'cycle_time_s': parameters.bus.cycle_time_s,
         'exchange_period_s': parameters.bus.exchange_period_s,
-        'start_cycle': parameters.motion.start_cycle,
-        'end_cycle': task.end_cycle,
-        'planned_end_m': planned.plan.end_m().tolist(),
-        'figures': vars(figures),
+        **driven,
     }
+    if world is not None:
+        world.finish()
+        meta['cell'] = world.report()
+    times_s = np.arange(len(found['current']), dtype=np.float64) * parameters.bus.cycle_time_s
+    return Trace(times_s, found, meta)

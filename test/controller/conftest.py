@@ -80,6 +80,7 @@ class Rig:
         self.answers: list[tuple[str, int, bool, str]] = []
         self.reports: list[Any] = []  # what was told of requests for moves
         self.asked = 0
+        self.off_rad = 0.0  # by which the motor of axis 2 is off its command
         self.drives_refuse = ''  # a reset, with a sentence
         self.said: list[Any] = []
         self.watch.announced(PLANNER, identity)
@@ -128,12 +129,13 @@ class Rig:
             if enabled:
                 self.holds_until = cycle + DISABLING
             status = IN_TORQUE if cycle < self.holds_until else READY
-            answers = [((position, 0.0, 0.0), status) for position in self.task.motors.tolist()]
+            positions = (self.task.motors + np.array([0.0, self.off_rad, 0.0])).tolist()
+            answers = [((position, 0.0, 0.0), status) for position in positions]
             self.answered = cycle + 1
             stop = self.cycle.evaluate(cycle, answers, self.state.checked_from, bool(self.state.fault))
             if stop is not None:
                 self.state.stop_for(stop)
-            if cycle == self.state.ends:
+            if self.state.ended(cycle):
                 self.state.answered(cycle)
             if self.state.actions:
                 self.settle()

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive.controller.transformation import FADE_CYCLES, Transformation
+from delta3_pacdrive.controller.learned_torques import FADE_CYCLES
+from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.learned import Learned, Origin
@@ -87,8 +88,8 @@ def test_they_never_ask_for_more_than_a_motor_has(model):
 def test_another_program_goes_without_them_and_it_is_said_why(model):
     other = [{'move_l': {'to_m': [0.2, -0.05, -0.8]}}]
     assert not both(model, START + 300, moves=other).any()
-    assert 'another plan' in task_with(model, LEARNED_N_M, moves=other).unlearned
-    assert task_with(model, LEARNED_N_M).unlearned == ''
+    assert 'another plan' in task_with(model, LEARNED_N_M, moves=other).learned.reason
+    assert task_with(model, LEARNED_N_M).learned.reason == ''
 
 
 def test_another_robot_goes_without_them(model):
@@ -98,12 +99,12 @@ def test_another_robot_goes_without_them(model):
     task.locate(Standing(other).motors)
     task.load(planned(other))
     task.start(START)
-    assert task.unlearned.startswith('they belong to other parameters: drive.position_gain_rad_s_rad')
+    assert task.learned.reason.startswith('they belong to other parameters: drive.position_gain_rad_s_rad')
 
 
 def test_another_speed_goes_without_them(model):
     assert not both(model, START + 300, override=0.9).any()
-    assert 'override' in task_with(model, LEARNED_N_M, override=0.9).unlearned
+    assert 'override' in task_with(model, LEARNED_N_M, override=0.9).learned.reason
 
 
 @pytest.mark.parametrize(
@@ -126,12 +127,12 @@ def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act,
     torques_of(task, START + 60)
     act(task)
     torques_of(task, START + 1000)
-    assert task.unlearned
+    assert task.learned.reason
     task.unload()
     task.locate(Standing(model).motors)
     task.load(planned(model))
     task.start(task.next_cycle)
-    assert bool(task.unlearned) == for_good
+    assert bool(task.learned.reason) == for_good
 
 
 def test_the_log_says_whether_they_are_followed_and_none_are_after_a_fault(rig, model):
@@ -146,12 +147,12 @@ def test_the_log_says_whether_they_are_followed_and_none_are_after_a_fault(rig, 
         texts = [getattr(action, 'sentence', '') for action in said]
         return [text for text in texts if text.startswith('learned torques')]
 
-    assert robot.task.learns
-    assert robot.task.unlearned == 'no program has been started'
+    assert robot.task.learned.exist
+    assert robot.task.learned.reason == 'no program has been started'
     robot.start('moves: [{move_l: {to_m: [0.2, 0.05, -0.8]}}]')
     robot.finish()
     assert sentences() == ['learned torques are followed']
-    assert robot.task.unlearned == ''
+    assert robot.task.learned.reason == ''
     robot.start('moves: [{move_l: {to_m: [0.0, 0.0, -0.75]}}]')
     robot.finish()
     (other,) = sentences()

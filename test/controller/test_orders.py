@@ -94,6 +94,16 @@ def test_a_heartbeat_in_another_session_makes_nobody_listened_to(rig: Any, robot
     assert rig.watch.planner == ''
 
 
+def test_rows_of_a_script_that_is_gone_before_they_are_checked_do_not_start_the_robot(
+    rig: Any, rows: list[Any]
+) -> None:
+    rig.orders.script = 'c0ffee00'
+    send(rig, 100, rows, planner='c0ffee00')
+    rig.orders.script = ''
+    assert verdicts(rig) == []
+    assert rig.state.motion == 'idle'
+
+
 def test_an_order_that_is_heard_twice_starts_once(rig: Any, rows: list[Any]) -> None:
     send(rig, 100, rows)
     verdicts(rig)

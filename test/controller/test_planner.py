@@ -264,3 +264,27 @@ def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_c
     planner.receive_status(replace(status, serial=3, planner=ME, refusal='', refusal_code=''), 0.3)
     (ordered,) = [a for a in planner.actions if isinstance(a, Ordered)]
     assert ordered.row[0] == robot.motion.start_cycle
+
+
+@pytest.mark.parametrize('head', ['payload_kg: 0.5', 'tools: {cup: {mass_kg: 0.5}}\ntool: cup'])
+def test_a_program_that_carries_something_from_its_start_waits_behind_no_other_moves(
+    client: Client, head: str
+) -> None:
+    client.queue(f'{head}\n{LINE}')
+    client.ask('clear')
+    client.answer()
+    client.queue()
+    client.ask('program', f'{head}\n{LINE}')
+    client.plan()
+    reason, _ = client.answer()
+    assert reason is not None
+    assert 'payload_kg of a program, and the mass of its tool, count from its start' in str(reason)
+
+
+def test_a_move_behind_a_program_of_several_lines_is_refused_by_its_number(client: Client) -> None:
+    client.queue('moves:\n- move_l: {to_m: [0.1, 0.0, -0.75]}\n- move_l: {to_m: [0.0, 0.0, -0.75]}\n')
+    client.ask('program', 'moves: [{move_l: {to_m: [2.0, 0.0, -0.8]}}]')
+    client.plan()
+    reason, _ = client.answer()
+    assert reason is not None
+    assert 'moves[2].move_l: ' in str(reason)

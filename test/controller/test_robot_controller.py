@@ -32,7 +32,8 @@ OUTSTANDING = ROBOT.bus.outstanding_cycles_max
 class Cell:
     """A controller without a clock, and drives that do as they are told as soon as a test lets them."""
 
-    def __init__(self, *faults: dict[str, Any]) -> None:
+    def __init__(self, *faults: dict[str, Any], inputs: tuple[str, ...] = ()) -> None:
+        self.inputs = inputs
         self.now_s = 0.0
         self.sent: dict[int, Command] = {}
         self.told: list[int] = []
@@ -91,7 +92,7 @@ class Cell:
     def hear(self, name: str, occasion: Occasion = Occasion.CALLED, instance: str = 'first') -> None:
         session = self.robot.bus.session.decode()
         seen = max(self.sent, default=-1) + 1
-        self.robot.announced(Announcement(name, instance, session, occasion, OURS, DRIVES, seen))
+        self.robot.announced(Announcement(name, instance, session, occasion, OURS, DRIVES, seen, self.inputs))
 
     def come_up(self) -> 'Cell':
         """Let everybody answer until cyclic operation begins."""
@@ -331,3 +332,45 @@ def test_whatever_happens_bus_time_never_goes_back_and_a_fault_stays(events: lis
             assert robot.state.motion == 'error'
             assert not robot.state.enabled
             assert robot.state.ends == NEVER
+
+
+def test_a_round_trip_is_the_time_from_an_mdt_to_its_last_at():
+    cell = Cell()
+    cell.now_s = 5.0
+    cell.come_up()
+    for _ in range(20):
+        cell.now_s += 0.003  # for which each MDT waits for its answers, and others are under way meanwhile
+        cell.run(1)
+    longest = 3.0 * OUTSTANDING
+    found = cell.robot.totals()['mdt_to_last_at_ms']
+    assert longest - 3.0 <= found['max'] <= longest
+
+
+# inputs
+
+
+def test_a_cycle_is_evaluated_with_its_inputs_and_not_before() -> None:
+    cell = Cell(inputs=('part', 'vacuum')).come_up()
+    cell.run(OUTSTANDING)
+    assert cell.told == []
+    cell.robot.cycles.take_inputs(0, 0b01)
+    assert cell.told == [0]
+    assert cell.robot.cycles.inputs.bits == 0b01
+    cell.robot.cycles.take_inputs(2, 0b10)  # those of cycle 1 are lost
+    assert cell.told == [0, 1, 2]
+    assert cell.robot.cycles.inputs.bits == 0b10
+
+
+def test_inputs_of_a_cycle_to_come_are_refused() -> None:
+    cell = Cell(inputs=('part',)).come_up()
+    cell.robot.cycles.take_inputs(OUTSTANDING, 1)
+    assert cell.refused == [f'inputs of bus cycle {OUTSTANDING} are ahead of bus time']
+    assert cell.robot.cycles.inputs.bits == 0
+
+
+def test_a_bus_whose_inputs_are_silent_falls() -> None:
+    cell = Cell(inputs=('part',)).come_up()
+    cell.run(OUTSTANDING)
+    cell.wait(BUS_SILENT_S + 2 * REPORT_S)
+    assert cell.robot.bus.phase == Phase.CP0
+    assert cell.fault.startswith('no AT of the inputs for')

@@ -7,7 +7,7 @@ import pytest
 from delta3_pacdrive import parameters
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.plant.bus_plant import BusPlant, current_max_a
-from delta3_pacdrive.plant.plant_clock import REST_S
+from delta3_pacdrive.plant.plant_clock import REST_S, Around
 from delta3_pacdrive.sercos.participants import Occasion
 from delta3_pacdrive.sercos.slave import State
 from delta3_pacdrive.sercos.watchdog import DRIVE_SILENT_S, PARTING_S
@@ -24,7 +24,7 @@ Announced = tuple[bytes, Occasion, tuple[str, ...], int]
 class Rig:
     """The plant, and a bus on which only the test speaks."""
 
-    def __init__(self) -> None:
+    def __init__(self, around: Around | None = None) -> None:
         self.now_s = 0.0
         self.announced: list[Announced] = []
         self.sessions: list[bytes] = []
@@ -32,7 +32,7 @@ class Rig:
         self.shafts: list[int] = []  # exchanges
         self.rests: list[str] = []
         self.losses: list[str] = []
-        self.on_bus = BusPlant(ROBOT, Schedule(), self, LOOK_S, lambda: self.now_s)
+        self.on_bus = BusPlant(ROBOT, Schedule(), self, LOOK_S, lambda: self.now_s, around)
         self.none = (0.0,) * self.on_bus.clock.samples
 
     # what the plant does ----------------------------------------------------------------------------------------------
@@ -78,12 +78,35 @@ class Rig:
                 self.on_bus.look()
 
 
-@pytest.fixture
-def rig() -> Rig:
-    made = Rig()
+class Deaf:
+    """What stands around the robot, and never hears of any outputs."""
+
+    def begin(self, cycle: int) -> None:
+        self.first = cycle
+
+    def take_outputs(self, cycle: int, outputs: int) -> None:
+        raise AssertionError
+
+    def knows(self, cycle: int) -> bool:
+        return cycle <= self.first
+
+    def step(self, cycle: int, tcp_m: Sequence[float]) -> float | None:
+        return None
+
+    def lose_part(self) -> None:
+        raise AssertionError
+
+
+def in_cyclic_operation(around: Around | None = None) -> Rig:
+    made = Rig(around)
     for phase in (Phase.CP0, Phase.CP1, Phase.CP4):
         made.phase(phase)
     return made
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return in_cyclic_operation()
 
 
 def test_the_plant_answers_the_call_joins_in_its_session_and_greets_no_more(rig: Rig) -> None:
@@ -143,6 +166,27 @@ def test_when_the_phase_falls_the_stop_of_the_drives_is_waited_for_a_little(rig:
     assert rig.announced[-1][:2] == (OURS, Occasion.LEFT)
 
 
+def test_when_the_phase_falls_no_outputs_are_waited_for() -> None:
+    rig = in_cyclic_operation(Deaf())
+    rig.run(2 * PER_CYCLE)
+    assert rig.on_bus.clock.exchange == PER_CYCLE
+    rig.phase(Phase.CP0, THEIRS)
+    rig.run(3 * PER_CYCLE)
+    assert rig.on_bus.clock.exchange >= 4 * PER_CYCLE
+    assert rig.losses == []
+
+
+def test_a_master_that_falls_silent_is_named_once_and_the_machine_goes_on() -> None:
+    rig = in_cyclic_operation(Deaf())
+    rig.run(2 * PER_CYCLE)
+    rig.wait(DRIVE_SILENT_S + 2 * LOOK_S)
+    (loss,) = rig.losses
+    assert loss.startswith('plant: no MDT for 2.')
+    before = rig.on_bus.clock.exchange
+    rig.run(2 * PER_CYCLE)
+    assert rig.on_bus.clock.exchange == before + 2 * PER_CYCLE
+
+
 def test_a_second_master_is_not_obeyed_in_cyclic_operation(rig: Rig) -> None:
     rig.phase(Phase.CP0, THEIRS, alone=False)
     assert rig.on_bus.slave.state is State.CYCLIC
@@ -154,3 +198,14 @@ def test_the_largest_current_is_that_of_a_short_at_twice_the_largest_speed() -> 
         2.0 * motor.max_speed_rad_s * motor.torque_constant_n_m_a / 3.0 / (motor.winding_resistance_ohm / 2.0)
     )
     assert current_max_a(motor) == pytest.approx(motor.peak_current_a + short)
+
+
+def test_drives_whose_bus_waits_repeat_their_currents_and_keep_their_power(rig: Rig) -> None:
+    rig.run(5)
+    for _ in range(10):
+        rig.wait(DRIVE_SILENT_S / 2)
+        rig.on_bus.clock.take(0, 4, False, 0.0, rig.none)
+    assert rig.losses == []
+    assert rig.on_bus.clock.exchange == 5
+    rig.wait(DRIVE_SILENT_S + 2 * LOOK_S)
+    assert len(rig.losses) == 1

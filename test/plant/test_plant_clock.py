@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.faults.schedule import Schedule
-from delta3_pacdrive.plant.plant_clock import REST_S, PlantClock
+from delta3_pacdrive.faults.fault import parse
+from delta3_pacdrive.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.plant.plant_clock import REST_S, Around, PlantClock
 
 ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
@@ -19,9 +20,9 @@ REST_EXCHANGES = round(REST_S / ROBOT.bus.exchange_period_s)
 class Rig:
     """A machine whose currents the test gives."""
 
-    def __init__(self) -> None:
+    def __init__(self, around: Around | None = None, schedule: Schedule | None = None) -> None:
         self.published: list[int] = []
-        self.clock = PlantClock(ROBOT, Schedule(), self._publish)
+        self.clock = PlantClock(ROBOT, schedule or Schedule(), self._publish, around)
 
     def _publish(self, exchange: int, shafts: Sequence[float]) -> None:
         assert np.isfinite(shafts).all()
@@ -35,6 +36,31 @@ class Rig:
             exchange = self.clock.exchange
             for index in drives:
                 self.take(index, exchange)
+
+
+class Surroundings:
+    """What stands around the robot: outputs are known as the test says."""
+
+    def __init__(self) -> None:
+        self.known = -1
+        self.steps: list[int] = []
+        self.lost = 0
+
+    def begin(self, cycle: int) -> None:
+        self.known = cycle - 1
+
+    def take_outputs(self, cycle: int, outputs: int) -> None:
+        self.known = cycle
+
+    def knows(self, cycle: int) -> bool:
+        return self.known >= cycle - 1
+
+    def step(self, cycle: int, tcp_m: Sequence[float]) -> float:
+        self.steps.append(cycle)
+        return 0.0
+
+    def lose_part(self) -> None:
+        self.lost += 1
 
 
 @pytest.fixture
@@ -139,3 +165,69 @@ def test_whatever_comes_when_exchanges_follow_one_another(events: list[tuple[str
         assert rig.published[-1] == clock.exchange
         if not clock.powerless:
             assert clock.silent()  # what is complete has been integrated
+
+
+# what stands around the robot
+
+
+@pytest.fixture
+def around() -> Surroundings:
+    return Surroundings()
+
+
+@pytest.fixture
+def cell(around: Surroundings) -> Rig:
+    made = Rig(around)
+    made.clock.begin(0)
+    return made
+
+
+def test_a_bus_cycle_waits_for_the_outputs_of_the_mdt_before(cell: Rig, around: Surroundings) -> None:
+    cell.run(PER_CYCLE)
+    for index in range(3):
+        cell.take(index, PER_CYCLE)
+    assert cell.clock.exchange == PER_CYCLE
+    cell.clock.take_outputs(0, 0)
+    assert cell.clock.exchange == PER_CYCLE + 1
+    assert around.steps == [0, 1]
+
+
+def test_who_is_dropped_takes_the_wait_for_outputs_with_him(cell: Rig, around: Surroundings) -> None:
+    cell.run(PER_CYCLE)
+    for index in range(3):
+        cell.take(index, PER_CYCLE)
+    assert cell.clock.silent() == []
+    cell.clock.drop([])
+    assert cell.clock.exchange == PER_CYCLE + 1
+    cell.run(3 * PER_CYCLE)
+    assert cell.clock.exchange == 4 * PER_CYCLE + 1
+
+
+def test_outputs_that_come_again_are_waited_for_again(cell: Rig, around: Surroundings) -> None:
+    cell.run(PER_CYCLE)
+    cell.clock.drop([])
+    cell.run(PER_CYCLE)
+    cell.clock.take_outputs(1, 0)
+    cell.run(3 * PER_CYCLE)
+    assert cell.clock.exchange == 3 * PER_CYCLE
+
+
+def test_the_cell_goes_on_while_the_machine_comes_to_rest(cell: Rig, around: Surroundings) -> None:
+    cycle = cell.clock.come_to_rest()
+    assert around.steps == list(range(cycle))
+
+
+def test_outputs_far_ahead_of_the_plant_are_not_taken(cell: Rig, around: Surroundings) -> None:
+    cell.clock.take_outputs(1000, 1)
+    assert around.known == -1
+
+
+def test_a_payload_that_is_lost_is_a_part_that_the_cup_loses(around: Surroundings) -> None:
+    schedule = Schedule()
+    schedule.add(
+        Scheduled.of(parse({'fault': 'payload_lost', 'after_s': 0}, 'fault'), 0, ROBOT.bus.cycle_time_s)
+    )
+    rig = Rig(around, schedule)
+    rig.clock.begin(0)
+    rig.run(1)
+    assert around.lost == 1

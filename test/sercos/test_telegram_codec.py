@@ -10,6 +10,8 @@ from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec, read_header
 
 TELEGRAMS = (
+    telegrams.inputs(('part',)),
+    telegrams.inputs(('part', 'vacüum')),
     telegrams.MDT,
     telegrams.AT[1],
     telegrams.SHAFTS,
@@ -28,7 +30,9 @@ def message(codec, telegram, cycle, values):
     return codec.encode((cycle, 1000 * cycle), b'%0*d' % (telegram.frame_length, cycle), values)
 
 
-@pytest.mark.parametrize('telegram', TELEGRAMS, ids=lambda telegram: telegram.topic)
+@pytest.mark.parametrize(
+    'telegram', TELEGRAMS, ids=lambda telegram: f'{telegram.topic} {sum(telegram.lengths)}'
+)
 @given(data=st.data())
 def test_many_messages_are_read_at_once_as_each_by_itself_and_without_a_parser(telegram, data):
     codec = TelegramCodec(telegram, refuse)
@@ -45,7 +49,9 @@ def test_many_messages_are_read_at_once_as_each_by_itself_and_without_a_parser(t
     ] == decoded
 
 
-@pytest.mark.parametrize('telegram', TELEGRAMS, ids=lambda telegram: telegram.topic)
+@pytest.mark.parametrize(
+    'telegram', TELEGRAMS, ids=lambda telegram: f'{telegram.topic} {sum(telegram.lengths)}'
+)
 def test_among_many_messages_those_of_another_layout_are_left_to_the_parser(telegram):
     codec = TelegramCodec(telegram, refuse)
     values = [0.5] * sum(telegram.lengths)

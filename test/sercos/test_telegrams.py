@@ -18,16 +18,19 @@ OURS, OTHERS = b'3fa9', b'3faa'
         b'CP4',
         b'CP4 e000 e000',
         b'XX4 e000 e000 e000 1',
-        b'CP4 e000 zzzz e000 0000 0000 0000 1 3fa9',
-        b'CP4 e000 -00f e000 0000 0000 0000 1 3fa9',
-        b'CP4 e000 fffff000 e000 0000 0000 0000 1 3fa9',
-        b'CP9 e000 e000 e000 0000 0000 0000 1 3fa9',
-        b'CP4 e000 e000 e000 0000 0000 0000 nan 3fa9',
+        b'CP4 e000 zzzz e000 0000 0000 0000 1 00 3fa9',
+        b'CP4 e000 -00f e000 0000 0000 0000 1 00 3fa9',
+        b'CP4 e000 fffff000 e000 0000 0000 0000 1 00 3fa9',
+        b'CP9 e000 e000 e000 0000 0000 0000 1 00 3fa9',
+        b'CP4 e000 e000 e000 0000 0000 0000 nan 00 3fa9',
+        b'CP4 e000 e000 e000 0000 0000 0000 1 3fa9',
+        b'CP4 e000 e000 e000 0000 0000 0000 1 0 3fa9',
+        b'CP4 e000 e000 e000 0000 0000 0000 1 zz 3fa9',
         b'\xff',
     ],
 )
 def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
-    with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp hhhh"'):
+    with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp oo hhhh"'):
         telegrams.parse_mdt_frame(frame, 1, b'3fa9')
 
 
@@ -62,7 +65,8 @@ def test_sessions_are_drawn_anew_and_never_the_one_of_nobody() -> None:
 
 
 def test_frames_hold_what_they_were_made_of() -> None:
-    mdt = telegrams.mdt_frame(4, 0xE000, 0.5, OURS, (1, 2, 0x9FFF))
+    mdt = telegrams.mdt_frame(4, 0xE000, 0.5, OURS, (1, 2, 0x9FFF), 0x81)
+    assert telegrams.parse_outputs(mdt, OURS) == 0x81
     assert len(mdt) == telegrams.MDT.frame_length
     assert [telegrams.parse_mdt_frame(mdt, axis, OURS) for axis in range(3)] == [
         (4, 0xE000, 1, 0.5),
@@ -78,7 +82,7 @@ def test_frames_hold_what_they_were_made_of() -> None:
 
 def test_frames_read_as_the_documentation_writes_them() -> None:
     mdt = telegrams.mdt_frame(4, 0xE000, 0.0125, OURS, (1, 2, 0x9FFF))
-    assert mdt == b'CP4 e000 e000 e000 0001 0002 9fff 000.0125 3fa9'
+    assert mdt == b'CP4 e000 e000 e000 0001 0002 9fff 000.0125 00 3fa9'
     assert telegrams.at_frame(0xC008, 0x1234, OURS) == b'c008 1234 3fa9'
     assert telegrams.current_frame(True, 0.0125, OURS) == b'free 000.0125 3fa9'
     assert telegrams.current_frame(False, 12.0, OURS) == b'held 012.0000 3fa9'
@@ -89,7 +93,13 @@ def test_a_payload_that_nothing_can_grip_is_refused(payload: str) -> None:
     with pytest.raises(TelegramError, match='of a motor current is not'):
         telegrams.parse_current_frame(f'free {payload} 3fa9'.encode(), OURS)
     with pytest.raises(TelegramError, match='of an MDT is not'):
-        telegrams.parse_mdt_frame(f'CP4 e000 e000 e000 0000 0000 0000 {payload} 3fa9'.encode(), 0, OURS)
+        telegrams.parse_mdt_frame(f'CP4 e000 e000 e000 0000 0000 0000 {payload} 00 3fa9'.encode(), 0, OURS)
+
+
+@pytest.mark.parametrize('frame', [b'', b'CP4', b'1 zz 3fa9', b'1 -1 3fa9', b'1 001 3fa9', b'\xff'])
+def test_outputs_of_another_form_are_refused(frame: bytes) -> None:
+    with pytest.raises(TelegramError, match='of an MDT is not'):
+        telegrams.parse_outputs(frame, OURS)
 
 
 def test_a_raw_session_of_bytes_that_are_no_text_is_refused() -> None:

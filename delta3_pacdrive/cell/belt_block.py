@@ -1,0 +1,111 @@
+"""Work on a belt in a script, from getting on to leaving."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from delta3_pacdrive.cell.moves import Written
+from delta3_pacdrive.cell.place import ScriptPlace
+from delta3_pacdrive.cell.robot import TIME_MAX_S, TIMEOUT_S
+from delta3_pacdrive.cell.values import number
+from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
+from delta3_pacdrive.motion.belt_meeting import BeltAxes, first_moved_s
+from delta3_pacdrive.motion.belt_synchronization import TrackLimits, TrackWindow, Way
+from delta3_pacdrive.motion.curves import COINCIDENT_M
+from delta3_pacdrive.motion.part_queue import QueuedPart
+from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.motion.program import Dwell, MoveL, Output, PathMove, Point
+from delta3_pacdrive.parameters.records import Motion as MotionLimits
+
+SPEED_MAX_M_S = 20.0
+LIMIT_MAX = 1e6  # of accelerations and jerks
+INCREMENT_MAX_M = 20e-6
+STAND_S = 0.002  # of a dwell instead of a move to where the plan stands
+
+
+@dataclass
+class Block:
+    """Work on a belt, from getting on to leaving."""
+
+    belt: int
+    part: QueuedPart
+    window: TrackWindow
+    limits: TrackLimits
+    timeout_s: float
+    place: ScriptPlace
+    begun: bool = False
+    closed: bool = False
+    stands: bool = False  # its first move leads to where the plan stands already
+
+    @property
+    def reference_m(self) -> float:
+        """Where along the belt the plan has the part [m]: in the middle of the window."""
+        return 0.5 * (self.window.begin_m + self.window.end_m)
+
+    def begun_at(self, here_m: Point, batch: Sequence[Written]) -> list[Written]:
+        """Return the work for a plan that stands somewhere [m]: a first move to there is a dwell."""
+        n, first = next((n, one) for n, (one, _) in enumerate(batch) if not isinstance(one, Output))
+        self.stands = isinstance(first, MoveL) and math.dist(first.to.point_m, here_m) < COINCIDENT_M
+        standing = [(Dwell(STAND_S), batch[n][1])] if self.stands else [batch[n]]
+        return [*batch[:n], *standing, *batch[n + 1 :]]
+
+    def first_s(self, plan: Plan) -> float:
+        """Return when the first move of the work ends, in its plan [s]."""
+        return STAND_S if self.stands else first_moved_s(plan)
+
+
+@dataclass(frozen=True)
+class Leaving:
+    """The robot is to leave a belt in a bus cycle: how what goes with it goes to 0, as far as is known."""
+
+    cycle: int
+    belt: int
+    way: Way
+
+
+def check_block(batch: Sequence[Written], closed: bool) -> None:
+    """Refuse work on a belt that does not begin, or end, with an exact move."""
+    moving = [one for one, _ in batch if not isinstance(one, Output)]
+    if not moving or not isinstance(moving[0], PathMove):
+        raise ProgramError(
+            'track: the first thing to do on a belt must be a move, above the part: it gets on the belt'
+        )
+    if moving[0].blend_m > 0.0:
+        raise ProgramError('track: the first move on a belt gets on it, and cannot have a blend')
+    last = moving[-1]
+    if closed and isinstance(last, PathMove) and last.blend_m > 0.0:
+        raise ProgramError('track: the last move on a belt cannot have a blend')
+
+
+def require_fine(belt: BeltAxes) -> None:
+    """Refuse work on a belt whose encoder is so coarse that its increments shake the robot."""
+    increment_m = 1.0 / belt.increments_per_m
+    if increment_m > INCREMENT_MAX_M:
+        raise RefusedError(
+            Reason(
+                Code.BELT,
+                f'track: an increment of the encoder of belt {belt.name} is {1e6 * increment_m:.0f} um, but must be '
+                f'at most {1e6 * INCREMENT_MAX_M:.0f} um, as its rounding goes into the set points',
+            )
+        )
+
+
+def limits_of(keys: Mapping[str, Any], motion: MotionLimits) -> tuple[TrackLimits, float]:
+    """Return the limits of getting on and leaving, and the time-out of a part [s]; raises ProgramError."""
+    given = {
+        'speed_m_s': motion.speed_max_m_s,
+        'acceleration_m_s2': motion.acceleration_max_m_s2,
+        'jerk_m_s3': motion.jerk_max_m_s3,
+        'timeout_s': TIMEOUT_S,
+    }
+    for name in keys:
+        if name not in given:
+            raise ProgramError(f'track: unknown key {shown(name)}{nearest_of(name, tuple(given))}')
+    given |= keys
+    reserve = TrackLimits.belt_acceleration_m_s2
+    acceleration = number('acceleration_m_s2', given['acceleration_m_s2'], 2.0 * reserve, LIMIT_MAX, ' m/s2')
+    jerk = number('jerk_m_s3', given['jerk_m_s3'], 1.0, LIMIT_MAX, ' m/s3')
+    speed = number('speed_m_s', given['speed_m_s'], 1e-3, SPEED_MAX_M_S, ' m/s')
+    return TrackLimits(speed, acceleration, jerk), number('timeout_s', given['timeout_s'], 0.0, TIME_MAX_S)

@@ -1,0 +1,91 @@
+"""Parts on the belts of a script, and free places: told by the bus, handed out one by one."""
+
+from dataclasses import dataclass
+
+from delta3_pacdrive.cell.values import number
+from delta3_pacdrive.controller.belt_tracking import BeltTracking
+from delta3_pacdrive.motion.belt_synchronization import TrackWindow
+from delta3_pacdrive.motion.part_queue import PartQueue, QueuedPart, Rule
+
+MERGE_M = 0.01  # what is told of parts nearer to each other is told of one
+PITCH_MIN_M, PITCH_MAX_M = 1e-3, 10.0
+ACROSS_MAX_M = 2.0
+
+
+@dataclass(frozen=True)
+class BeltNow:
+    """What is known of a belt, by the newest answers.
+
+    Attributes
+    ----------
+    way_m, speed_m_s
+        Of the belt.
+    waiting
+        Parts that may be handed out.
+    merged, left, refused
+        How often a part was told again, how many have left the window before they were handed out, and how many found
+        the queue full.
+    bounced, jumps
+        How often the light barrier has latched a part again, and the encoder has jumped.
+
+    """
+
+    way_m: float
+    speed_m_s: float
+    waiting: int
+    merged: int
+    left: int
+    refused: int
+    bounced: int
+    jumps: int
+
+
+class BeltParts:
+    """The queue of one belt, and its free places.
+
+    Parameters
+    ----------
+    tracking
+        Of the belts on the bus.
+    belt
+        Number of the belt.
+
+    """
+
+    def __init__(self, tracking: BeltTracking, belt: int) -> None:
+        self._tracking, self._belt = tracking, belt
+        self._queue = PartQueue(MERGE_M)
+        self._told = 0
+        self._slot_m: float | None = None  # the last one that was given
+
+    def next(self, window: TrackWindow, robot_m: float, rule: Rule, kind: str) -> QueuedPart | None:
+        """Return the next part, which leaves the queue; None: there is none.
+
+        ``robot_m`` is where the robot is along the belt [m], for ``Rule.NEAREST``; ``kind`` the type, or empty.
+        """
+        self._hear()
+        return self._queue.hand_out(self._tracking.now(self._belt).way_m, window, robot_m, rule, kind)
+
+    def slot(self, pitch_m: float, across_m: float, window: TrackWindow) -> QueuedPart:
+        """Return the next free place on the belt: as near to the window as it may be, at least a pitch [m] behind."""
+        pitch_m = number('slot: pitch_m', pitch_m, PITCH_MIN_M, PITCH_MAX_M, ' m')
+        across_m = number('slot: across_m', across_m, -ACROSS_MAX_M, ACROSS_MAX_M, ' m')
+        along = window.begin_m - self._tracking.now(self._belt).way_m
+        if self._slot_m is not None:
+            along = min(along, self._slot_m - pitch_m)
+        self._slot_m = along
+        return QueuedPart('', along, across_m, belt=self._tracking.belts[self._belt].name)
+
+    def now(self) -> BeltNow:
+        """Return what is known of the belt."""
+        self._hear()
+        tracking, n, queue = self._tracking, self._belt, self._queue
+        there = tracking.now(n)
+        counts = queue.merged, queue.left, queue.refused, tracking.bounced[n], tracking.jumps(n)
+        return BeltNow(there.way_m, there.speed_m_s, len(queue), *counts)
+
+    def _hear(self) -> None:
+        told = self._tracking.parts[self._belt]
+        for one in told[self._told :]:
+            self._queue.add(one)
+        self._told = len(told)

@@ -1,0 +1,398 @@
+"""The robot of a script that works on belts: parts that come, getting on, working there, leaving."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.cell.belt_block import Block, Leaving, check_block, limits_of, require_fine
+from delta3_pacdrive.cell.link import Link
+from delta3_pacdrive.cell.moves import Written
+from delta3_pacdrive.cell.parts_robot import PartsRobot, refused
+from delta3_pacdrive.cell.place import ScriptPlace, of_caller
+from delta3_pacdrive.cell.values import plain
+from delta3_pacdrive.controller.belt_tracking import BeltTracking, TrackOrder
+from delta3_pacdrive.controller.wait_condition import WaitCondition
+from delta3_pacdrive.errors import (
+    Code,
+    Delta3Error,
+    ProgramError,
+    Reason,
+    RunError,
+    ScriptError,
+    WaitTimeoutError,
+    shown,
+)
+from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.motion.belt_meeting import (
+    AHEAD_S,
+    Meeting,
+    Work,
+    first_moved_s,
+    leaving,
+    meet,
+    offset_on,
+    require_bearable,
+)
+from delta3_pacdrive.motion.belt_synchronization import (
+    ZERO,
+    CannotCatch,
+    Motion,
+    Uncaught,
+)
+from delta3_pacdrive.motion.part_queue import QueuedPart
+from delta3_pacdrive.motion.plan import TRACK
+from delta3_pacdrive.motion.program import Dwell, Output, Statement
+from delta3_pacdrive.motion.program_planner import Planned
+
+LATE_CYCLES = 2  # before the last moment at which work on a belt can follow the moves before it
+APART_CYCLES = 2
+SURE_S = 0.01  # of a wait that is not decided anew
+
+
+class BeltRobot(PartsRobot):
+    """A robot of a script, with the belts on its bus.
+
+    Parameters
+    ----------
+    link
+        To the robot.
+    name
+        Of the script.
+
+    """
+
+    def __init__(self, link: Link, name: str) -> None:
+        super().__init__(link, name)
+        self._block: Block | None = None
+        self._working: Block | None = None  # the last one
+        self._leaving: Leaving | None = None
+
+    # calls of scripts -------------------------------------------------------------------------------------------------
+
+    def track(
+        self, belt: str, part: QueuedPart | None = None, **keys: Any
+    ) -> AbstractContextManager[QueuedPart]:
+        """Work on a belt: moves in this block are in the frame of a part, and go with it; behind it the robot leaves.
+
+        Parameters
+        ----------
+        belt
+            Its name.
+        part
+            On it, from ``part``; None: the next one.
+        keys
+            ``speed_m_s``, ``acceleration_m_s2`` and ``jerk_m_s3`` of getting on and leaving, ``timeout_s`` of a part
+            that does not come to the window.
+
+        Returns
+        -------
+        AbstractContextManager
+            Its block is the work; it gives the part.
+
+        """
+        return self._work(of_caller(), belt, part, keys)
+
+    @contextmanager
+    def _work(
+        self, place: ScriptPlace, belt: str, part: QueuedPart | None, keys: dict[str, Any]
+    ) -> Iterator[QueuedPart]:
+        with self._told(place):
+            tracking, n = self._belt(belt)
+            if self._block is not None:
+                raise refused(
+                    f'track: the robot works on belt {tracking.belts[self._block.belt].name} already'
+                )
+            require_fine(tracking.belts[n])
+            window, (limits, timeout_s) = self._window(tracking, n), limits_of(keys, self.parameters.motion)
+        if part is None:
+            part = self.part(belt, timeout_s)
+        with self._told(place):
+            if not isinstance(part, QueuedPart):
+                raise ProgramError(
+                    f'track: part is {shown(part)}, but must come from robot.part or robot.slot'
+                )
+            if part.belt not in ('', belt):
+                raise ProgramError(f'track: the part is on belt {part.belt}, not on belt {belt}')
+            self._order()
+            block = self._block = self._working = Block(n, part, window, limits, timeout_s, place)
+        try:
+            yield part
+            with self._told(place):
+                block.closed = True
+                if block.begun:
+                    self._batch.append((Output(TRACK, 0.0), place))
+                elif not self._batch:
+                    raise refused('track: there is nothing to do on the belt')
+                self._order()
+        except Exception as error:
+            self._drop_block(error)
+            raise
+        finally:
+            self._block = None
+
+    # statements on a belt ---------------------------------------------------------------------------------------------
+
+    def _read(self, kind: str, keys: dict[str, Any]) -> Statement:
+        block, tracking = self._block, self._link.tracking
+        if block is None or tracking is None:
+            return super()._read(kind, keys)
+        belt = tracking.belts[block.belt]
+        origin = belt.place_m(block.reference_m, block.part.across_m)
+        document = {
+            'frames': {'belt': {'origin_m': list(origin), 'yaw_rad': belt.direction_rad}},
+            'frame': 'belt',
+            'moves': [{kind: {key: plain(value) for key, value in keys.items()}}],
+        }
+        (statement,) = program_file.parse(document, self.parameters.motion).statements
+        return statement
+
+    # orders -----------------------------------------------------------------------------------------------------------
+
+    def _order_batch(self) -> None:
+        block, tracking = self._block, self._link.tracking
+        if tracking is None:
+            return super()._order_batch()
+        try:
+            if block is None:
+                self._leave_time(tracking)
+            elif not block.begun:
+                self._get_on(block, tracking)
+            else:
+                self._require_later(block, tracking)
+        except Delta3Error:
+            self._batch.clear()  # what is refused is not ordered later
+            raise
+        super()._order_batch()
+        if block is not None and block.closed:
+            self._note_leaving(block, tracking, None)
+        return None
+
+    def _get_on(self, block: Block, tracking: BeltTracking) -> None:
+        """Put getting on before what is noted, as soon as the part is near enough."""
+        check_block(self._batch, block.closed)
+        self._ready()
+        if self._held:
+            raise refused('track: the robot is held: resume it first')
+        nearly = self.parameters.decision_cycles + LATE_CYCLES
+        self._wait_for(WaitCondition(self._effect, *self._to_the_end(), left_cycles=nearly))
+        latest = self._link.look().cycle + self._cycles('timeout_s', block.timeout_s)
+        planned: Planned | None = None
+        cycle_s = self.parameters.bus.cycle_time_s
+        while True:
+            seen = self._seen()
+            timeline = self._moves.timeline
+            begin = seen.cycle + self.parameters.decision_cycles
+            begin = begin if timeline is None else max(begin, timeline.end_cycle)
+            if planned is None:
+                batch = block.begun_at(self._moves.plan_end_m or seen.planned_m, self._batch)
+                planned = self._moves.preview(batch, seen.planned_m)
+            found = self._meeting(block, tracking, planned, begin)
+            if isinstance(found, Meeting) and found.wait_s <= SURE_S:
+                break
+            if isinstance(found, CannotCatch) and found.reason is not Uncaught.NOT_COMING:
+                raise refused(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
+            if seen.cycle >= latest:
+                why = (
+                    found.sentence
+                    if isinstance(found, CannotCatch)
+                    else 'the part has not come to the window'
+                )
+                raise WaitTimeoutError(Reason(Code.TIMEOUT, f'track: {why} within {block.timeout_s:g} s'))
+            wait_s = found.wait_s if isinstance(found, Meeting) else SURE_S
+            self._go_to(seen.cycle + max(1, int(0.5 * wait_s / cycle_s)))
+        self._require_bearable(planned, found, block, tracking)
+        rate = self._moves.override
+        ahead: list[Written] = []
+        # between leaving one belt and getting on the next the controller has to see that the robot leaves
+        wait_s = max(found.wait_s, 0.0 if self._leaving is None else APART_CYCLES * cycle_s)
+        if wait_s > 0.5 * cycle_s:
+            ahead.append((Dwell(wait_s * rate), block.place))
+        ahead.append((Output(TRACK, 1.0), block.place))
+        if found.pad_s > 0.5 * cycle_s:
+            ahead.append((Dwell(found.pad_s * rate), block.place))
+        behind = [(Output(TRACK, 0.0), block.place)] if block.closed else []
+        self._batch = [*ahead, *batch, *behind]
+        met_s = found.pad_s + block.first_s(planned.plan) / rate
+        part_m, reference_m = block.part.along_m, block.reference_m
+        self._link.get_on(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
+        block.begun = True
+
+    def _meeting(
+        self, block: Block, tracking: BeltTracking, planned: Planned, begin: int
+    ) -> Meeting | CannotCatch:
+        rate, there = self._moves.override, tracking.expected(block.belt, begin)
+        work = Work(block.first_s(planned.plan) / rate, planned.plan.duration_s / rate)
+        offset = tracking.belts[block.belt].of_base(self._offset_at(tracking, begin))
+        return meet(
+            block.part.along_m + there.way_m,
+            there.speed_m_s,
+            offset,
+            work,
+            block.reference_m,
+            block.window,
+            block.limits,
+        )
+
+    def _offset_at(self, tracking: BeltTracking, cycle: float) -> Motion:
+        """Return what is added to the plan in a bus cycle, once the robot leaves, or has left, its last belt."""
+        last = self._leaving
+        if last is None:
+            return Motion(ZERO)
+        time_s = (cycle - last.cycle) * self.parameters.bus.cycle_time_s
+        return tracking.belts[last.belt].to_base(last.way.at(time_s))
+
+    def _require_bearable(
+        self, planned: Planned, found: Meeting, block: Block, tracking: BeltTracking
+    ) -> None:
+        belt, rate = tracking.belts[block.belt], self._moves.override
+        whole_s = planned.plan.duration_s / rate
+
+        def offset(time_s: float) -> Motion:
+            return belt.to_base(offset_on(found, time_s + found.pad_s, block.reference_m))
+
+        require_bearable(planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate)
+
+    def _require_later(self, block: Block, tracking: BeltTracking) -> None:
+        """Refuse what the robot does not bear on the belt that it is on, at the speed that this has."""
+        batch, timeline = self._batch, self._moves.timeline
+        if timeline is None or self._held or all(isinstance(one, Output) for one, _ in batch):
+            return
+        seen = self._ready()
+        planned, rate = self._moves.preview(batch, seen.planned_m), self._moves.override
+        begin = max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle)
+        belt, there = tracking.belts[block.belt], tracking.expected(block.belt, begin)
+        begun_m = block.part.along_m + there.way_m - block.reference_m
+
+        def offset(time_s: float) -> Motion:
+            along = begun_m + there.speed_m_s * time_s
+            return belt.to_base(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)))
+
+        require_bearable(planned.plan, 0.0, planned.plan.duration_s / rate, offset, self.parameters, rate)
+
+    def _note_leaving(self, block: Block, tracking: BeltTracking, cycle: int | None) -> None:
+        """Note when and how the robot will leave the belt, as far as is known."""
+        timeline = self._moves.timeline
+        if timeline is None:
+            return
+        end = timeline.end_cycle if cycle is None else cycle
+        there = tracking.expected(block.belt, end)
+        along = block.part.along_m + there.way_m - block.reference_m
+        way = leaving(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
+        self._leaving = Leaving(end, block.belt, way)
+
+    def _leave_time(self, tracking: BeltTracking) -> None:
+        """Let moves behind a belt begin so late that the robot has left it before the first of them ends."""
+        last, batch = self._leaving, self._batch
+        if last is None or all(isinstance(one, Output) for one, _ in batch):
+            return
+        seen = self._ready()
+        timeline, cycle_s = self._moves.timeline, self.parameters.bus.cycle_time_s
+        begin = seen.cycle + self.parameters.decision_cycles
+        begin = begin if timeline is None else max(begin, timeline.end_cycle)
+        left_s = (last.cycle - begin) * cycle_s + last.way.duration_s + AHEAD_S
+        if left_s <= 0.0 or self._held:
+            self._leaving = None
+            return
+        planned, rate = self._moves.preview(batch, seen.planned_m), self._moves.override
+        first_s = first_moved_s(planned.plan) / rate
+        pad_s = max(left_s - first_s, 0.0)
+        if pad_s > 0.5 * cycle_s:
+            self._batch = [(Dwell(pad_s * rate), batch[0][1]), *batch]
+
+        def offset(time_s: float) -> Motion:
+            return self._offset_at(tracking, begin + (time_s + pad_s) / cycle_s)
+
+        require_bearable(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
+
+    def _resume_cycle(self, cycle: int) -> int:
+        tracking = self._link.tracking
+        if tracking is None or tracking.free:
+            return cycle
+        self._go_to(tracking.rest_cycle)  # from where it gets on again is known once it stands
+        cycle = max(cycle, self._link.look().cycle + self.parameters.decision_cycles)
+        cycle_s, block = self.parameters.bus.cycle_time_s, self._working
+        goes_on = cycle + int(np.ceil(tracking.back_s(cycle) / cycle_s))
+        if block is not None and tracking.works:
+            left_s = self._moves.left_on_belt_s(cycle) / self._moves.override
+            there = tracking.expected(block.belt, goes_on)
+            done = block.part.along_m + there.way_m + there.speed_m_s * left_s
+            if done > block.window.end_m:
+                raise refused(
+                    f'resume: the part would be done with at {1e3 * done:.1f} mm of belt '
+                    f'{tracking.belts[block.belt].name}, but the window ends at {1e3 * block.window.end_m:.1f} mm'
+                )
+            if left_s > 0.0:
+                self._note_leaving(block, tracking, goes_on + int(left_s / cycle_s))
+        self._link.get_on_again(cycle)
+        return goes_on
+
+    @contextmanager
+    def _told(self, place: ScriptPlace) -> Iterator[None]:
+        """Say where a call stands that is refused; a robot that could not stay on its belt gives up what is ordered."""
+        try:
+            with super()._told(place):
+                yield
+        except ScriptError as error:
+            tracking = self._link.tracking
+            lost = tracking is not None and tracking.lost is not None
+            if lost and self._block is None and error.code is not Code.FAULT:
+                self._batch.clear()
+                self._abandon()
+            raise
+
+    # giving up --------------------------------------------------------------------------------------------------------
+
+    def _drop_block(self, error: Exception) -> None:
+        """Give up work on a belt: nothing of it is ordered any more, and the robot stands beside the belt."""
+        block = self._block
+        self._batch.clear()
+        if (
+            block is not None
+            and block.begun
+            and not (isinstance(error, ScriptError) and error.code is Code.FAULT)
+        ):
+            self._abandon()
+
+    def _abandon(self) -> None:
+        self._block = self._leaving = None
+        try:
+            seen = self._link.look()
+            self._link.abandon(max(self._effect, seen.cycle + self.parameters.decision_cycles))
+        except RunError:
+            return  # a fault has stopped the robot meanwhile
+        seen = self._link.look()
+        self._moves.drop(seen.payload_kg)
+        self._effect = seen.cycle
+
+    def finish(self) -> None:
+        """Order what is noted, and let the bus go on until nothing is under way and the robot has left its belt."""
+        super().finish()
+        tracking, last = self._link.tracking, self._leaving
+        if tracking is None or last is None:
+            return
+        now = self._link.look().cycle
+        latest = (
+            now
+            + int(last.way.duration_s / self.parameters.bus.cycle_time_s)
+            + self.parameters.decision_cycles
+        )
+        while not tracking.free and now < latest:
+            self._go_to(now + 1)
+            now = self._link.look().cycle
+        self._go_to(now + self.parameters.in_position_cycles)
+
+    @property
+    def _together(self) -> bool:
+        return self._block is not None
+
+    def give_up(self) -> int:
+        """Drop what is noted, stop on the path or on the belt, and let the bus go on until the robot stands."""
+        tracking = self._link.tracking
+        if tracking is None or tracking.free:
+            return super().give_up()
+        self._batch.clear()
+        self._over = True
+        self._abandon()
+        return self._link.look().cycle

@@ -1,0 +1,104 @@
+"""What a script has driven, move by move and output by output, in bus cycles: put together while its plans grow."""
+
+from typing import Any
+
+from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.plan import OUTPUTS, UNCHANGED
+from delta3_pacdrive.motion.plan_times import told_length_m
+
+
+class DrivenLog:
+    """The log of one script.
+
+    Parameters
+    ----------
+    cycle_time_s
+        Bus time of a cycle.
+
+    """
+
+    def __init__(self, cycle_time_s: float) -> None:
+        self._cycle_time_s = cycle_time_s
+        self._timeline: Timeline | None = None
+        self._from = 0  # cycle from which on it is followed
+        self._moves: list[
+            tuple[str, int, int, float]
+        ] = []  # kind, first cycle, the one after its last, length
+        self._events: list[tuple[int, int, float, float]] = []  # cycle, bit, value, payload
+        self._logged = 0  # events of the last move that are noted
+        self._goes_on = False  # whether the first move of the present timeline is the last one of that before
+        self.start_cycle: int | None = None
+
+    def follow(self, timeline: Timeline, cycle: int, goes_on: bool) -> None:
+        """Note that a timeline is followed from a bus cycle on; it goes on with the move before, or from rest."""
+        self.end(cycle)
+        self._timeline, self._from, self._goes_on = timeline, cycle, goes_on
+        if self.start_cycle is None:
+            self.start_cycle = cycle
+
+    def end(self, cycle: int) -> None:
+        """Note that what was followed ends before a bus cycle."""
+        timeline, first = self._timeline, self._from
+        self._timeline = None
+        if timeline is None or cycle <= first:
+            return
+        stands = min(max(timeline.end_cycle, first + 1), cycle)
+        begun, last = timeline.at(first).number, timeline.at(stands - 1).number
+        if timeline.profile is not None and begun != timeline.profile.number:
+            self._goes_on = False  # the move before was at its end
+        for number in range(begun, last + 1):
+            begin = max(timeline.first_cycle_in(number), first)
+            end = stands if number == last else min(timeline.first_cycle_in(number + 1), stands)
+            self._note(timeline, number, begin, end, last_of_all=number == last)
+            self._goes_on = False
+
+    def _note(self, timeline: Timeline, number: int, begin: int, end: int, last_of_all: bool) -> None:
+        move = timeline.plan.move(number)
+        kind, length_m = move.kind.name.lower(), told_length_m(move)
+        if self._goes_on and self._moves:
+            _, begin, _, _ = self._moves.pop()
+        else:
+            self._logged = 0
+        self._moves.append((kind, begin, end, length_m))
+        over = not last_of_all or end >= timeline.end_cycle
+        for place, bit, value, payload in move.events[self._logged :].tolist():
+            cycle = self._cycle_at(timeline, number, place, begin, end)
+            if cycle == end and not over:
+                break
+            self._events.append((cycle, int(bit), value, payload))
+            self._logged += 1
+
+    @staticmethod
+    def _cycle_at(timeline: Timeline, number: int, place_m: float, begin: int, end: int) -> int:
+        """Return the first bus cycle in which the master is at a place of a move, ``end`` if that is not in it."""
+        while begin < end:
+            middle = (begin + end) // 2
+            now = timeline.at(middle)
+            if now.number > number or now.distance_m >= place_m:
+                end = middle
+            else:
+                begin = middle + 1
+        return begin
+
+    def _time_s(self, cycle: int) -> float:
+        return (cycle - (self.start_cycle or 0)) * self._cycle_time_s
+
+    def moves(self) -> list[dict[str, Any]]:
+        """Return kind, start [s], end [s] and length [m] of each move, in time from the first one."""
+        return [
+            {'kind': kind, 'start_s': self._time_s(begin), 'end_s': self._time_s(end), 'length_m': length_m}
+            for kind, begin, end, length_m in self._moves
+        ]
+
+    def outputs(self) -> list[dict[str, Any]]:
+        """Return time [s], name, value and payload [kg] of each change of an output; None: the payload stays."""
+        return [
+            {
+                'time_s': self._time_s(cycle),
+                'name': OUTPUTS[bit] if bit >= 0 else 'payload',
+                'value': value,
+                'payload_kg': None if payload == UNCHANGED else payload,
+            }
+            for cycle, bit, value, payload in self._events
+            if bit < len(OUTPUTS)
+        ]

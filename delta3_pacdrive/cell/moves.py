@@ -1,0 +1,286 @@
+"""What a script has ordered, in bus time: its statements become programs, or follow those that are driven.
+
+Pure: statements and bus cycles come in, what has to be ordered goes out.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from delta3_pacdrive.cell.place import NOWHERE, ScriptPlace
+from delta3_pacdrive.configuration.located import Place
+from delta3_pacdrive.controller.planning_job import begins_at_rest
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.extension import Driven, Extension, Seam, SeamError, driven, extend
+from delta3_pacdrive.motion.plan import EVENT_NAMES, TRACK, Move
+from delta3_pacdrive.motion.program import Dwell, Output, PathMove, Point, Program, Statement
+from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.motion.round_planner import OPEN_CORNER, Arches
+from delta3_pacdrive.parameters import Parameters
+
+_NUMBER = re.compile(r'\bmoves\[(\d+)\]\.')
+Written = tuple[Statement, ScriptPlace]
+REPLANNED_MAX = (
+    200  # statements of a last move that are planned again, so that the corner behind it can be rounded
+)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Statements that were planned together.
+
+    Attributes
+    ----------
+    planned
+        Their plan. Its first move replaces the last one of the batch before, if that was planned again.
+    again
+        Whether it was.
+    names
+        Of each different move: line and kind of its statements.
+
+    """
+
+    planned: Planned
+    again: bool
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A program begins from rest."""
+
+    planned: Planned
+    cycle: int
+    override: float
+
+
+class Moves:
+    """The moves of one script.
+
+    Parameters
+    ----------
+    name
+        Of the script.
+    parameters
+        Of the robot.
+
+    Attributes
+    ----------
+    timeline
+        What is driven, with the last order that was given; None while nothing is under way.
+    override
+        Of the next program, 1 = as planned.
+    payload_kg
+        With which the next program begins.
+    on_planned
+        Called with each batch that is planned.
+    notices
+        Sentences of the planner about what was slowed down, with what could not be rounded.
+
+    """
+
+    def __init__(self, name: str, parameters: Parameters) -> None:
+        self._name, self._parameters = name, parameters
+        self.timeline: Timeline | None = None
+        self._driven: Driven | None = None
+        self._override_max = 1.0
+        self.override = 1.0
+        self.payload_kg = parameters.dynamics.payload_mass_kg
+        self._places: list[ScriptPlace] = []  # of the statements of what is driven
+        self.on_planned: Callable[[Batch], None] = lambda _: None
+        self.notices: list[str] = []
+        self._arches: Arches = {}
+
+    def copy(self) -> Self:
+        """Return the same, for an order that may be refused."""
+        same = copy(self)
+        same._places, same.notices = list(self._places), list(self.notices)
+        return same
+
+    def start_later(self, start: Start, cycle: int) -> None:
+        """Note that a program from rest starts in another bus cycle than it was ordered for."""
+        self.timeline = Timeline(start.planned.plan, self._parameters.bus.cycle_time_s)
+        self.timeline.start(cycle, start.override)
+
+    def end(self) -> None:
+        """Note that the program is over: what follows begins from rest."""
+        if self._driven is not None:
+            self.payload_kg = self._driven.payload_kg
+        self.timeline = self._driven = None
+
+    def order(self, written: Sequence[Written], cycle: int, here_m: Point) -> Start | Extension:
+        """Return how statements are driven from a bus cycle on; raises ProgramError.
+
+        ``here_m`` is where the robot stands, if nothing is under way.
+        """
+        if all(isinstance(statement, Output) for statement, _ in written):
+            standing = Dwell(
+                self._parameters.bus.cycle_time_s
+            )  # outputs alone: they need a move to belong to
+            written = [*written, (standing, written[-1][1])]
+        known, timeline = self._driven, self.timeline
+        if known is None or timeline is None:
+            return self._from_rest(written, cycle, here_m)
+        statements = [statement for statement, _ in written]
+        seam = known.seam(rounded=not begins_at_rest(statements))
+        if len(seam.again) + len(written) > REPLANNED_MAX:
+            seam = known.seam(rounded=False)
+            self._note_corner(written, f'more than {REPLANNED_MAX} moves would be one')
+        try:
+            return self._following(written, cycle, timeline, known, seam)
+        except SeamError:
+            self._note_corner(written, 'it is too late')
+            return self._following(written, cycle, timeline, known, known.seam(rounded=False))
+
+    def preview(self, written: Sequence[Written], here_m: Point) -> Planned:
+        """Return the plan of statements behind all that is ordered, which nobody drives; raises ProgramError.
+
+        ``here_m`` is where the plan stands, if nothing is under way.
+        """
+        program = self._program(written, None)
+        if self._driven is not None:
+            program = replace(program, payload_kg=self._driven.payload_kg)
+        start = np.array(here_m if self.plan_end_m is None else self.plan_end_m)
+        return program_planner.plan(
+            program, start, self._parameters, returning=True, open_end=True, arches=self._arches
+        )
+
+    def left_on_belt_s(self, cycle: int) -> float:
+        """Time of motion left behind a bus cycle until the plan leaves its belt [s], at 100 %; 0 if it does not."""
+        timeline = self.timeline
+        if timeline is None:
+            return 0.0
+        now, plan = timeline.at(cycle), timeline.plan
+        ends = [n for n in range(now.number, len(plan)) if _leaves_belt(plan.move(n))]
+        if not ends:
+            return 0.0
+        move, starts = plan.move(now.number), plan.tables.starts
+        driven = now.distance_m / move.length_m if move.length_m > 0.0 else 0.0
+        return float(starts[ends[0] + 1] - starts[now.number]) - driven * move.duration_s
+
+    def drop(self, payload_kg: float) -> None:
+        """Forget what is under way; the robot carries a payload [kg]."""
+        self.timeline = self._driven = None
+        self.payload_kg = payload_kg
+
+    def _note_corner(self, written: Sequence[Written], why: str) -> None:
+        _, place = written[0]
+        self.notices.append(f'{place}: the corner before this is not rounded: {why}')
+
+    def _program(self, written: Sequence[Written], seam: Seam | None) -> Program:
+        again = () if seam is None else seam.again
+        stood = [*self._places[len(self._places) - len(again) :], *(place for _, place in written)]
+        source = next((place.file for _, place in written if place != NOWHERE), '')
+        at = [Place(place.line, place.column) if place.file == source else None for place in stood]
+        places = tuple(at) if source else ()
+        statements = (*again, *(statement for statement, _ in written))
+        payload = self.payload_kg if seam is None else seam.payload_kg
+        return Program(self._name, statements, payload_kg=payload, source=source, places=places)
+
+    def _from_rest(self, written: Sequence[Written], cycle: int, here_m: Point) -> Start:
+        program = self._program(written, None)
+        planned = program_planner.plan(
+            program, np.array(here_m), self._parameters, returning=True, open_end=True, arches=self._arches
+        )
+        self._places = []
+        self._note(program, planned, written, again=False)
+        override = min(self.override, planned.override_max)
+        self._driven, self._override_max = Driven.of(program, planned), planned.override_max
+        self.timeline = Timeline(planned.plan, self._parameters.bus.cycle_time_s)
+        self.timeline.start(cycle, override)
+        return Start(planned, cycle, override)
+
+    def _following(
+        self, written: Sequence[Written], cycle: int, timeline: Timeline, known: Driven, seam: Seam
+    ) -> Extension:
+        program = self._program(written, seam)
+        first = timeline.at(cycle - 1).number
+        planned = program_planner.plan(
+            program,
+            seam.start_m,
+            self._parameters,
+            open_end=True,
+            before=known.load(min(first, seam.kept), seam.kept),
+            arches=self._arches,
+        )
+        override = 1.0 if timeline.profile is None else timeline.profile.override
+        if override > planned.override_max:
+            raise ProgramError(
+                f'the override is {100.0 * override:g} %, but with these moves the motors bear at most '
+                f'{100.0 * planned.override_max:.0f} %'
+            )
+        extension = extend(timeline, cycle, seam, planned.plan)
+        self._note(program, planned, written, again=bool(seam.again))
+        self._driven = driven(known, extension, seam, program, planned)
+        self._override_max = min(self._override_max, planned.override_max)
+        self.timeline = extension.timeline
+        return extension
+
+    def _note(self, program: Program, planned: Planned, written: Sequence[Written], again: bool) -> None:
+        self._places = [*self._places, *(place for _, place in written)][-REPLANNED_MAX:]
+        names = tuple(_in_lines(name, program) for name in planned.names)
+        self.on_planned(Batch(planned, again, names))
+        notices = [notice for notice in planned.notices if OPEN_CORNER not in notice]
+        self.notices += [_in_lines(notice, program, f'{program.source}:') for notice in notices]
+
+    def follow(self, profile: MotionProfile) -> None:
+        """Note that another motion profile is followed; raises ProgramError if it does not continue the present one."""
+        if self.timeline is None:
+            raise ProgramError('no program runs')
+        self.timeline = self.timeline.copy()
+        self.timeline.change(profile)
+
+    def require_override(self, override: float) -> None:
+        """Refuse an override that the motors do not bear in what is driven; raises ProgramError."""
+        if self.timeline is not None and override > self._override_max:
+            raise ProgramError(
+                f'override is {100.0 * override:g} %, but the motors bear at most {100.0 * self._override_max:.0f} % '
+                'in these moves'
+            )
+
+    def seconds_left(self, cycle: int) -> float:
+        """Time of motion left behind a bus cycle [s], as far as it is ordered."""
+        if self.timeline is None:
+            return 0.0
+        return max(self.timeline.end_cycle - cycle, 0) * self._parameters.bus.cycle_time_s
+
+    @property
+    def plan_end_m(self) -> Point | None:
+        """Where the last move that was ordered ends [m]; None while nothing is under way."""
+        if self.timeline is None:
+            return None
+        x, y, z = self.timeline.plan.end_m().tolist()
+        return x, y, z
+
+
+def _leaves_belt(move: Move) -> bool:
+    of_belts = move.events[move.events[:, 1] == EVENT_NAMES.index(TRACK)]
+    return bool(len(of_belts)) and not of_belts[-1, 2]
+
+
+def unnumbered(sentence: str) -> str:
+    """Return a sentence without numbers of statements, which a script does not have."""
+    return _NUMBER.sub('', sentence)
+
+
+def _in_lines(text: str, program: Program, file: str = '') -> str:
+    """Return a text with the lines of statements in place of their numbers."""
+
+    def line(found: re.Match[str]) -> str:
+        place = program.places[int(found[1])] if program.places else None
+        return '' if place is None else f'{file}{place.line}: '
+
+    return _NUMBER.sub(line, text)
+
+
+def without_wait(statement: Statement) -> tuple[Statement, bool]:
+    """Return a statement that ends without waiting for the robot, and whether it would have waited."""
+    if isinstance(statement, PathMove) and statement.in_position:
+        return replace(statement, in_position=False), True
+    return statement, False

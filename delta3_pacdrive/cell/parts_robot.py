@@ -1,0 +1,110 @@
+"""The robot of a script that knows of belts: their parts, their free places."""
+
+from delta3_pacdrive.cell.belt_parts import BeltNow, BeltParts
+from delta3_pacdrive.cell.link import Link
+from delta3_pacdrive.cell.place import of_caller
+from delta3_pacdrive.cell.robot import TIMEOUT_S, Robot
+from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.controller.belt_tracking import BeltTracking
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, WaitTimeoutError, shown
+from delta3_pacdrive.motion.belt_synchronization import TrackWindow
+from delta3_pacdrive.motion.part_queue import QueuedPart, Rule
+
+
+class PartsRobot(Robot):
+    """A robot of a script, with what the bus tells of belts.
+
+    Parameters
+    ----------
+    link
+        To the robot.
+    name
+        Of the script.
+
+    """
+
+    def __init__(self, link: Link, name: str) -> None:
+        super().__init__(link, name)
+        tracking = link.tracking
+        self._parts = [BeltParts(tracking, n) for n in range(len(tracking.belts))] if tracking else []
+
+    def part(
+        self, belt: str, timeout_s: float = TIMEOUT_S, rule: str = Rule.FIRST_IN, kind: str = ''
+    ) -> QueuedPart:
+        """Wait for the next part on a belt that can still be worked on.
+
+        Parameters
+        ----------
+        belt
+            Its name.
+        timeout_s
+            For how long [s]; then it raises ``WaitTimeoutError``.
+        rule
+            Which part is next: ``first in``, the one that is farthest along, or ``nearest`` to the robot.
+        kind
+            Type of the part, which a camera tells; empty: any.
+
+        """
+        with self._told(of_caller()):
+            tracking, n = self._belt(belt)
+            window = self._window(tracking, n)
+            if rule not in tuple(Rule):
+                raise ProgramError(f'part: rule is {shown(rule)}, but must be one of: {", ".join(Rule)}')
+            latest = self._cycles('timeout_s', timeout_s)
+            self._order()
+            latest += self._link.look().cycle
+            while True:
+                seen = self._link.look()
+                found = self._parts[n].next(
+                    window, tracking.belts[n].along_m(seen.position_m), Rule(rule), kind
+                )
+                if found is not None:
+                    return found
+                blind_m = tracking.blind_m(n)
+                if blind_m > 0.0:
+                    raise refused(
+                        f'part: the camera of belt {belt} is dead: no picture for {blind_m:.2f} m of its way'
+                    )
+                if seen.cycle >= latest:
+                    raise WaitTimeoutError(
+                        Reason(
+                            Code.TIMEOUT, f'part: none has come on belt {shown(belt)} within {timeout_s:g} s'
+                        )
+                    )
+                self._go_to(seen.cycle + 1)
+
+    def slot(self, belt: str, pitch_m: float, across_m: float = 0.0) -> QueuedPart:
+        """Return the next free place on a belt, to put a part down: at least ``pitch_m`` behind the one before."""
+        with self._told(of_caller()):
+            self._count()
+            tracking, n = self._belt(belt)
+            return self._parts[n].slot(pitch_m, across_m, self._window(tracking, n))
+
+    def belt(self, belt: str) -> BeltNow:
+        """Return what is known of a belt: way, speed, parts that wait; takes no bus time."""
+        with self._told(of_caller()):
+            self._count()
+            _, n = self._belt(belt)
+            return self._parts[n].now()
+
+    def _belt(self, name: str) -> tuple[BeltTracking, int]:
+        tracking = self._link.tracking
+        names = () if tracking is None else tuple(belt.name for belt in tracking.belts)
+        if tracking is None or name not in names:
+            known = ', '.join(names) or 'none'
+            raise ProgramError(f'unknown belt {shown(name)}, the belts are: {known}{nearest_of(name, names)}')
+        return tracking, names.index(name)
+
+    @staticmethod
+    def _window(tracking: BeltTracking, n: int) -> TrackWindow:
+        belt = tracking.belts[n]
+        if belt.window is None:
+            raise ProgramError(
+                f'belt {belt.name} has no window_m in the cell file, so that nobody may work on it'
+            )
+        return belt.window
+
+
+def refused(sentence: str) -> RefusedError:
+    """Return the refusal of what cannot be done on a belt."""
+    return RefusedError(Reason(Code.BELT, sentence))

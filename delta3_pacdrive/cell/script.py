@@ -1,0 +1,128 @@
+"""A script is a Python file with a function ``main(robot)``: it is read, and run on a robot."""
+
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.cell.place import shown_file
+from delta3_pacdrive.cell.robot import Robot
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, ScriptError
+
+SUFFIX = '.py'
+MAIN = 'main'
+
+
+def is_script(path: str | Path) -> bool:
+    """Whether a program is a script, by the end of its name."""
+    return Path(path).suffix == SUFFIX
+
+
+@dataclass(frozen=True)
+class Script:
+    """A script that is read.
+
+    Attributes
+    ----------
+    path
+        Its file.
+    main
+        Its function ``main``.
+
+    """
+
+    path: Path
+    main: Callable[[Robot], Any]
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        return self.path.stem
+
+    def run(self, robot: Robot) -> None:
+        """Run the script; raises ScriptError, whatever goes wrong in it, with its line."""
+        with _errors_of(self.path), _beside(self.path):
+            self.main(robot)
+
+
+def load(path: str | Path) -> Script:
+    """Read a script: what stands outside of its functions is run.
+
+    Raises
+    ------
+    ProgramError
+        It cannot be read, or has no function ``main(robot)``.
+    ScriptError
+        It is no Python, or something goes wrong while it is read.
+
+    """
+    path = Path(path)
+    shown = shown_file(str(path))
+    if not path.is_file():
+        raise ProgramError(f'script {shown} is not there')
+    specification = importlib.util.spec_from_file_location(f'delta3_script_{path.stem}', path.absolute())
+    if specification is None or specification.loader is None:
+        raise ProgramError(f'script {shown} is no Python file')
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[specification.name] = module  # dataclasses look for it
+    written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        with _errors_of(path), _beside(path):
+            specification.loader.exec_module(module)
+    finally:
+        sys.dont_write_bytecode = written
+    main = getattr(module, MAIN, None)
+    if not callable(main):
+        raise ProgramError(f'script {shown} has no function {MAIN}(robot)')
+    if inspect.iscoroutinefunction(main) or inspect.isgeneratorfunction(main):
+        raise ProgramError(f'script {shown}: {MAIN} must be an ordinary function, without async and yield')
+    try:
+        inspect.signature(main).bind(None)
+    except TypeError as error:
+        raise ProgramError(f'script {shown}: {MAIN} must take the robot and nothing else: {error}') from None
+    return Script(path, main)
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[None]:
+    """Let a script import what stands beside it."""
+    folder = str(path.absolute().parent)
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        if folder in sys.path:
+            sys.path.remove(folder)
+
+
+@contextmanager
+def _errors_of(path: Path) -> Iterator[None]:
+    """Make one sentence with file and line of whatever goes wrong in a script."""
+    try:
+        yield
+    except ScriptError:
+        raise
+    except SyntaxError as error:
+        place = f'{shown_file(error.filename or str(path))}:{error.lineno or 1}'
+        raise ScriptError(Reason(Code.CONTENT, f'{error.msg}'), place) from None
+    except SystemExit as error:
+        if error.code:
+            raise ScriptError(Reason(Code.CONTENT, f'ended with {error.code}'), _place(path, error)) from None
+    except Delta3Error as error:
+        raise ScriptError(Reason.of(error), _place(path, error)) from error
+    except Exception as error:
+        text = ' '.join(str(error).split())
+        sentence = f'{type(error).__name__}: {text}' if text else type(error).__name__
+        raise ScriptError(Reason(Code.CONTENT, sentence), _place(path, error)) from error
+
+
+def _place(path: Path, error: BaseException) -> str:
+    """Return file and line of an error: the innermost one in the script itself."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename == str(path.absolute())]
+    return f'{shown_file(own[-1].filename)}:{own[-1].lineno}' if own else shown_file(str(path))

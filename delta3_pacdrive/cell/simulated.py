@@ -1,0 +1,260 @@
+"""A robot that is simulated while a script decides what it does: without ROS, and without a clock."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+from delta3_pacdrive.cell.driven_log import DrivenLog
+from delta3_pacdrive.cell.inputs import Given, inputs_of
+from delta3_pacdrive.cell.link import Seen
+from delta3_pacdrive.controller.belt_tracking import BeltTracking, TrackOrder
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.script_gate import first_decision
+from delta3_pacdrive.controller.transformation import Figures, Transformation
+from delta3_pacdrive.controller.wait_condition import WaitCondition
+from delta3_pacdrive.errors import Code, Reason, RefusedError
+from delta3_pacdrive.motion.execution import MotionProfile
+from delta3_pacdrive.motion.extension import Extension
+from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals.cell import Cell
+from delta3_pacdrive.peripherals.world import World
+from delta3_pacdrive.plant.decoupled import require_stable
+from delta3_pacdrive.recording.acquisition import Acquisition
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.simulation.belts import axes_of
+from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.simulation.run import note_currents, trace_of
+from delta3_pacdrive.simulation.scoped import ScopedRobot
+from delta3_pacdrive.simulation.stepped import SteppedOperation
+
+
+class SimulatedLink:
+    """The link of a script to a robot that is simulated.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot, which stands at its home. What is ordered at once takes effect at ``motion.start_cycle``.
+    inputs
+        Changes of inputs by name, or a function of the bus cycle.
+    longest_s
+        Bus time after which the simulation ends [s].
+    acquisition
+        Takes what oscilloscopes in the drives show, if any have some.
+    signals
+        On request: as in ``simulation.run``.
+    around
+        The cell around the robot. Its inputs are those of the script, its times count from the start of the script.
+
+    Raises
+    ------
+    RunError
+        Drives cannot be enabled before ``motion.start_cycle``.
+    ProgramError
+        There is something wrong with the inputs.
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        inputs: Given = None,
+        longest_s: float = math.inf,
+        acquisition: Acquisition | None = None,
+        signals: Sequence[str] = (),
+        around: Cell | None = None,
+    ) -> None:
+        motion, bus = parameters.motion, parameters.bus
+        begin = first_decision(parameters)
+        self.parameters = parameters
+        self._world = None if around is None else World(around, bus.cycle_time_s, begin)
+        self._inputs = inputs_of(inputs, self._world, begin, bus.cycle_time_s)
+        self._heaviest_kg = max([0.0, *(part.mass_kg for part in around.parts.values())] if around else [0.0])
+        self.inputs = self._inputs.names
+        self._longest_s = longest_s
+        self._last = math.inf if math.isinf(longest_s) else begin + round(longest_s / bus.cycle_time_s)
+        self._robot = Robot(parameters) if acquisition is None else ScopedRobot(parameters, acquisition)
+        self._task = Transformation(parameters)
+        self._task.locate(self._robot.encoder_positions())
+        self._task.enable(motion.enable_cycle)
+        if around is not None and around.belts:
+            self._task.tracking = BeltTracking(parameters, axes_of(around))
+        self._log = DrivenLog(bus.cycle_time_s)
+        self._figures: list[Figures] = []
+        self._end_cycle = begin
+        self._operation = SteppedOperation(
+            self._robot, self._task, parameters, self._inputs.bits, self._ended, signals, self._world
+        )
+        self._operation.go_to(begin + 1)
+
+    def look(self) -> Seen:
+        """Return the newest bus cycle whose answers are evaluated."""
+        task, cycle = self._task, self._operation.cycle - 1
+        commanded, answer = self._operation.commanded(), task.answer
+        motion = MotionState.IDLE
+        if task.loaded:
+            motion = MotionState.MOVING
+            if commanded.held:
+                motion = MotionState.STOPPED if cycle >= commanded.end_cycle else MotionState.STOPPING
+        x, y, z = answer['tcp_command'].tolist()
+        a, b, c = answer['tcp_actual'].tolist()
+        bits = self._inputs.bits(cycle)
+        u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
+        outputs, payload = commanded.outputs, commanded.payload_kg
+        return Seen(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w))
+
+    @property
+    def tracking(self) -> BeltTracking | None:
+        """Of the belts of the cell; None: it has none."""
+        return self._task.tracking
+
+    def get_on(self, order: TrackOrder) -> None:
+        """Say which belt is meant by the next event of the plan that gets on one."""
+        if self.tracking is not None:
+            self.tracking.order(order)
+
+    def get_on_again(self, cycle: int) -> None:
+        """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
+        if self.tracking is not None:
+            self.tracking.again(cycle)
+
+    def abandon(self, cycle: int) -> None:
+        """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
+        task, tracking = self._task, self._task.tracking
+        if tracking is None:
+            return
+        with suppress(RefusedError):  # who is lost meanwhile stops by itself
+            self._go_on(WaitCondition(cycle - 1, cycle - 1))
+        if task.loaded:
+            profile = task.profile if task.held else task.hold()
+            if profile is not None:
+                self._log.follow(task.timeline.copy(), profile.cycle, goes_on=True)
+        tracking.halt(task.next_cycle)
+        tracking.lost = None  # nobody has to be told any more
+        stands = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
+        self._operation.go_to(stands + self.parameters.in_position_cycles)
+        if task.loaded:
+            self._ended()
+        task.release()
+
+    extra_cycles = 0  # there is no clock
+
+    def start(self, planned: Planned, cycle: int, override: float) -> int:
+        """Start a program at a bus cycle."""
+        gripped = [planned.plan.move(n).payload_kg for n in range(len(planned.plan))]
+        require_stable(self.parameters, max([*gripped, planned.payload_kg, self._heaviest_kg]))
+        self._task.load(planned.plan)
+        self._task.start(cycle, override)
+        self._log.follow(self._task.timeline.copy(), cycle, goes_on=False)
+        return cycle
+
+    def extend(self, extension: Extension) -> int:
+        """Let moves follow those that are driven."""
+        profile, more = extension.profile, extension.more
+        require_stable(self.parameters, max(more.move(n).payload_kg for n in range(len(more))))
+        before = self._task.timeline
+        goes_on = before.at(profile.cycle).number == before.at(profile.cycle - 1).number
+        self._task.extend(extension.first, extension.kept, more, profile)
+        self._log.follow(
+            extension.timeline, profile.cycle, (goes_on and profile.cycle < before.end_cycle) or profile.held
+        )
+        return profile.cycle
+
+    def change(self, profile: MotionProfile) -> int:
+        """Go over to another motion profile."""
+        self._task.change(profile)
+        timeline = self._task.timeline.copy()
+        timeline.change(profile)
+        self._log.follow(timeline, profile.cycle, goes_on=True)
+        return profile.cycle
+
+    def hold(self, cycle: int) -> MotionProfile:
+        """Let the bus go on to a cycle, and stop the robot on its path from there on."""
+        self._go_on(WaitCondition(cycle - 1, cycle - 1))
+        if not self._task.loaded:
+            raise RefusedError(Reason(Code.STATE, 'hold: the moves were over before it took effect'))
+        profile = self._task.hold()
+        self._log.follow(self._task.timeline.copy(), profile.cycle, goes_on=True)
+        return profile
+
+    def wait(self, condition: WaitCondition) -> bool:
+        """Let the bus go on until a condition is met or its latest cycle is over."""
+        return self._go_on(condition)
+
+    def _go_on(self, condition: WaitCondition) -> bool:
+        if condition.latest < self._last:
+            return self._operation.wait(condition)
+        within = replace(condition, latest=int(self._last))
+        if self._operation.wait(within):
+            return True
+        sentence = (
+            f'the bus time of a simulated script is over, {self._longest_s:g} s: does it come to an end?'
+        )
+        raise RefusedError(Reason(Code.TIMEOUT, sentence))
+
+    def _ended(self) -> None:
+        """Note the figures of a program that is over."""
+        note_currents(self._robot, self._task)
+        self._figures.append(self._task.figures())
+        self._end_cycle = self._task.end_cycle
+        self._log.end(self._operation.cycle)
+
+    def trace(self, name: str, notices: Sequence[str], stopped: str = '') -> Trace:
+        """Return the trace of all that was driven; ``stopped`` says why the script was given up, if it was."""
+        operation, start = self._operation, self._log.start_cycle
+        if isinstance(self._robot, ScopedRobot):
+            self._robot.finish()
+        if self._task.loaded:
+            self._ended()
+        cycle_time_s = self.parameters.bus.cycle_time_s
+        found = operation.signals()
+        task_end = self._task.state['tcp'][0].tolist()
+        driven: dict[str, Any] = {
+            'program': name,
+            'notices': list(notices),
+            'program_s': 0.0 if start is None else (self._end_cycle - start) * cycle_time_s,
+            'repeat': 1,
+            'moves': self._log.moves(),
+            'outputs': self._log.outputs(),
+            'start_cycle': self.parameters.motion.start_cycle if start is None else start,
+            'end_cycle': self._end_cycle,
+            'planned_end_m': task_end,
+            'figures': vars(combined(self._figures)),
+            'faults': [],
+            'unlearned': '',
+        }
+        if stopped and not operation.stopped:
+            driven['stopped'] = stopped
+        return trace_of(found, driven, operation, self.parameters, self._world)
+
+
+def combined(figures: Sequence[Figures]) -> Figures:
+    """Return the figures of several programs together; of none, they are all 0."""
+    if not figures:
+        zero = [0.0] * 3
+        return Figures(0, 0.0, 0.0, 0.0, [math.nan] * 3, [None] * 3, [None] * 3, zero, zero)
+    if len(figures) == 1:
+        return figures[0]
+    cycles = [max(one.measured_cycles, 1) for one in figures]
+
+    def rms(values: Sequence[float]) -> float:
+        return math.sqrt(sum(n * v * v for n, v in zip(cycles, values, strict=True)) / sum(cycles))
+
+    def of_axes(name: str, together: Any) -> list[Any]:
+        columns = zip(*(getattr(one, name) for one in figures), strict=True)
+        return [None if None in column else together(column) for column in columns]
+
+    return Figures(
+        sum(one.measured_cycles for one in figures),
+        max(one.tcp_error_max_m for one in figures),
+        rms([one.tcp_error_rms_m for one in figures]),
+        max(one.following_error_max_rad for one in figures),
+        figures[-1].final_tcp_m,
+        of_axes('current_peak_a', max),
+        of_axes('current_rms_a', rms),
+        of_axes('at_current_peak_a', max),
+        of_axes('at_current_rms_a', rms),
+    )

@@ -1,0 +1,28 @@
+"""Values of calls: as a program file would hold them, and numbers within limits."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import ProgramError, shown
+
+
+def plain(value: Any) -> Any:
+    """Return what a program file would hold: lists instead of tuples and arrays, numbers instead of those of numpy."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def number(name: str, value: Any, low: float, high: float, unit: str = '') -> float:
+    """Return a number within limits; raises ProgramError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise ProgramError(f'{name} is {shown(value)}, but must be a number')
+    if not low <= value <= high:
+        raise ProgramError(f'{name} is {value:g}{unit}, but must be between {low:g} and {high:g}{unit}')
+    return float(value)

@@ -1,0 +1,123 @@
+"""Waiting for the robot at exact stops: a program goes on behind one when every drive is in position (S-0-0057).
+
+Pure. The set points of an exact stop are followed by a move that stands (``MoveKind.IN_POSITION``). The master rests in
+it longer than anybody waits, and leaves it a fixed number of bus cycles after the answers that tell of a robot in
+position: so the motion does not depend on how many cycles are outstanding when they come.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import FaultCode, RobotFault
+from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.plan import MoveKind
+from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, rest
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+
+NONE = -1  # instead of the number of a move
+
+
+class PositionWait:
+    """Waiting for the robot at the exact stops of one program after the other.
+
+    Attributes
+    ----------
+    first_cycle
+        Bus cycle from which on the master has to rest at the next exact stop; ``NEVER`` if there is none.
+    number, since
+        The exact stop at which the master rests, as the number of its move, and since which bus cycle.
+
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        bus, motion = parameters.bus, parameters.motion
+        self._cycle_time_s, self._reaction = bus.cycle_time_s, bus.outstanding_cycles_max
+        self._cycles, self._timeout_s = parameters.in_position_cycles, motion.in_position_timeout_s
+        self._window_rad = parameters.drive.position_window_rad
+        self._stops = np.zeros(0, np.int64)  # numbers of the moves
+        self._passed = NONE  # the last one that the robot has left
+        self._resting: MotionProfile | None = None
+        self._leaving: MotionProfile | None = None
+        self.first_cycle, self.number, self.since = NEVER, NONE, NEVER
+
+    @property
+    def waits(self) -> bool:
+        """Whether the master rests at an exact stop."""
+        return self._resting is not None
+
+    def is_long_enough(self, cycles: int) -> bool:
+        """Whether drives that were within their windows for so many cycles are in position."""
+        return cycles >= self._cycles
+
+    def begin(self, timeline: Timeline) -> None:
+        """Begin with a program that is started."""
+        self._passed = self.number = NONE
+        self._note_stops(timeline)
+        self.follow(timeline)
+
+    def lengthen(self, timeline: Timeline, left_out: int) -> None:
+        """Go over to a longer plan, which leaves out the first moves of the present one."""
+        self._passed = max(self._passed - left_out, NONE)
+        self.number = max(self.number - left_out, NONE)
+        self._note_stops(timeline)
+        self.follow(timeline)
+
+    def end(self) -> None:
+        """Forget a program that is given up: nobody comes to its exact stops any more."""
+        self._resting = self._leaving = None
+        self.first_cycle = NEVER
+
+    def _note_stops(self, timeline: Timeline) -> None:
+        waits = np.array([move.kind == MoveKind.IN_POSITION for move in timeline.plan.moves])
+        self._stops = np.flatnonzero(waits[timeline.plan.tables.order])
+
+    def follow(self, timeline: Timeline) -> None:
+        """Look where the motion profile that is followed from now on comes to the next exact stop."""
+        profile = timeline.profile
+        if profile is None or profile is self._resting:
+            return
+        if profile is self._leaving:
+            self._passed = profile.number
+        self.end()
+        coming = self._stops[self._stops >= max(profile.number, self._passed + 1)]
+        if not profile.held and len(coming):
+            # whoever has sent a motion profile that begins at the stop sees it followed before the master rests anew
+            self.first_cycle = max(timeline.first_cycle_in(int(coming[0])), profile.cycle + 1)
+
+    def rest_at(self, cycle: int, timeline: Timeline) -> MotionProfile:
+        """Return the motion profile that rests at the exact stop which is reached in a bus cycle."""
+        number, profile = timeline.at(cycle).number, timeline.profile
+        self.number, self.since = number, cycle
+        longest_s = self._timeout_s + (self._cycles + 2 * self._reaction) * self._cycle_time_s
+        override = 1.0 if profile is None else profile.override
+        self._resting = MotionProfile(cycle, number, rest(longest_s), override)
+        self.first_cycle = NEVER
+        return self._resting
+
+    def way_on(self, cycle: int, timeline: Timeline) -> MotionProfile:
+        """Return the motion profile that leaves an exact stop, after the answers of a bus cycle."""
+        override = 1.0 if timeline.profile is None else timeline.profile.override
+        planned = math.ceil(timeline.plan.move(self.number).duration_s / override / self._cycle_time_s - 1e-9)
+        first = max(cycle + self._reaction, self.since + planned)
+        self._leaving = MotionProfile(first, self.number, np.zeros((1, PHASE_COLUMNS)), override)
+        return self._leaving
+
+    def fault(self, cycle: int, since: int, where: str, state: Any) -> RobotFault | None:
+        """Return the fault of a robot that is not in position in a bus cycle, None while there is time left.
+
+        ``state`` is the ``STATE`` of the task.
+        """
+        waited_s = (cycle - since) * self._cycle_time_s
+        if waited_s < self._timeout_s:
+            return None
+        off = np.abs(state['off'])
+        worst = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
+        sentence = (
+            f'not in position {waited_s:.3g} s after the set points stand {where}: {DRIVES[worst]} is '
+            f'{off[worst]:.4g} rad off, the position window (S-0-0057) is {self._window_rad:g} rad'
+        )
+        return RobotFault(FaultCode.NOT_IN_POSITION, sentence, DRIVES[worst], cycle=cycle)

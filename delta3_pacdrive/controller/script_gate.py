@@ -1,0 +1,188 @@
+"""The gate of a script: without a clock the bus waits for its decisions, which rest on the answers of one bus cycle.
+
+Pure: events come in; what is not in the table does not happen. While the bus waits, no cycle is started, and answers
+that come of cycles behind the one that the script decides on are not evaluated. So it makes no difference how many
+cycles are outstanding. With a clock the bus goes on all the same, and an order may come too late.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from delta3_pacdrive.controller.task_arrays import HISTORY
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.bus_time import NEVER
+
+
+class GateState(Enum):
+    """Whether a script decides."""
+
+    FREE = 'no script decides'
+    RUNNING = 'the bus goes on, until what the script waits for'
+    WAITING = 'the script decides'
+
+
+class GateEvent(Enum):
+    """What happens to a gate."""
+
+    ATTACH = 'a script begins'
+    WAIT = 'the script waits for something'
+    REACH = 'it is there, or its time is over'
+    LEAVE = 'the script ends'
+    LOSE = 'nobody hears of the script any more'
+    FAIL = 'a fault has stopped the robot'
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where an event leads: to a state, and whether the robot is stopped on its path."""
+
+    state: GateState
+    holds_robot: bool = False
+
+
+TRANSITIONS = {
+    (GateState.FREE, GateEvent.ATTACH): Step(GateState.WAITING),
+    (GateState.WAITING, GateEvent.WAIT): Step(GateState.RUNNING),
+    (GateState.WAITING, GateEvent.LEAVE): Step(GateState.FREE),
+    (GateState.WAITING, GateEvent.LOSE): Step(GateState.FREE, holds_robot=True),
+    (GateState.WAITING, GateEvent.FAIL): Step(GateState.FREE),
+    (GateState.RUNNING, GateEvent.REACH): Step(GateState.WAITING),
+    (GateState.RUNNING, GateEvent.LEAVE): Step(GateState.FREE),
+    (GateState.RUNNING, GateEvent.LOSE): Step(GateState.FREE, holds_robot=True),
+    (GateState.RUNNING, GateEvent.FAIL): Step(GateState.FREE),
+}
+"""Where an event leads from a state; what is not listed does not happen."""
+
+
+def first_decision(parameters: Parameters) -> int:
+    """Return the bus cycle on whose answers a script begins, so that its first move starts at ``motion.start_cycle``.
+
+    Raises
+    ------
+    RunError
+        The drives are not enabled before.
+
+    """
+    motion = parameters.motion
+    begin = motion.start_cycle - parameters.decision_cycles
+    if motion.enable_cycle < 0 or begin <= motion.enable_cycle:
+        raise RunError(
+            f'motion.start_cycle is {motion.start_cycle}, but a script needs {parameters.decision_cycles} bus '
+            f'cycles before it, behind motion.enable_cycle, which is {motion.enable_cycle}'
+        )
+    return begin
+
+
+class ScriptGate:
+    """Gate of one controller.
+
+    Parameters
+    ----------
+    task
+        Of the same controller.
+    has_clock
+        Whether bus cycles are due by a clock: then the bus waits for nobody.
+
+    Attributes
+    ----------
+    state
+        Whether a script decides.
+    cycle, met
+        The bus cycle on whose answers the script decides, and whether they meet what it has waited for.
+    hold_cycle
+        From which cycle on the robot is to be stopped on its path, ``NEVER`` if it is not.
+    begins
+        Bus cycle on whose answers a script begins that was announced before, ``NEVER`` if none was.
+    on_decision
+        Called when what the script waits for is there, or will not come any more.
+
+    """
+
+    def __init__(self, task: Transformation, has_clock: bool) -> None:
+        self._task, self._has_clock = task, has_clock
+        self.state = GateState.FREE
+        self.cycle, self.met = -1, False
+        self.hold_cycle = self.begins = NEVER
+        self.on_decision: Callable[[], None] = lambda: None
+        self._condition = WaitCondition(0, NEVER)
+        self._commanded: list[Commanded] = [Commanded.of(task)] * HISTORY
+
+    @property
+    def closed(self) -> bool:
+        """Whether the bus waits for the script."""
+        return self.state is GateState.WAITING and not self._has_clock
+
+    def happen(self, event: GateEvent) -> bool:
+        """Let an event happen; return whether the robot has to be stopped on its path."""
+        step = TRANSITIONS.get((self.state, event))
+        if step is None:
+            return False
+        waited, self.state = self.state is GateState.RUNNING, step.state
+        if step.state is GateState.FREE:
+            self.hold_cycle = NEVER
+        if waited:
+            self.on_decision()
+        return step.holds_robot
+
+    def attach(self, answered: int) -> None:
+        """Let a script begin, which decides on the newest answers; ``answered`` is the next cycle to be complete."""
+        if self.state is GateState.FREE:
+            self.cycle, self.met = answered - 1, True
+            self._commanded = [Commanded.of(self._task)] * HISTORY
+            self.happen(GateEvent.ATTACH)
+
+    def refresh(self, answered: int) -> None:
+        """With a clock the bus has gone on: let the script decide on the newest answers."""
+        if self._has_clock and self.state is GateState.WAITING:
+            self.cycle = answered - 1
+
+    def wait(self, condition: WaitCondition, inputs: int = 0) -> None:
+        """Let the bus go on until a condition is met; if the answers that the script knows meet it, it does not.
+
+        ``inputs`` are those of these answers, as bits.
+        """
+        self._condition = condition
+        self.happen(GateEvent.WAIT)
+        self._look(self.cycle, inputs)
+
+    def commanded(self, cycle: int) -> bool:
+        """Note what the command of a bus cycle has left; return whether the robot is held from the next one on."""
+        if self.state is GateState.FREE:
+            return False
+        self._commanded[cycle % HISTORY] = Commanded.of(self._task)
+        if cycle + 1 < self.hold_cycle:
+            return False
+        self.hold_cycle = NEVER
+        return True
+
+    def answered(self, cycle: int, inputs: int = 0) -> None:
+        """Look whether the answers of a bus cycle meet what the script waits for."""
+        if self.state is GateState.RUNNING:
+            self._look(cycle, inputs)
+        elif cycle == self.begins:
+            self.attach(cycle + 1)
+
+    def interrupt(self, answered: int) -> None:
+        """Let the script decide now, on the newest answers, though what it waits for is not there."""
+        if self.state is GateState.RUNNING:
+            self.cycle, self.met = answered - 1, False
+            self.happen(GateEvent.REACH)
+
+    def command_of(self, cycle: int) -> Commanded:
+        """Return what the command of a bus cycle has left, one of the last 64."""
+        return self._commanded[cycle % HISTORY]
+
+    def _look(self, cycle: int, inputs: int) -> None:
+        if self.state is not GateState.RUNNING:
+            return
+        state = self._task.state[0]
+        self.met = self._condition.met(
+            cycle, self.command_of(cycle), self._task.loaded, int(state['within']), inputs
+        )
+        if self.met or cycle >= self._condition.latest:
+            self.cycle = cycle
+            self.happen(GateEvent.REACH)

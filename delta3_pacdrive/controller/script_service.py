@@ -1,0 +1,271 @@
+"""What a script on a robot that is up asks for: it begins, waits for bus cycles, holds the robot, ends.
+
+Pure: requests come in, replies go out. What it wants to be driven comes as orders, as those of the planner do. Who has
+control of the robot decides; if he loses it, the robot stops on its path.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, fields
+from typing import Any
+
+from delta3_pacdrive.controller.control import Control
+from delta3_pacdrive.controller.cyclic_operation import CyclicOperation
+from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.orders import Orders
+from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.controller.script_gate import GateEvent, GateState, ScriptGate
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.controller.wait_condition import WaitCondition
+from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.sercos.bus_time import NEVER
+
+ATTACH, LOOK, WAIT, HOLD, LEAVE = 'attach', 'look', 'wait', 'hold', 'leave'
+Reply = Callable[[Request, Reason | None, str, bool], None]
+HELD = Reason(Code.STATE, 'somebody has stopped the robot on its path: resume() goes on')
+ABORTED = Reason(Code.WITHDRAWN, 'an operator has given the script up')
+LOST = Reason(Code.CONTROL, 'the script does not have control of the robot any more')
+
+
+class ScriptService:
+    """The scripts of one robot, one at a time.
+
+    Parameters
+    ----------
+    state, task, cycles, gate, orders, control
+        Of the same controller.
+    has_clock
+        Whether bus cycles are due by a clock.
+
+    Attributes
+    ----------
+    reply
+        Called with a request, why it is refused, what it is answered with, and whether that is all.
+
+    """
+
+    def __init__(
+        self,
+        state: RobotState,
+        task: Transformation,
+        cycles: CyclicOperation,
+        gate: ScriptGate,
+        orders: Orders,
+        control: Control,
+        has_clock: bool,
+    ) -> None:
+        self._state, self._task, self._cycles = state, task, cycles
+        self._gate, self._orders, self._control, self._has_clock = gate, orders, control, has_clock
+        self.reply: Reply = lambda *_: None
+        self._waiting: Request | None = None
+        self._held_outside = False  # while the script decided: it does not know yet
+        gate.on_decision = self._decided
+
+    @property
+    def operator(self) -> str:
+        """Identity of the script, empty if there is none."""
+        return self._orders.script
+
+    # requests ---------------------------------------------------------------------------------------------------------
+
+    def ask(self, request: Request) -> None:
+        """Do what a script asks for; the reply comes now or later."""
+        outcome: Reason | str | None = self._refusal(request)
+        if outcome is None:
+            acts: dict[str, Callable[[Request], Reason | str | None]] = {
+                ATTACH: self._attach,
+                LOOK: self._look,
+                WAIT: self._wait,
+                HOLD: self._hold,
+                LEAVE: self._leave,
+            }
+            outcome = acts[request.action](request)
+        if isinstance(outcome, Reason):
+            self.reply(request, outcome, '', True)
+        elif outcome is not None:
+            self.reply(request, None, outcome, True)
+
+    def _refusal(self, request: Request) -> Reason | None:
+        if request.action not in (ATTACH, LOOK, WAIT, HOLD, LEAVE):
+            return Reason(Code.CONTENT, f'a script cannot ask for {shown(request.action)}')
+        operator = self._control.operator
+        if operator is None or operator.identity != request.operator:
+            return self._control.refusal(request.operator) or LOST
+        if request.action == ATTACH:
+            return None
+        if self.operator != request.operator:
+            return self._state_refusal() or Reason(Code.STATE, 'no script of this operator runs')
+        if request.action == LEAVE:
+            return None
+        return self._state_refusal()
+
+    def _state_refusal(self) -> Reason | None:
+        fault = self._state.fault
+        return None if fault is None else Reason(Code.FAULT, str(fault), fault)
+
+    def _attach(self, request: Request) -> Reason | str:
+        if self.operator and self.operator != request.operator:
+            return Reason(Code.STATE, 'another script decides')
+        refusal = self._state.refusal()
+        if refusal is not None:
+            held = self._state.motion is MotionState.STOPPED
+            more = ': give up what it drives (delta3 move abort), or resume it' if held else ''
+            return Reason(refusal.code, f'{refusal.sentence}{more}', refusal.fault)
+        self._orders.script = request.operator
+        if self._cycles.answered <= self._gate.begins < NEVER:
+            self._orders.script = ''
+            return Reason(Code.LATE, f'the script begins in bus cycle {self._gate.begins}: ask again then')
+        self._gate.begins = NEVER
+        self._held_outside = False
+        self._gate.attach(self._cycles.answered)
+        return self._told(inputs=list(self._cycles.inputs.names), clock=self._has_clock)
+
+    def _look(self, _: Request) -> str:
+        self._gate.refresh(self._cycles.answered)
+        return self._told()
+
+    def _wait(self, request: Request) -> Reason | str | None:
+        condition = read_condition(request.text)
+        if isinstance(condition, Reason):
+            return condition
+        held, self._held_outside = self._held_outside, False
+        if held and self._held_profile() is not None:
+            return HELD
+        return self._go_on(request, condition)
+
+    def _hold(self, request: Request) -> Reason | str | None:
+        if not request.text.isdecimal() or len(request.text) > 15:
+            return Reason(Code.CONTENT, f'a hold is asked for a bus cycle, not {shown(request.text)}')
+        cycle = int(request.text)
+        if self._has_clock:
+            cycle = max(cycle, self._cycles.next_cycle + 1)
+        self._gate.hold_cycle = cycle
+        self._held_outside = False
+        return self._go_on(request, WaitCondition(cycle - 1, cycle - 1))
+
+    def _go_on(self, request: Request, condition: WaitCondition) -> Reason | None:
+        gate, cycles = self._gate, self._cycles
+        self._waiting = None  # who asks anew does not wait for what he has asked for before
+        gate.interrupt(cycles.answered)
+        if gate.state is not GateState.WAITING:
+            return Reason(Code.STATE, 'no script decides')
+        self._waiting = request
+        gate.refresh(cycles.answered)
+        gate.wait(condition, cycles.inputs.bits)
+        if not gate.closed:
+            cycles.complete()
+            if not self._has_clock:
+                cycles.start_due()
+        return None
+
+    def _leave(self, _: Request) -> str:
+        self._gate.happen(GateEvent.LEAVE)
+        self._orders.script = ''
+        self._cycles.complete()  # what was answered while the bus waited
+        return 'the script has ended'
+
+    # what happens -----------------------------------------------------------------------------------------------------
+
+    def _decided(self) -> None:
+        """Answer the script: what it waits for is there, or does not come any more."""
+        request, self._waiting = self._waiting, None
+        if request is None:
+            return
+        fault = self._state_refusal()
+        if fault is not None:
+            self.reply(request, fault, '', True)
+        elif self._gate.state is GateState.FREE:
+            self.reply(request, LOST, '', True)
+        elif request.action == HOLD:
+            if self._held_profile() is None:
+                sentence = 'hold: the moves were over before it took effect'
+                self.reply(request, Reason(Code.STATE, sentence), '', True)
+            else:
+                self.reply(request, None, self._told(), True)
+        else:
+            self.reply(request, None, self._told(met=self._gate.met), True)
+
+    def held_from_outside(self) -> None:
+        """Let the script know that an operator has stopped the robot on its path."""
+        request, self._waiting = self._waiting, None
+        if request is None:
+            self._held_outside = True
+        else:
+            self._gate.interrupt(self._cycles.answered)
+            self.reply(request, HELD, '', True)
+
+    def given_up(self) -> None:
+        """End a script whose program an operator has given up: it must not go on with what comes next."""
+        request, self._waiting = self._waiting, None
+        if self.operator:
+            self._gate.happen(GateEvent.LEAVE)
+            self._orders.script = ''
+        if request is not None:
+            self.reply(request, ABORTED, '', True)
+
+    def look(self) -> None:
+        """Look whether who decides still has control; tell a script that waits that it is not forgotten."""
+        operator = self._control.operator
+        if self.operator and (operator is None or operator.identity != self.operator):
+            self._lose()
+        if self._waiting is not None:
+            self.reply(self._waiting, None, '', False)
+        if self._gate.state is GateState.FREE and self._state.fault:
+            self._orders.script = ''
+
+    def _lose(self) -> None:
+        holds = self._gate.happen(GateEvent.LOSE)
+        self._orders.script = ''
+        if holds and self._state.motion is MotionState.MOVING:
+            self._state.hold()
+
+    def _told(self, **more: Any) -> str:
+        """Return what a script sees of the bus cycle that it decides on, and more."""
+        gate, answer = self._gate, self._task.answer
+        commanded = gate.command_of(gate.cycle)
+        seen = {
+            'cycle': gate.cycle,
+            'motion': str(self._state.motion),
+            'command_m': answer['tcp_command'].tolist(),
+            'position_m': answer['tcp_actual'].tolist(),
+            'outputs': commanded.outputs,
+            'payload_kg': commanded.payload_kg,
+            'inputs': self._cycles.inputs.bits,
+        }
+        return json.dumps({'seen': seen, 'held': self._held_profile(), **more})
+
+    def _held_profile(self) -> list[float] | None:
+        """Return the motion profile of a robot that stops or stands on its path, as a row of numbers."""
+        task = self._task
+        profile = task.profile if task.loaded and task.held else None
+        return None if profile is None else profile.to_array().tolist()
+
+
+def condition_text(condition: WaitCondition) -> str:
+    """Return a condition as a request has it."""
+    return json.dumps(asdict(condition))
+
+
+def read_condition(text: str) -> WaitCondition | Reason:
+    """Return the condition of a request, or why it is none."""
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError):
+        values = None
+    names = {field.name for field in fields(WaitCondition)}
+    if not isinstance(values, dict) or set(values) != names:
+        return Reason(Code.CONTENT, f'a script waits for a condition, not for {shown(text)}')
+    whole = {name: value for name, value in values.items() if name not in ('over', 'left_cycles')}
+    if values['left_cycles'] is not None:
+        whole['left_cycles'] = values['left_cycles']
+    for name, value in whole.items():
+        if isinstance(value, bool) or not isinstance(value, int) or not -1 <= value < NEVER:
+            return Reason(
+                Code.CONTENT, f'{name} of a condition is {shown(value)}, but must be a whole number'
+            )
+    if not isinstance(values['over'], bool):
+        return Reason(
+            Code.CONTENT, f'over of a condition is {shown(values["over"])}, but must be true or false'
+        )
+    return WaitCondition(**values)

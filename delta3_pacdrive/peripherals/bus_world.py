@@ -1,0 +1,131 @@
+"""The cell as it takes part in the bus: outputs come with the MDT, inputs go out with the AT, both by bus cycle.
+
+Pure: what goes out is sent by a ``WorldPort``. Outputs of the MDT of a bus cycle are there in the next one.
+"""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.peripherals.world import World
+
+COMMANDS_MAX = 64  # MDT that are ahead of the plant
+
+
+class WorldPort(Protocol):
+    """What a cell does on the bus."""
+
+    def send_inputs(self, cycle: int, inputs: Mapping[str, bool]) -> None:
+        """Send the inputs of a bus cycle."""
+
+    def tell_parts(self, told: dict[str, Any]) -> None:
+        """Tell what has happened to parts in a bus cycle."""
+
+
+class BusWorld:
+    """A cell goes on with the plant.
+
+    Parameters
+    ----------
+    world
+        The cell.
+    port
+        Sends.
+
+    Attributes
+    ----------
+    outputs
+        That are there, as bits.
+    cycle
+        The last bus cycle that it has gone through, -1 before the first one.
+
+    """
+
+    def __init__(self, world: World, port: WorldPort) -> None:
+        self._world, self._port = world, port
+        self._commands: deque[tuple[int, int]] = deque(maxlen=COMMANDS_MAX)
+        self._known = -1  # newest bus cycle whose outputs are known
+        self._missed = 0  # misses that are told
+        self.outputs, self.cycle = 0, -1
+
+    def begin(self, cycle: int) -> None:
+        """Begin cyclic operation with a bus cycle: the outputs are as they were."""
+        self._commands.clear()
+        self._known = cycle - 1
+
+    def take_outputs(self, cycle: int, outputs: int) -> None:
+        """Take the outputs of the MDT of a bus cycle, as bits."""
+        if cycle > self._known:
+            self._known = cycle
+            self._commands.append((cycle, outputs))
+
+    def knows(self, cycle: int) -> bool:
+        """Whether the outputs are known that are there in a bus cycle."""
+        return self._known >= cycle - 1
+
+    def step(self, cycle: int, tcp_m: Sequence[float]) -> float | None:
+        """Go on to a bus cycle, with the true place of the TCP at its begin [m].
+
+        Returns
+        -------
+        float | None
+            Mass that hangs at the robot from now on [kg]; None: the robot says it.
+
+        """
+        while self._commands and self._commands[0][0] < cycle:
+            self.outputs = self._commands.popleft()[1]
+        world = self._world
+        # bus time may have gone on while the plant was not in it: the robot stood
+        for now in range(self.cycle + 1 if self.cycle >= 0 else cycle, cycle + 1):
+            world.step(now, tcp_m, self.outputs)
+            self.cycle = now
+            self._tell(now)
+        if world.inputs:
+            self._port.send_inputs(cycle, world.inputs)
+        return world.carried_kg
+
+    def _tell(self, cycle: int) -> None:
+        misses = self._world.misses[self._missed :]
+        if self._world.changed or misses:
+            self._missed += len(misses)
+            told = {
+                'cycle': cycle,
+                **self._world.about(),
+                'parts': [one.to_document() for one in self._world.changed],
+                'misses': [one.to_document() for one in misses],
+            }
+            self._port.tell_parts(told)
+
+    def lose_part(self) -> None:
+        """Let what hangs at the robot fall off: a fault is injected."""
+        self._world.lose_part(self.cycle + 1)
+
+    def force(self, name: str, value: bool | None) -> Reason | str:
+        """Set an input from outside, or let it tell again what is true (None); returns why not, or since when."""
+        inputs = self._world.inputs
+        if name not in inputs:
+            known = ', '.join(inputs) or 'none'
+            return Reason(
+                Code.CONTENT,
+                f'unknown input {shown(name)}, the inputs are: {known}{nearest_of(name, tuple(inputs))}',
+            )
+        if value is None:
+            self._world.forced.pop(name, None)
+        else:
+            self._world.forced[name] = value
+        how = 'tells again what is true' if value is None else f'is {"on" if value else "off"}'
+        return f'{name} {how} from bus cycle {self.cycle + 1} on'
+
+    def told(self) -> dict[str, Any]:
+        """Return inputs and outputs of the last bus cycle."""
+        forced = self._world.forced
+        return {
+            'cycle': self.cycle,
+            'inputs': {
+                name: {'value': value, 'forced': name in forced} for name, value in self._world.inputs.items()
+            },
+            'outputs': {name: bool(self.outputs >> n & 1) for n, name in enumerate(OUTPUTS)},
+        }

@@ -1,0 +1,43 @@
+"""Belts of a simulated cell on the bus: what the controller knows of them, and what their AT tell in a bus cycle."""
+
+from delta3_pacdrive.controller.belt_tracking import BeltReading, Sighted
+from delta3_pacdrive.motion.belt_meeting import BeltAxes
+from delta3_pacdrive.motion.belt_synchronization import TrackWindow
+from delta3_pacdrive.peripherals.cell import Cell
+from delta3_pacdrive.peripherals.world import World
+
+
+def axes_of(cell: Cell) -> tuple[BeltAxes, ...]:
+    """Return the belts of a cell as a controller knows them, in the order of their readings."""
+    return tuple(
+        BeltAxes(
+            belt.name,
+            belt.origin_m,
+            belt.direction_rad,
+            belt.increments_per_m,
+            None if belt.window_m is None else TrackWindow(*belt.window_m),
+            0.0 if belt.barrier is None else belt.barrier.at_m,
+            0.0 if belt.barrier is None else belt.barrier.delay_s,
+            0.0 if belt.camera is None else belt.camera.every_m,
+        )
+        for belt in cell.belts.values()
+    )
+
+
+def readings(world: World) -> list[BeltReading]:
+    """Return what the AT of the present bus cycle tell of each belt.
+
+    The controller goes by the light barrier only where there is no camera: both would tell each part.
+    """
+    return [
+        BeltReading(
+            state.count,
+            () if name in world.sightings else tuple(latch.count for latch in state.told),
+            tuple(
+                Sighted(one.type, one.along_m, one.across_m, one.angle_rad, one.count)
+                for one in world.sightings.get(name, ())
+            ),
+            world.pictures(name),
+        )
+        for name, state in world.belts.items()
+    ]

@@ -1,0 +1,113 @@
+"""A simulation that goes on only as far as it is asked to: what is driven may be ordered meanwhile."""
+
+from collections.abc import Callable, Sequence
+
+from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
+from delta3_pacdrive.errors import RefusedError, RunError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals.world import World
+from delta3_pacdrive.simulation.cycle import SimulatedOperation
+from delta3_pacdrive.simulation.robot import Robot
+
+Inputs = Callable[[int], int]
+
+
+class SteppedOperation(SimulatedOperation):
+    """A robot and its controller go through cyclic operation step by step; programs end as on the bus.
+
+    Parameters
+    ----------
+    robot, task
+        The machine with its drives, and the task.
+    parameters
+        Of the robot. From ``motion.start_cycle`` on every drive must be in torque.
+    inputs
+        Returns the inputs of a bus cycle as bits: bit n is input n.
+    ended
+        Called when a program is over, before the task forgets it.
+    signals
+        On request: see ``Requested``.
+    world
+        The cell around the robot.
+
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        task: Transformation,
+        parameters: Parameters,
+        inputs: Inputs,
+        ended: Callable[[], None],
+        signals: Sequence[str] = (),
+        world: World | None = None,
+    ) -> None:
+        super().__init__(robot, task, (), parameters, signals, world)
+        self._inputs, self._ended = inputs, ended
+        self._told = False  # that a belt was lost
+
+    def commanded(self) -> Commanded:
+        """Return what the last command has left."""
+        return Commanded.of(self._task)
+
+    def wait(self, condition: WaitCondition) -> bool:
+        """Go on until the answers of a cycle meet a condition, or to its latest cycle; return whether they do.
+
+        Raises
+        ------
+        RunError
+            The robot has stopped by a fault: it is at rest then.
+        RefusedError
+            It could not stay on a belt, and stands; this is told once.
+
+        """
+        while not self._met(condition):
+            if self.cycle > condition.latest:
+                return False
+            self._step(condition)
+            self._tell_lost()
+        return True
+
+    def go_to(self, cycle: int) -> None:
+        """Go on until a bus cycle is the next one; raises RunError as ``wait`` does."""
+        self.wait(WaitCondition(cycle - 1, cycle - 1))
+
+    def _tell_lost(self) -> None:
+        task, tracking = self._task, self._task.tracking
+        if tracking is None or tracking.lost is None:
+            self._told = False
+        elif not self._told and 0 < tracking.rest_cycle < self.cycle:
+            if task.loaded and not (task.held and task.end_cycle < self.cycle):
+                return
+            self._told = True
+            raise RefusedError(tracking.lost)
+
+    def _met(self, condition: WaitCondition) -> bool:
+        answered = self.cycle - 1
+        if answered < condition.first:
+            return False
+        state = self._task.state[0]
+        return condition.met(
+            answered, self.commanded(), self._task.loaded, int(state['within']), self._inputs(answered)
+        )
+
+    def _step(self, condition: WaitCondition) -> None:
+        """Run one bus cycle, or as many as can neither meet a condition nor end the program."""
+        cycle, task = self.cycle, self._task
+        end = min(condition.earliest(self.commanded(), task.loaded), condition.latest) + 1
+        if task.loaded and not task.held:
+            end = min(end, max(task.coming_last_cycle, cycle + 1))
+        self.cycle = self._advance(cycle, max(end, cycle + 1))
+        if self.stopped:
+            self.run()
+            raise RunError(self.stopped)
+        answered = self.cycle - 1
+        if (
+            task.loaded
+            and not task.held
+            and answered >= task.coming_last_cycle
+            and task.in_position(answered)
+        ):
+            self._ended()
+            task.unload()

@@ -1,0 +1,158 @@
+"""Facts about a cell on the bus: outputs act a cycle later, inputs go out with their cycle, parts are told once."""
+
+import json
+
+import pytest
+
+from delta3_pacdrive.errors import Code, Reason, TelegramError
+from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.peripherals.bus_world import BusWorld
+from delta3_pacdrive.peripherals.parts_report import PartsLog
+from delta3_pacdrive.peripherals.world import World
+
+CYCLE_S = 1e-3
+PICK, UP = (-0.1, 0.0, -0.85), (-0.1, 0.0, -0.8)
+DOCUMENT = {
+    'name': 'bench',
+    'cup': {
+        'output': 'gripper', 'diameter_mm': 40, 'vacuum_pa': 60000,
+        'switch': {'input': 'vacuum', 'on_pa': 40000, 'off_pa': 30000},
+    },
+    'parts': {'bar': {'mass_kg': 0.5, 'size_mm': [60, 40, 20], 'friction': 0.5}},
+    'supplies': {'infeed': {'part': 'bar', 'at_mm': [-100, 0, -870], 'count': 2, 'refill_s': 0.02}},
+    'inputs': {'start': {'changes': [{'after_s': 0.003, 'value': True}]}},
+}  # fmt: skip
+
+
+class Bench:
+    """A cell whose robot is where the test says, and all that it sends."""
+
+    def __init__(self, document=DOCUMENT):
+        self.inputs, self.parts = {}, []
+        self.world = World(cell_file.parse(document), CYCLE_S)
+        self.around = BusWorld(self.world, self)
+        self.around.begin(0)
+
+    def send_inputs(self, cycle, inputs):
+        assert cycle not in self.inputs
+        self.inputs[cycle] = dict(inputs)
+
+    def tell_parts(self, told):
+        self.parts.append(told)
+
+    def run(self, cycles, outputs=0, tcp=PICK):
+        """Command outputs with the MDT of each bus cycle; return what hangs at the robot then."""
+        carried = None
+        for _ in range(cycles):
+            cycle = self.around.cycle + 1
+            assert self.around.knows(cycle)
+            carried = self.around.step(cycle, tcp)
+            self.around.take_outputs(cycle, outputs)
+        return carried
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def test_a_cycle_waits_for_the_outputs_of_the_mdt_before(bench):
+    assert bench.around.knows(0)
+    bench.around.step(0, PICK)
+    assert not bench.around.knows(1)
+    bench.around.take_outputs(0, 1)
+    assert bench.around.knows(1)
+    assert not bench.around.knows(2)
+
+
+def test_outputs_act_in_the_cycle_behind_their_mdt_however_far_ahead_it_came(bench):
+    for cycle in range(8):
+        bench.around.take_outputs(cycle, int(cycle >= 3))
+    seen = []
+    for cycle in range(8):
+        bench.around.step(cycle, PICK)
+        seen.append(bench.around.outputs)
+    assert seen == [0, 0, 0, 0, 1, 1, 1, 1]
+
+
+def test_an_mdt_that_is_lost_leaves_the_outputs_as_they_were(bench):
+    bench.around.take_outputs(0, 1)
+    bench.around.take_outputs(2, 0)
+    seen = []
+    for cycle in range(4):
+        bench.around.step(cycle, PICK)
+        seen.append(bench.around.outputs)
+    assert seen == [0, 1, 1, 0]
+
+
+def test_inputs_go_out_with_their_own_cycle(bench):
+    bench.run(6)
+    assert [bench.inputs[cycle]['start'] for cycle in range(6)] == [False, False, False, True, True, True]
+
+
+def test_a_cell_without_inputs_sends_none():
+    bench = Bench({'name': 'empty'})
+    assert bench.run(3) is None
+    assert bench.inputs == {}
+
+
+def test_what_hangs_at_the_robot_is_what_the_cup_holds(bench):
+    assert bench.run(5) == 0.0
+    assert bench.run(20, outputs=1) == 0.5
+    assert bench.run(20, outputs=0) == 0.0
+
+
+def test_bus_time_that_the_plant_was_not_in_goes_by_with_the_robot_at_rest(bench):
+    bench.run(2)
+    bench.around.begin(50)
+    bench.around.step(50, PICK)
+    assert bench.around.cycle == 50
+    assert list(bench.inputs) == [0, 1, 50]
+    assert bench.inputs[50]['start']
+
+
+def test_the_log_of_parts_that_is_told_is_the_report_of_the_cell(bench):
+    log = PartsLog()
+    bench.run(5)
+    bench.run(30, outputs=1)
+    bench.run(10, outputs=1, tcp=UP)
+    bench.around.lose_part()
+    bench.run(30, outputs=0, tcp=UP)
+    bench.run(10, outputs=1, tcp=UP)
+    bench.run(10, outputs=0, tcp=UP)
+    for told in bench.parts:
+        log.add(json.dumps(told))
+    report = log.report()
+    assert report == json.loads(json.dumps(bench.world.report()))
+    assert (report['cell'], report['picked'], report['missed']) == ('bench', 1, 1)
+    assert report['parts'][0]['outcome'] == 'lost'
+    assert len({one['cycle'] for one in bench.parts}) == len(bench.parts) < 10
+
+
+@pytest.mark.parametrize('text', ['', '[]', '{}', '{"parts": [1], "misses": []}', 'x' * 1000])
+def test_a_foreign_log_of_parts_is_refused_and_changes_nothing(text):
+    log = PartsLog()
+    with pytest.raises(TelegramError, match='no log of parts'):
+        log.add(text)
+    assert log.report() is None
+
+
+def test_an_input_that_is_set_from_outside_counts_until_it_is_let_go(bench):
+    bench.run(1)
+    assert bench.around.force('start', True) == 'start is on from bus cycle 1 on'
+    bench.run(1)
+    assert bench.around.told()['inputs']['start'] == {'value': True, 'forced': True}
+    assert bench.around.force('start', False) == 'start is off from bus cycle 2 on'
+    bench.run(5)
+    assert not bench.inputs[6]['start']
+    assert bench.around.force('start', None) == 'start tells again what is true from bus cycle 7 on'
+    bench.run(1)
+    assert bench.inputs[7]['start']
+    assert not bench.around.told()['inputs']['start']['forced']
+
+
+def test_an_input_that_there_is_not_is_refused_by_the_names_that_there_are(bench):
+    reason = bench.around.force('strat', True)
+    assert isinstance(reason, Reason)
+    assert reason.code is Code.CONTENT
+    assert str(reason) == "unknown input 'strat', the inputs are: start, vacuum: did you mean start?"

@@ -1,0 +1,71 @@
+"""Facts about the built robot after a stop: input shaping leaves little of its vibration, at its true TCP."""
+
+import math
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.analysis.residual_vibration import after_stop, swing_m
+from delta3_pacdrive.errors import TraceError
+from planned import dwell, parse, to
+
+START = (-0.1525, 0.0, -0.85)
+END = (0.1525, 0.0, -0.85)
+QUICK = {'speed_m_s': 3.0, 'acceleration_m_s2': 100.0, 'jerk_m_s3': 20_000.0}
+STANDS = 400
+PERIOD_MS = 21  # of the vibration there
+LESS_DB = 20.0
+
+
+@pytest.fixture(scope='module')
+def built():
+    return parameters.load('rich+model')
+
+
+def stopped(robot, kind, start=START, end=END, **values):
+    """Return the time that a move takes [ms], and by how much the true TCP swings after it [m]."""
+    robot = robot.replace(control__shaping=kind, **values)
+    program = parse(robot, [to(*end, **QUICK), dwell(STANDS * 1e-3)], start_m=list(start), payload_kg=0.5)
+    trace = simulation.run(program, robot)
+    stop = trace.meta['end_cycle'] - STANDS
+    return stop - trace.meta['start_cycle'], swing_m(after_stop(trace, stop))
+
+
+@pytest.mark.parametrize('kind', ['zvd', 'smooth'])
+def test_shaping_takes_20_db_off_the_vibration_for_one_period_more(kind, built):
+    before_ms, before = stopped(built, 'none')
+    after_ms, after = stopped(built, kind)
+    assert 20.0 * math.log10(before / after) > LESS_DB
+    assert after_ms - before_ms <= PERIOD_MS
+
+
+@pytest.mark.parametrize('wrong', [0.9, 1.1])
+@pytest.mark.parametrize('kind', ['zvd', 'smooth'])
+def test_a_frequency_that_is_wrong_by_a_tenth_does_little_harm(kind, wrong, built):
+    _, before = stopped(built, 'none')
+    told = {'control__shaping_frequency_hz': wrong * 51.1, 'control__shaping_damping': 0.354}
+    _, after = stopped(built, kind, **told)
+    assert 20.0 * math.log10(before / after) > LESS_DB
+
+
+def test_in_another_direction_it_is_as_much(built):
+    where = {'start': (-0.2, -0.15, -0.85), 'end': (0.2, 0.15, -0.85)}
+    _, before = stopped(built, 'none', **where)
+    _, after = stopped(built, 'smooth', **where)
+    assert 20.0 * math.log10(before / after) > LESS_DB
+
+
+def test_what_creeps_does_not_swing():
+    times = np.arange(100.0)
+    creeps = np.stack([np.exp(-times / 20.0), -np.exp(-times / 30.0), 0.0 * times], axis=1)
+    assert swing_m(creeps) < 1e-12
+    rings = np.exp(-times / 30.0) * np.cos(0.3 * times)
+    assert swing_m(creeps + rings[:, None] * [0.0, 0.0, 1.0]) == pytest.approx(1.2, abs=0.2)
+
+
+def test_a_robot_that_does_not_stand_long_enough_is_refused(built):
+    program = parse(built, [to(*END, **QUICK)], start_m=list(START))
+    trace = simulation.run(program, built)
+    with pytest.raises(TraceError, match=r'must stand for 0\.15 s'):
+        after_stop(trace, trace.meta['end_cycle'])
