@@ -22,9 +22,9 @@ from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.bringup.robot_processes import SPARE, RobotProcesses
 from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError, TraceError
-from delta3_pacdrive.motion import arrival
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.peripherals.parts_report import PartsLog
 from delta3_pacdrive.recording import bag_trace
 from delta3_pacdrive.ros import discovery, interfaces, node_process
 from delta3_pacdrive.ros.progress_report import read_progress
@@ -45,9 +45,11 @@ class _Monitor(Node):
         self.progress: dict[str, Any] = {}
         self.refusal = ''  # of the newest request to the planner
         self.recorder = ''
+        self.parts = PartsLog()
         interfaces.PROGRESS.subscription(self, self._on_progress)
         interfaces.QUEUE.subscription(self, self._on_queue)
         interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
+        interfaces.PARTS.subscription(self, self._on_parts)
         self.enable = interfaces.ENABLE.client(self)
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
@@ -60,6 +62,10 @@ class _Monitor(Node):
 
     def _on_recorder(self, message: String) -> None:
         self.recorder = message.data
+
+    def _on_parts(self, message: String) -> None:
+        with suppress(TelegramError):
+            self.parts.add(message.data)
 
 
 class Bringup:
@@ -254,14 +260,11 @@ class Bringup:
         progress = self._monitor.progress
         figures = progress.get('figures', {})
         statistics = ('refused_telegrams', 'slip_s', 'lateness_ms', 'mdt_to_last_at_ms', 'outstanding')
-        missed = None
-        if self._planned and 'final_tcp_m' in figures:
-            missed = arrival.why_not_arrived(figures['final_tcp_m'], self._planned.plan.end_m().tolist())
         unlearned = progress.get('unlearned')
         dropped = [f'learned torques were not followed: {unlearned}'] if unlearned else []
+        parts = self._monitor.parts.report()
         return {
-            'ok': missed is None,
-            **({'error': missed} if missed else {}),
+            'ok': True,
             'program': self._planned.name if self._planned else '',
             'notices': [*(self._planned.notices if self._planned else ()), *dropped, *self.notes],
             'program_s': self._planned.plan.duration_s if self._planned else 0.0,
@@ -271,6 +274,7 @@ class Bringup:
             'lost_telegrams': progress['lost_telegrams'],
             **figures,
             **{key: progress[key] for key in statistics if key in progress},
+            **({} if parts is None else {'cell': parts}),
         }
 
     def add(self, node: Node) -> None:

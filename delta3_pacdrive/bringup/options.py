@@ -9,10 +9,13 @@ from rclpy.validate_namespace import validate_namespace
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.bringup.processes import ManagedProcess
+from delta3_pacdrive.controller.script_gate import first_decision
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import learned, program_planner
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.plant.decoupled import require_stable
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,8 @@ class Options:
     joint_motion: bool = False  # whether the task tells joint motion through the Jacobian
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
     learned: Path | None = None  # file of torques for the program, or for one that is moved
+    script: bool = False  # whether a script moves the robot, from a bus cycle on that is known
+    cell: Path | None = None  # file of what stands around the robot
     view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
 
 
@@ -51,9 +56,14 @@ def check_options(
         ) from None
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
+    if options.cell is not None:
+        around = cell_file.load(options.cell)
+        require_stable(robot, max((part.mass_kg for part in around.parts.values()), default=0.0))
     torques = learned.load(options.learned) if options.learned is not None else None
     if torques is not None:
         torques.require_robot(robot, str(options.learned))
+    if options.script:
+        first_decision(robot)
     if options.program is None:
         return robot, None, None
     program = programs.load(options.program, robot.motion)

@@ -15,6 +15,7 @@ from delta3_pacdrive.bringup.cpu_load import CpuLoadMonitor
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
+from delta3_pacdrive.controller.script_gate import first_decision
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.interfaces import VISUALIZATION
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -61,6 +62,8 @@ class RobotProcesses:
         # Without a clock the robot takes all the processor time there is; that must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
         self._schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
+        # A planner whose heartbeat does not come through is taken for dead.
+        self._planner_schedule = Schedule.PREFERRED if options.real_time_priority else Schedule.ORDINARY
         self._in_real_time = paced and scheduling.real_time_is_permitted()
         if paced and not self._in_real_time:
             self.notes.append(NOT_PERMITTED)
@@ -71,12 +74,17 @@ class RobotProcesses:
     def start(self) -> None:
         """Start all of them; the planner waits."""
         options, program = self._options, self._options.program
-        task = {
+        task: dict[str, Any] = {
             'real_time_factor': float(options.real_time_factor),
             'joint_motion': options.joint_motion,
         }
+        plant: dict[str, Any] = {'cell': str(options.cell)} if options.cell else {}
+        if options.script:
+            begins = first_decision(self._robot)
+            task |= {'script_cycle': begins}
+            plant |= {'cell_start_cycle': begins}
         nodes: Nodes = {
-            'plant': (PlantNode, {}),
+            'plant': (PlantNode, plant),
             **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in AXES},
             'transformation_task': (
                 TransformationTaskNode,
@@ -98,11 +106,11 @@ class RobotProcesses:
         else:
             for name, node in nodes.items():
                 self._spawn(name, {name: node}, self._schedule)
-            if program is None:
+            if program is None and not options.script:
                 self._prepare_restarts(nodes | {'unit_robot': planner, **shown})
         if options.markers:
             self._spawn(VISUALIZATION, shown)
-        self._spawn('unit_robot', {'unit_robot': planner}, waits=True)
+        self._spawn('unit_robot', {'unit_robot': planner}, self._planner_schedule, waits=True)
 
     def let_planner_go(self) -> None:
         """Let the planner begin."""
@@ -158,7 +166,8 @@ class RobotProcesses:
         if process.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:
             return False
         self._restarted.append(now)
-        schedule = Schedule.ORDINARY if process.name in ('unit_robot', VISUALIZATION) else self._schedule
+        own = {'unit_robot': self._planner_schedule, VISUALIZATION: Schedule.ORDINARY}
+        schedule = own.get(process.name, self._schedule)
         self.running[self.running.index(process)] = self._restarts[process.name](schedule)
         return True
 

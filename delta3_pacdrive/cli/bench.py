@@ -7,6 +7,7 @@ from typing import Any
 from delta3_pacdrive.benchmarks import graph
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.progress import Progress
 
 SECONDS = 60.0
 
@@ -16,13 +17,14 @@ class Options(JsonOptions):
     """Options of the command."""
 
     what: str = argument(
-        'what is measured', choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation']
+        'what is measured',
+        choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell'],
     )
     seconds: float | None = option(
-        f'bus time of motion per case [s]; {SECONDS:g} unless told',
+        f'bus time of motion per case [s]; {SECONDS:g} unless told, of cell 12',
         'S',
         type=float,
-        only=('graph', 'motion', 'simulate'),
+        only=('graph', 'motion', 'simulate', 'cell'),
     )
     case: list[str] | None = option(
         'only this case of graph (may be repeated)', choices=graph.CASES, action='append', only=('graph',)
@@ -40,6 +42,8 @@ class Options(JsonOptions):
     seeds: int | None = option(
         'estimation: noises of the sensors, 200 unless told', 'N', type=int, only=('estimation',)
     )
+
+    output: str | None = option('cell: a folder for table and figures', 'DIR', only=('cell',))
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
@@ -72,11 +76,16 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
             dict.fromkeys(case for cases, yes in beside.items() if yes for case in cases)
         )
         return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
-    from delta3_pacdrive.benchmarks import estimation, motion, simulation
+    if options.what == 'cell':
+        return _cell(options)
+    from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
 
     if options.what == 'estimation':
         return estimation.show, estimation.measure(options.seeds or estimation.SEEDS)
 
+    if options.what == 'control':
+        with Progress() as progress:
+            return control.show, control.measure(show=progress.show)
     if options.what == 'motion':
         return motion.show, motion.measure(None if options.no_graph else seconds)
     if options.what == 'simulate':
@@ -84,10 +93,27 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
     return simulation.show_kinematics, simulation.measure_kinematics()
 
 
+def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
+    from pathlib import Path
+
+    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.report_folder import ReportFolder, require_writable_folder
+    from delta3_pacdrive.cell import belt_bench
+
+    require_writable_folder(options.output)
+    with Progress() as progress:
+        result = belt_bench.measure(seconds=options.seconds or belt_bench.SECONDS, show=progress.show)
+    if options.output is not None:
+        folder = ReportFolder(Path(options.output), Provenance.of(options.command_line))
+        drawings, lines = belt_bench.drawings(result), belt_bench.text(result)
+        result = folder.results('Picking from a belt', result, lines, [belt_bench.table(result)], drawings)
+    return lambda told: print('\n'.join(belt_bench.text(told))), result
+
+
 main = Command(
     'bench',
-    'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, or how '
-    'often intervals of estimates hold the truth.',
+    'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, how '
+    'often intervals of estimates hold the truth, the packaging cycle by each controller, or picking from a belt.',
     Options,
     run,
 )

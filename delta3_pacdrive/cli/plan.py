@@ -25,12 +25,21 @@ class Options(JsonOptions):
     output: str | None = option(
         'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'
     )
+    cell: str | None = option(
+        'for a script: what stands around the robot, so that its inputs come: a cell file, or cell: the packaged one',
+        'FILE',
+    )
     limits: bool = flag(
         'in the JSON, tell of each move how much of every limit it uses, not only of the first'
     )
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
+        script = self.program.endswith('.py')
+        if self.cell is not None and not script:
+            return '--cell is for a script: a program waits for no input'
+        if self.output is not None and script:
+            return '--output is for a program: a script is planned in pieces while it runs'
         return '--limits is for --json' if self.limits and not self.json else ''
 
 
@@ -44,6 +53,8 @@ def run(options: Options) -> int:
     from delta3_pacdrive.motion import program_file
 
     robot = core.load(options.parameters)
+    if options.program.endswith('.py'):
+        return _run_script(options, robot)
     program = program_file.load(options.program, robot.motion)
     inputs = noted([options.program])
     require_writable_folder(options.output)
@@ -57,6 +68,28 @@ def run(options: Options) -> int:
         print_json(result, options, robot, inputs)
     else:
         print('\n'.join([*lines, *result.get('files', ())]))
+    return 0
+
+
+def _run_script(options: Options, robot: 'Parameters') -> int:
+    """Run a script dry; return the exit status."""
+    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.provenance import digest
+    from delta3_pacdrive.cell import dry_run, script
+    from delta3_pacdrive.errors import RunError
+    from delta3_pacdrive.peripherals import cell_file
+
+    read, inputs = script.load(options.program), noted([options.program])
+    around = None if options.cell is None else cell_file.load(options.cell)
+    if options.cell is not None:
+        inputs.append(f'{options.cell} {digest(cell_file.find(options.cell))}')
+    found = dry_run.dry_run(read, robot, around)
+    if not options.json:
+        print('\n'.join(dry_run.text(found)))
+    elif not found.stopped:
+        print_json(dry_run.document(found, options.limits), options, robot, inputs)
+    if found.stopped:
+        raise RunError(found.stopped)
     return 0
 
 

@@ -19,6 +19,7 @@ class Options(NodeOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.bringup.scheduling import Schedule, prefer
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.ros.nodes.recorder import record
 
@@ -26,6 +27,7 @@ def run(options: Options) -> int:
     if folder.exists():
         raise RunError(f'cannot record into {folder}: it exists already')
     robot = None if options.parameters is None else core.load(core.of_run(options.parameters))
+    prefer(Schedule.PREFERRED)  # what comes while others have the processor would be lost
     return record(folder, robot, '/' + options.namespace.strip('/'))
 
 

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
-from delta3_pacdrive.cli.output import print_run
+from delta3_pacdrive.cli.output import print_json, print_run
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
-from delta3_pacdrive.cli.reference import program_of
+from delta3_pacdrive.cli.reference import Chosen, program_of
+from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.view import serving
 
+SCRIPT_SUFFIX = '.py'  # as in ``cell.script``, which takes long to load
 OnProgress = Callable[[dict[str, Any]], None]
 
 
@@ -29,6 +31,11 @@ class GraphOptions(NodeOptions, RobotOptions):
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
     learned: str | None = option(
         'follow the torques that delta3 learn has found for this program; they are refused, or dropped, with any other',
+        'FILE',
+    )
+    cell: str | None = option(
+        'what stands around the robot, a cell file, or cell: the packaged one; its gripper takes real parts then, and '
+        'its inputs are on the bus',
         'FILE',
     )
     markers: bool = flag('also show the robot as markers for RViz and Foxglove, and tell bus time as /clock')
@@ -55,13 +62,22 @@ class GraphOptions(NodeOptions, RobotOptions):
 class Options(GraphOptions, ReferenceOptions):
     """Options of the command."""
 
+    step: bool = flag('of a script: ask before each move, and drive it alone, to rest')
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.step and Path(self.program or '').suffix != SCRIPT_SUFFIX:
+            return '--step is for a script'
+        return super().check()
+
 
 def show_run(display: Progress, progress: dict[str, Any]) -> None:
     """Show how a run goes."""
     wall, bus, end = progress['wall_time_s'] or 1e-9, progress['bus_time_s'], progress['end_s']
     share = f'{100.0 * bus / end:3.0f} % ' if end else ''
+    settling = '  settling' if progress['settling'] else ''
     display.show(
-        f'bus {bus:8.3f} s  move {progress["move"] + 1}/{progress["moves"]}',
+        f'bus {bus:8.3f} s  move {progress["move"] + 1}/{progress["moves"]}{settling}',
         bus,
         end,
         f'{share}{progress["master_m"] * 1e3:6.1f} mm'
@@ -71,9 +87,12 @@ def show_run(display: Progress, progress: dict[str, Any]) -> None:
 
 
 def bring_up(
-    options: GraphOptions, program: str | None, shown: Callable[[Progress, Any], OnProgress]
+    options: GraphOptions,
+    program: str | None,
+    shown: Callable[[Progress, Any], OnProgress],
+    script: bool = False,
 ) -> tuple[Any, dict[str, Any]]:
-    """Bring a robot up, for a program or until it is interrupted; return the bring-up and its result.
+    """Bring a robot up, for a program, for a script or until it is interrupted; return the bring-up and its result.
 
     ``shown`` returns what shows how it goes. Raises RunError.
     """
@@ -96,6 +115,7 @@ def bring_up(
         from delta3_pacdrive.bringup.bringup import Bringup
         from delta3_pacdrive.bringup.options import Options as BringupOptions
         from delta3_pacdrive.motion import program_file as programs
+        from delta3_pacdrive.peripherals import cell_file
 
         announce_compilation(options.parameters)
         asked = BringupOptions(
@@ -111,6 +131,8 @@ def bring_up(
             joint_motion=options.joint_motion,
             logs=logs,
             learned=Path(options.learned).absolute() if options.learned else None,
+            script=script,
+            cell=cell_file.find(options.cell).absolute() if options.cell else None,
             view=page,
         )
         bringup = Bringup(asked, started_s)
@@ -121,8 +143,10 @@ def bring_up(
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     with program_of(options) as chosen:
+        if Path(chosen.program).suffix == SCRIPT_SUFFIX:
+            return _run_script(options, chosen)
         bringup, result = bring_up(options, chosen.program, lambda display, _: partial(show_run, display))
-    notes = list(chosen.notes)
+    notes, inputs = list(chosen.notes), _inputs(options, chosen)
     if missing := result.get('bag_missing'):
         notes.append(
             f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them'
@@ -130,7 +154,49 @@ def run(options: Options) -> int:
     if cut := result.get('bag_cut'):
         notes.append(f'{options.bag}: {cut}')
     ready = f', ready after {result["ready_s"]:.2f} s'
-    return print_run(result, options, bringup.robot, chosen.digests(), ready, notes)
+    return print_run(result, options, bringup.robot, inputs, ready, notes)
+
+
+def _inputs(options: Options, chosen: Chosen) -> list[str]:
+    """Return what the run rests on, each with its digest."""
+    if not options.cell:
+        return chosen.digests()
+    from delta3_pacdrive.analysis.provenance import digest
+    from delta3_pacdrive.peripherals import cell_file
+
+    return [*chosen.digests(), f'{options.cell} {digest(cell_file.find(options.cell))}']
+
+
+def _run_script(options: Options, chosen: Chosen) -> int:
+    """Run a script on a robot of its own; return the exit status."""
+    from delta3_pacdrive.cell import script
+    from delta3_pacdrive.cli.script_run import ScriptRun, held_text, text
+
+    if options.learned:
+        raise ProgramError('--learned is for a program: a script decides what it drives')
+    read = script.load(chosen.program)
+    runs: list[ScriptRun] = []
+
+    def shown(display: Progress, bringup: Any) -> OnProgress:
+        shows = (lambda _: None) if options.step else partial(show_run, display)
+        runs.append(ScriptRun(read, bringup, shows, options.step))
+        return runs[0].show
+
+    bringup, result = bring_up(options, None, shown, script=True)
+    (own,) = runs
+    result |= own.result()
+    if own.interrupted:
+        raise RunInterruptedError(held_text(result['held_at_cycle']))
+    if own.error is not None:
+        raise own.error
+    if not own.ended:
+        raise RunError(f'{read.name} has not come to its end')
+    result |= {'controller': bringup.robot.controller}
+    if options.json:
+        print_json(result, options, bringup.robot, _inputs(options, chosen))
+    else:
+        print('\n'.join([f'{read.name}: done, ready after {result["ready_s"]:.2f} s', *text(result)]))
+    return 0
 
 
 main = Command(

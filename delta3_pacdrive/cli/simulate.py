@@ -1,23 +1,28 @@
 """``delta3 simulate``: the same control and plant code in one loop, without ROS."""
 
+import math
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
 from delta3_pacdrive.cli.option_types import filled, number_within, signal_names, trace_file
 from delta3_pacdrive.cli.output import print_run
 from delta3_pacdrive.cli.progress import announce_compilation
-from delta3_pacdrive.cli.reference import program_of
+from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.recording.signals import OF_CELLS
 
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.cell.script import Script
     from delta3_pacdrive.motion.learned import Learned
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.peripherals.cell import Cell
+    from delta3_pacdrive.recording.acquisition import Acquisition
     from delta3_pacdrive.recording.trace import Trace
 
 
@@ -56,6 +61,11 @@ class Options(ReferenceOptions, ScopeOptions):
         'page that shows all of it',
         'DIR',
     )
+    cell: str | None = option(
+        'what stands around the robot, a cell file, or cell: the packaged one; its gripper takes real parts then, and '
+        'what has happened to them is told',
+        'FILE',
+    )
     one_motor: bool = flag(
         'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
     )
@@ -92,6 +102,17 @@ class Options(ReferenceOptions, ScopeOptions):
             return '--learned is for the robot, so it is not for --one-motor'
         elif self.scope is not None:
             return '--scope looks into the drives of a robot, so it is not for --one-motor'
+        script = self.program.endswith('.py')
+        if script and self.one_motor:
+            return '--one-motor drives the motion of a program, not of a script'
+        if script and self.learned is not None:
+            return '--learned is for a program: a script decides what it drives'
+        if self.one_motor and self.cell is not None:
+            return '--cell stands around the robot, so it is not for --one-motor'
+        if self.cell is None and (
+            asked := [name for name in self.signals or () if name.startswith(OF_CELLS)]
+        ):
+            return f'--signals asks for {asked[0]}, which only a simulation with --cell holds'
         if self.report is not None:
             if self.one_motor:
                 return '--report is about a robot, --one-motor leaves a folder of its own: --output'
@@ -109,14 +130,13 @@ def run(options: Options) -> int:
     """Run the command; return the exit status."""
     if options.one_motor:
         return _run_one_motor(options)
-    from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis import run_comparison, trace_export
+    from delta3_pacdrive.analysis import trace_export
     from delta3_pacdrive.analysis.provenance import Provenance, digest
     from delta3_pacdrive.analysis.report_folder import ReportFolder, require_writable_folder
     from delta3_pacdrive.analysis.run_energy import energy_of_round
-    from delta3_pacdrive.motion import arrival, learned
-    from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.analysis.runs import note_limits
+    from delta3_pacdrive.cell.script import Script
     from delta3_pacdrive.recording import trace_file
 
     if options.trace:
@@ -124,40 +144,29 @@ def run(options: Options) -> int:
     require_writable_folder(options.report)
     if options.signals:
         trace_export.require_known(options.signals)
-    announce_compilation(options.parameters)
-    with program_of(options) as chosen:
-        robot = core.load(options.parameters)
-        if options.exchange_period is not None:
-            robot = robot.replace(bus__exchange_period_s=options.exchange_period)
-        program = programs.load(chosen.program, robot.motion)
-    simulation.load_kernels(robot)
+    chosen, robot, program = _read(options)
     inputs, torques = chosen.digests(), None
-    if options.learned is not None:
-        torques = learned.load(options.learned)
-        placed = simulation.placed(robot, program)
-        torques.require(simulation.plan_of(program, placed).plan, placed, options.learned)
+    cell = _cell_of(options, inputs)
+    simulation.load_kernels(robot)
+    if options.learned is not None and not isinstance(program, Script):
+        torques = _learned(options.learned, program, robot)
         inputs.append(f'{options.learned} {digest(Path(options.learned))}')
     origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
     folder = None if options.report is None else ReportFolder(Path(options.report), origin)
     if folder is not None:
         folder.make()
     started = time.perf_counter()
-    trace, records = _simulated(options, program, robot, origin, torques)
+    trace, records = _simulated(options, program, robot, origin, torques, cell)
     wall = time.perf_counter() - started
-    exact = None
-    if robot.dynamics.arm_coupling == core.DECOUPLED:
-        exact = run_comparison.from_exact(
-            trace, simulation.run(program, robot.replace(dynamics__arm_coupling=core.EXACT))
-        )
+    exact = None if isinstance(program, Script) else _from_exact(trace, program, robot, cell)
     if options.trace or folder is not None:
-        from delta3_pacdrive.analysis.runs import note_limits
-
-        note_limits(trace, program, simulation.placed(robot, program))
+        if not isinstance(program, Script):
+            note_limits(trace, program, simulation.placed(robot, program))
         trace.meta['provenance'] = origin.lines()
     if options.trace:
         whole = trace_export.completed(trace, options.signals)
         trace_file.save(trace_export.chosen(whole, options.signals, program.name), options.trace)
-    stopped, figures = trace.meta['stopped'], trace.meta['figures']
+    stopped = trace.meta['stopped']
     if folder is not None:
         from delta3_pacdrive.analysis import run_report
 
@@ -165,23 +174,9 @@ def run(options: Options) -> int:
         run_report.write(folder, trace, records.taken if records else (), told)
     if stopped:
         raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
-    ends = figures['final_tcp_m'], trace.meta['planned_end_m']
-    missed = arrival.why_not_arrived(*ends)
-    cycles = len(trace.time_s)
-    result = {
-        'ok': missed is None,
-        **({} if missed is None else {'error': missed}),
-        'program': program.name,
-        **{key: trace.meta[key] for key in ('notices', 'program_s', 'repeat')},
-        'cycles': cycles,
-        'bus_time_s': cycles * robot.bus.cycle_time_s,
-        'wall_time_s': wall,
-        'overruns': 0,  # there is no clock
-        'lost_telegrams': trace.meta['lost_telegrams'],
-        'end_error_m': arrival.end_error_m(*ends),
-        **figures,
-        **({} if exact is None else {'from_exact': exact}),
-    }
+    result = _result(trace, wall)
+    if exact is not None:
+        result['from_exact'] = exact
     energy = energy_of_round(trace, robot, trace.meta['repeat'])
     if energy is not None:
         result['energy'] = asdict(energy)
@@ -194,22 +189,89 @@ def run(options: Options) -> int:
     return print_run(result, options, robot, inputs, notes=notes)
 
 
+def _read(options: Options) -> 'tuple[Chosen, Parameters, Program | Script]':
+    """Return what is run, the robot, and the program or script; raises Delta3Error."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.cell import script
+    from delta3_pacdrive.motion import program_file as programs
+
+    announce_compilation(options.parameters)
+    with program_of(options) as chosen:
+        robot = core.load(options.parameters)
+        if options.exchange_period is not None:
+            robot = robot.replace(bus__exchange_period_s=options.exchange_period)
+        if script.is_script(chosen.program):
+            return chosen, robot, script.load(chosen.program)
+        return chosen, robot, programs.load(chosen.program, robot.motion)
+
+
+def _learned(path: str, program: 'Program', robot: 'Parameters') -> 'Learned':
+    """Return the torques that were learned for a program; raises Delta3Error if they are those of another one."""
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.motion import learned
+
+    torques, placed = learned.load(path), simulation.placed(robot, program)
+    torques.require(simulation.plan_of(program, placed).plan, placed, path)
+    return torques
+
+
+def _from_exact(
+    trace: 'Trace', program: 'Program', robot: 'Parameters', cell: 'Cell | None'
+) -> dict[str, float] | None:
+    """Return how far a robot with decoupled arms is from one with coupled arms; None for the latter."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive import simulation
+    from delta3_pacdrive.analysis import run_comparison
+
+    if robot.dynamics.arm_coupling != core.DECOUPLED:
+        return None
+    coupled = robot.replace(dynamics__arm_coupling=core.EXACT)
+    return run_comparison.from_exact(trace, simulation.run(program, coupled, cell=cell))
+
+
+def _result(trace: 'Trace', wall_s: float) -> dict[str, Any]:
+    """Return the result of a run that came to its end."""
+    cycles, figures = len(trace.time_s), trace.meta['figures']
+    told = ('program', 'notices', 'program_s', 'repeat', 'cell')
+    return {
+        'ok': True,
+        **{key: trace.meta[key] for key in told if key in trace.meta},
+        'cycles': cycles,
+        'bus_time_s': cycles * trace.meta['cycle_time_s'],
+        'wall_time_s': wall_s,
+        'overruns': 0,  # there is no clock
+        'lost_telegrams': trace.meta['lost_telegrams'],
+        'end_error_m': math.dist(figures['final_tcp_m'], trace.meta['planned_end_m']),
+        **figures,
+    }
+
+
+def _cell_of(options: Options, inputs: list[str]) -> 'Cell | None':
+    """Return the cell that is asked for, and note its digest; raises CellError."""
+    if options.cell is None:
+        return None
+    from delta3_pacdrive.analysis.provenance import digest
+    from delta3_pacdrive.peripherals import cell_file
+
+    cell = cell_file.load(options.cell)
+    inputs.append(f'{options.cell} {digest(cell_file.find(options.cell))}')
+    return cell
+
+
 def _simulated(
     options: Options,
-    program: 'Program',
+    program: 'Program | Script',
     robot: 'Parameters',
     origin: 'Provenance',
     torques: 'Learned | None',
+    cell: 'Cell | None',
 ) -> 'tuple[Trace, Records | None]':
     """Run a program, with oscilloscopes in the drives if they are asked for; raises Delta3Error."""
-    from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import trace_export
 
     asked = trace_export.on_request(options.signals or ())
     if options.scope is None:
-        given = asked or torques is not None
-        more = (None, asked, torques) if given else ()
-        return simulation.run(program, robot, *more), None
+        return _driven(program, robot, None, asked, torques, cell), None
     from delta3_pacdrive.recording.acquisition import Acquisition
 
     output = (
@@ -218,13 +280,42 @@ def _simulated(
     records = Records(options, output, origin)
     setting = options.setting(options.scope, robot, all_of_it=True)
     acquisition = Acquisition(setting, records.take)
-    trace = simulation.run(program, robot, acquisition, asked, torques)
+    trace = _driven(program, robot, acquisition, asked, torques, cell)
     if not records.written:
         raise RunError(
             f'the trigger never came: {setting.trigger.sentence if setting.trigger else ""} was awaited until the end '
             f'of the run, {trace.time_s[-1]:.3f} s'
         )
     return trace, records
+
+
+def _driven(
+    program: 'Program | Script',
+    robot: 'Parameters',
+    acquisition: 'Acquisition | None',
+    asked: list[str],
+    torques: 'Learned | None',
+    around: 'Cell | None',
+) -> 'Trace':
+    """Return the trace of a program, or of a script, which may have been given up; raises Delta3Error."""
+    from delta3_pacdrive import cell, simulation
+    from delta3_pacdrive.cell.script import Script
+
+    if not isinstance(program, Script):
+        if around is not None:
+            return simulation.run(program, robot, acquisition, asked, torques, cell=around)
+        more = (acquisition, asked, torques) if acquisition or asked or torques is not None else ()
+        return simulation.run(program, robot, *more)
+    simulated = None
+    try:
+        with cell.simulate(
+            robot, around=around, name=program.name, signals=asked, acquisition=acquisition
+        ) as simulated:
+            program.run(simulated)
+    except cell.ScriptError:
+        if simulated is None:
+            raise
+    return simulated.trace
 
 
 def _run_one_motor(options: Options) -> int:

@@ -1,15 +1,21 @@
 """``delta3 tune``: step and frequency responses of a drive's loops, margins, and what gains do to a program."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, RobotOptions, option
+from delta3_pacdrive.cli.command import Command, RobotOptions, flag, option
 from delta3_pacdrive.cli.option_types import NOISE, SEED, finite_number, trace_file
 from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from delta3_pacdrive.analysis.study import OnProgress
+
+
+ROBOT = 'robot'  # instead of a file: the one that is up
 
 
 @dataclass
@@ -35,8 +41,28 @@ class Options(RobotOptions):
         names=('--set',),
         action='append',
     )
+    auto: bool = flag(
+        'look for the gains of velocity and position loop, and for a notch filter where gears give, that keep the '
+        'margins over the whole workspace; --payload is the largest one then'
+    )
+    phase_margin: float = option('that --auto keeps', 'DEG', default=45.0, type=finite_number)
+    gain_margin: float = option('that --auto keeps, up and down', 'DB', default=6.0, type=finite_number)
     sweep: str | None = option('draw margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
     program: str = option('whose following error is compared', 'PROGRAM', default='experiment1')
+    apply: str | None = option(
+        'write the gains of --auto, or those that it has left in the folder, into this parameter file, or without one '
+        'into the drives of the robot that is up; what was before is kept',
+        'FILE',
+        nargs='?',
+        const=ROBOT,
+    )
+    undo: str | None = option(
+        'take back what --apply has written, into the same file or into the robot',
+        'FILE',
+        nargs='?',
+        const=ROBOT,
+    )
+    namespace: str = option('ROS namespace of the robot that --apply writes to', default='/', type=str)
     recording: str | None = option('trace (.npz, .csv) or folder of a bag to evaluate as well', 'FILE')
     excite: str | None = option(
         'excite one axis of the simulated robot and write the trace of it instead', 'FILE', type=trace_file
@@ -48,8 +74,23 @@ class Options(RobotOptions):
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
-        if self.excite and (self.recording or self.changes or self.sweep):
-            return '--excite only writes a recording: it takes no --recording, --set or --sweep'
+        if self.excite and (self.recording or self.changes or self.sweep or self.auto):
+            return '--excite only writes a recording: it takes no --recording, --set, --sweep or --auto'
+        if self.auto and (self.changes or self.sweep):
+            return '--auto looks for the gains itself: it takes no --set or --sweep'
+        if self.undo is not None and set(self.given()) - {'--undo', '--output', '--json'}:
+            return '--undo takes back what was applied: it takes nothing but --output and --json'
+        if self.apply is not None and not self.auto:
+            dropped = sorted(set(self.given()) - {'--apply', '--output', '--json', '--namespace'})
+            if dropped:
+                return f'--apply without --auto writes the gains that stand in the folder: it takes no {dropped[0]}'
+        if self.apply is not None and self.recording:
+            return '--apply writes the gains of --auto: it takes no --recording'
+        if self.namespace != '/' and self.apply != ROBOT:
+            return '--namespace is for --apply without a file'
+        for name in ('--phase-margin', '--gain-margin'):
+            if not self.auto and name in self.given():
+                return f'{name} is for --auto'
         if self.excite and self.exchange_period is not None:
             return '--excite exchanges as often as the drives compute: it takes no --exchange-period'
         if not self.excite and (self.place != 'current' or self.noise or self.seed):
@@ -59,6 +100,16 @@ class Options(RobotOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    if options.undo is not None:
+        return _undo(options)
+    if options.apply is not None:
+        if options.auto and (status := _study(options)):
+            return status
+        return _apply(options)
+    return _study(options)
+
+
+def _study(options: Options) -> int:
     from delta3_pacdrive.analysis.tuning import report, run
     from delta3_pacdrive.analysis.tuning.study import Settings
     from delta3_pacdrive.recording import trace_file
@@ -75,6 +126,9 @@ def run(options: Options) -> int:
         options.program,
         options.recording,
         options.exchange_period,
+        options.auto,
+        options.phase_margin,
+        options.gain_margin,
     )
     if path := options.excite:
         trace_file.require_writable_trace(path)
@@ -85,6 +139,46 @@ def run(options: Options) -> int:
         report.text,
         writes=options.output,
     )
+
+
+def _apply(options: Options) -> int:
+    from delta3_pacdrive.analysis.tuning import applied, gains, gains_in_file
+    from delta3_pacdrive.cli.output import print_answer
+
+    folder, target = Path(options.output), str(options.apply)
+    values = gains.read(folder)
+    if target != ROBOT:
+        gains_in_file.apply(values, Path(target))
+        where, back = target, f'delta3 tune --undo {target}'
+    else:
+        with _drives(options.namespace) as channel:
+            applied.apply(values, channel, options.namespace, folder)
+        where = 'all drives'
+        back = 'delta3 tune --undo' + (f' --output {folder}' if '--output' in options.given() else '')
+    told = ', '.join(f'{name} = {value:g}' for name, value in values.items())
+    return print_answer(f'{where}: {told}; {back} takes it back', options)
+
+
+def _undo(options: Options) -> int:
+    from delta3_pacdrive.analysis.tuning import applied, gains_in_file
+    from delta3_pacdrive.cli.output import print_answer
+
+    if options.undo != ROBOT:
+        gains_in_file.undo(Path(str(options.undo)))
+        return print_answer(f'{options.undo} is as it was before gains were applied', options)
+    folder = Path(options.output)
+    with _drives(applied.namespace_in(folder)) as channel:
+        applied.undo(channel, folder)
+    return print_answer('all drives have what they had before gains were applied', options)
+
+
+@contextmanager
+def _drives(namespace: str) -> 'Iterator[Any]':
+    from delta3_pacdrive.ros.drive_values import DriveValues
+    from delta3_pacdrive.ros.robot_client import operating
+
+    with operating(namespace) as operator:
+        yield DriveValues(operator)
 
 
 def _excitation_text(result: dict[str, Any]) -> list[str]:

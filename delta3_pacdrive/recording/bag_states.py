@@ -1,4 +1,4 @@
-"""States that a bag tells when they change: outputs, payload, fault, counters; as signals of its bus cycles."""
+"""States that a bag tells beside its cyclic telegrams: outputs, payload, inputs, fault, counters; by bus cycle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.sessions import Sessions
-from delta3_pacdrive.recording.signals import OUTPUT_COLUMNS
+from delta3_pacdrive.recording.signals import CELL_INPUTS, OUTPUT_COLUMNS
+from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.recording.trace import Trace
 
-OUTPUTS, PROGRESS = 'outputs', 'motion/progress'
+OUTPUTS, PROGRESS, INPUTS = 'outputs', 'motion/progress', telegrams.INPUTS_TOPIC
 JOINT_STATE, TEXT = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
 WIDTH = len(OUTPUT_COLUMNS) + 1  # and the payload
 PAYLOAD = 'dynamics.payload_mass_kg'
@@ -53,6 +54,7 @@ def read(path: Path, trace: Trace) -> dict[str, Floats]:
         bag.read(
             {
                 bag.robot + OUTPUTS: told.take(JOINT_STATE, told.outputs),
+                bag.robot + INPUTS: told.take(JOINT_STATE, told.inputs),
                 bag.robot + PROGRESS: told.take(TEXT, told.progress),
                 bag.robot + PHASE: told.sessions.add,
             }
@@ -72,6 +74,7 @@ class _States:
         self._typestore, self._period_s = typestore, period_s
         self.sessions = Sessions()
         self._switched: list[tuple[int, list[float]]] = []
+        self._inputs: list[tuple[int, list[float]]] = []
         self._reports: list[
             tuple[int, str, int, list[float]]
         ] = []  # cycle, session, fault's cycle or -1, counters
@@ -94,6 +97,16 @@ class _States:
         if len(values) == WIDTH and np.isfinite(values).all():
             stamp = message.header.stamp
             self._switched.append((self._cycle(stamp.sec + stamp.nanosec / NANOSECONDS), values))
+
+    def inputs(self, message: Any) -> None:
+        """Take the inputs of a bus cycle; those that have not changed since the newest one are left out."""
+        values = [float(value) for value in message.position]
+        if not 0 < len(values) <= CELL_INPUTS or not np.isfinite(values).all():
+            return
+        values += [0.0] * (CELL_INPUTS - len(values))
+        if not self._inputs or self._inputs[-1][1] != values:
+            stamp = message.header.stamp
+            self._inputs.append((self._cycle(stamp.sec + stamp.nanosec / NANOSECONDS), values))
 
     def progress(self, message: Any) -> None:
         """Take a report."""
@@ -118,6 +131,8 @@ class _States:
             values = _held(cycles, self._switched, before)
             found['payload'] = values[:, -1:].copy()
             found['outputs'] = values[:, :-1].copy()
+        if self._inputs:
+            found['cell_inputs'] = _held(cycles, self._inputs, [0.0] * CELL_INPUTS)
         reports = [report for report in self._reports if self.sessions.holds(report[1])]
         if reports:
             counted = [(cycle, counters) for cycle, _, _, counters in reports]

@@ -72,6 +72,8 @@ UNITS = {
     'kg': ('kg', 1.0),
     'increments': ('increments', 1.0),
     'bits': ('bits', 1.0),
+    'Pa': ('Pa', 1.0),
+    'N': ('N', 1.0),
 }
 # the same units in other spellings
 SPELLINGS = {

@@ -52,7 +52,17 @@ REQUESTED_SIGNALS = {
     'fault': ('1', '1 from the bus cycle on whose answers tell a fault of the robot'),
     'lost_telegrams': ('1', 'AT that did not reach the master, since bus time 0'),
     'overruns': ('1', 'bus cycles that began late, since bus time 0'),
+    'cell_inputs': (
+        '1',
+        'inputs that the AT tells, in the order of the cell file, that of the vacuum switch last',
+    ),
+    'cell_vacuum': ('Pa', 'vacuum in the cup'),
+    'cell_payload': ('kg', 'mass that hangs at the robot in truth'),
+    'cell_belts': ('m', 'way of the surface of each belt, in the order of the cell file'),
+    'cell_force': ('N', 'force that the cup holds with, and that the part at it needs'),
 }
+OF_CELLS = 'cell_'  # before the name of a signal that only a simulation with a cell file holds
+CELL_INPUTS, CELL_BELTS = 16, 4  # columns of them; a cell has no more
 OF_DRIVES = (
     'drive_'  # before the name of a channel (``drive/channels.py``): that of all three drives, on request
 )
@@ -60,10 +70,22 @@ OUTPUT_COLUMNS = ('gripper', *'1234567')
 NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'master': 'sva',
     'outputs': OUTPUT_COLUMNS,
+    'cell_inputs': [str(n + 1) for n in range(CELL_INPUTS)],
+    'cell_belts': [str(n + 1) for n in range(CELL_BELTS)],
+    'cell_force': ('holding', 'needed'),
     'jacobian': ('condition', 'speed', 'acceleration'),
 }
 JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # what ``controller/joint_motion.py`` gives
-ONE_COLUMN = ('tcp_error_norm', 'tcp_speed', 'payload', 'fault', 'lost_telegrams', 'overruns')
+ONE_COLUMN = (
+    'tcp_error_norm',
+    'tcp_speed',
+    'payload',
+    'fault',
+    'lost_telegrams',
+    'overruns',
+    'cell_vacuum',
+    'cell_payload',
+)
 
 
 def columns_of(name: str, unit: str) -> list[tuple[str, str]]:

@@ -1,15 +1,18 @@
 """Announcement of bus participants, ``sercos/participants``: who is there, and what they were configured with."""
 
+import json
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from delta3_pacdrive.controller.messages import TEXT_MAX
 from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.signals import CELL_INPUTS
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
@@ -29,9 +32,9 @@ class Participant:
 
     """
 
-    def __init__(self, node: Node, name: str, parameters: Parameters) -> None:
+    def __init__(self, node: Node, name: str, parameters: Parameters, inputs: Sequence[str] = ()) -> None:
         self._publisher = interfaces.PARTICIPANTS.publisher(node)
-        self._name = name
+        self._name, self._inputs = name, json.dumps(list(inputs))
         self._identity = Identity.of(parameters)
         self.instance = secrets.token_hex(INSTANCE_DIGITS // 2)
 
@@ -44,7 +47,7 @@ class Participant:
     ) -> None:
         """Publish the identity in a session, the partners linked in it and the bus time that is over [cycles]."""
         facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
-        facts['session'] = session.decode()
+        facts |= {'session': session.decode(), 'inputs': self._inputs}
         message = DiagnosticStatus(name=self._name, message=str(occasion), hardware_id=self.instance)
         message.values = [KeyValue(key=key, value=value) for key, value in facts.items()]
         self._publisher.publish(message)
@@ -54,6 +57,7 @@ def read_announcement(message: DiagnosticStatus) -> Announcement:
     """Read what ``Participant`` has published; raises TelegramError."""
     facts = {item.key: item.value for item in message.values}
     links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
+    inputs = _inputs(message.name, facts.pop('inputs', '[]'))
     if message.name not in (*PARTICIPANTS, UNIT_ROBOT) or facts.keys() != {f.name for f in fields(Identity)}:
         raise TelegramError(f'{shown(message.name)} announces itself without what the bus asks for')
     if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
@@ -72,7 +76,24 @@ def read_announcement(message: DiagnosticStatus) -> Announcement:
         Identity(**facts),
         tuple(links.split()),
         int(bus_cycle),
+        inputs,
     )
+
+
+def _inputs(who: str, text: str) -> tuple[str, ...]:
+    """Return the names of inputs; raises TelegramError."""
+    try:
+        names = json.loads(text)
+    except (ValueError, RecursionError):
+        names = None
+    known = isinstance(names, list) and len(names) <= CELL_INPUTS and all(map(_is_name, names))
+    if not known or len(set(names)) < len(names):
+        raise TelegramError(f'{shown(who)} announces inputs {shown(text)}')
+    return tuple(names)
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= TEXT_MAX and value.isprintable()
 
 
 def receive_announcements(

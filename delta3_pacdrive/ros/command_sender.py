@@ -34,7 +34,8 @@ class CommandSender:
     def __init__(self, node: Node, torques: bool, requests: ServiceRequests) -> None:
         self._requests = requests
         self._session = NO_SESSION
-        self._frames: dict[tuple[int, float], bytes] = {}  # without a word of the service channel
+        self._last = b''
+        self._frames: dict[tuple[int, float, int], bytes] = {}  # without a word of the service channel
         self._torques = torques
         self._codec = cdr.codec(telegrams.mdt(torques))
         self.publish = cdr.raw_publish(MDT.publisher(node))
@@ -42,6 +43,7 @@ class CommandSender:
     def begin(self, session: bytes) -> None:
         """Send in a session from now on."""
         self._session = session
+        self._last = b''
         self._frames.clear()
 
     def greet(self, greeting: master.Greet) -> None:
@@ -52,13 +54,19 @@ class CommandSender:
 
     def send(self, stamp: tuple[int, int], command: Command) -> None:
         """Send the MDT of a bus cycle."""
-        motors, torques, control, payload = command
+        motors, torques, control, payload, outputs = command
         if self._requests.busy:
             words = self._requests.to_send()
-            frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._session, words)
+            frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._session, words, outputs)
         else:
-            known = self._frames.get((control, payload))
-            frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._session)
-            self._frames[control, payload] = frame
+            known = self._frames.get((control, payload, outputs))
+            frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._session, outputs=outputs)
+            self._frames[control, payload, outputs] = frame
         values = [*motors.tolist(), *torques.tolist()] if self._torques else motors.tolist()
-        self.publish(self._codec.encode(stamp, frame, values))
+        self._last = self._codec.encode(stamp, frame, values)
+        self.publish(self._last)
+
+    def repeat(self) -> None:
+        """Send the MDT of the newest bus cycle again: while the bus waits for a script, the master is there."""
+        if self._last:
+            self.publish(self._last)

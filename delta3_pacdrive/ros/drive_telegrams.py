@@ -52,6 +52,7 @@ class DriveTelegrams:
         self.refused = 0
         self._frame = b''  # of the last MDT: it rarely changes
         self._words = (0, 0, 0.0)  # its control word, word of the service channel and payload
+        self._newest_current = b''
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._torques = parameters.sends_torque  # whether an MDT commands them
         self._mdt, self._at = cdr.codec(telegrams.mdt(self._torques)), cdr.codec(telegrams.AT[index])
@@ -74,7 +75,7 @@ class DriveTelegrams:
 
     def forget(self) -> None:
         """Forget frames of the session before."""
-        self._frame = b''
+        self._frame = self._newest_current = b''
         self._current_frames.clear()
 
     # what comes in ----------------------------------------------------------------------------------------------------
@@ -144,6 +145,12 @@ class DriveTelegrams:
         if frame is None:
             frame = telegrams.current_frame(released, drive.payload, self._bus_drive.slave.session)
             self._current_frames[released, drive.payload] = frame
-        self._publish_current(
-            self._current.encode(self._exchanges.stamp(exchange), frame, drive.currents.tolist())
+        self._newest_current = self._current.encode(
+            self._exchanges.stamp(exchange), frame, drive.currents.tolist()
         )
+        self._publish_current(self._newest_current)
+
+    def repeat_current(self) -> None:
+        """Send the currents of the newest exchange again."""
+        if self._newest_current:
+            self._publish_current(self._newest_current)

@@ -37,6 +37,7 @@ from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME
 
 TASK, PLANNER, DRIVE, PLANT = 'transformation_task', 'unit_robot', 'mc4_drive', 'plant'
 RECORDER, VISUALIZATION, OPERATOR = 'recorder', 'robot_visualization', 'operator'
+SCRIPT = 'script'
 EVERY_AXIS = 'axisN'
 TEXT_BYTES_MAX = 64 * 1024  # of an ordinary message; its reader may allow more
 
@@ -62,6 +63,8 @@ class Delivery:
         """What the recorder asks for."""
         if self is PLAN:
             return qos.PLAN_LATECOMER
+        if self in (LATCHED, LATCHED_FROM_MANY, FACTS):
+            return qos.LATCHED_RECORDER
         return qos.RECORDER if self in (CYCLIC, CYCLIC_NEWEST, REPORT) else self.subscription
 
     @property
@@ -104,6 +107,12 @@ FAULTS = Delivery(
     'faults', qos.FAULTS, qos.FAULTS,
     'No injected fault may be missed, however many a program holds; who joins later has nothing to do with them.',
 )  # fmt: skip
+FACTS = Delivery(
+    'facts',
+    qos.FACTS,
+    qos.FACTS,
+    'What has happened, message by message, for who joins a little later as well.',
+)
 REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for people and tools.')
 SAMPLES = Delivery(
     'samples', qos.SAMPLES, qos.SAMPLES,
@@ -119,6 +128,7 @@ DELIVERIES = (
     CHANGE_OF_PLAN,
     REQUEST,
     FAULTS,
+    FACTS,
     SAMPLES,
     REPORT,
 )
@@ -283,10 +293,10 @@ PARTICIPANTS = Topic(
     'who is there, since when, and with which parameters', CHANGE, recorded=True,
 )
 MDT = Topic(
-    'sercos/mdt', JointState, CYCLIC, (TASK,), (DRIVE,),
+    'sercos/mdt', JointState, CYCLIC, (TASK,), (DRIVE, PLANT),
     'motor shaft commands [rad], on the increment grid; with the parameter control.feed_forward: model as effort the '
     'additive torque command S-0-0081 of each motor [N m]; in the frame the phase, the control word S-0-0134 of each '
-    'drive, its word of the service channel, the gripped payload [kg], the session',
+    'drive, its word of the service channel, the gripped payload [kg], the outputs (bit n: output n), the session',
     CYCLE, MDT_FRAME, (telegrams.MDT,), one_writer=True, recorded=True,
 )
 AT = Topic(
@@ -308,12 +318,23 @@ MOTOR_SHAFTS = Topic(
     'true shaft positions [rad], speeds [rad/s], and as efforts the coupling torques d [N m] (4.31)',
     EXCHANGE, 'hhhh', (telegrams.SHAFTS,), one_writer=True, recorded=True,
 )
+INPUTS = Topic(
+    telegrams.INPUTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK,),
+    'I/O image: the inputs of a cell by name, sampled at the start of the cycle, 1 is on; the outputs of the MDT of a '
+    'cycle are there in the next one',
+    'every cycle, if there is a cell with inputs', 'hhhh', one_writer=True, recorded=True,
+)
+PARTS = Topic(
+    'cell/parts', String, FACTS, (PLANT,), (),
+    'JSON: cycle, and what has happened in it to parts of a cell, with the numbers of the picks and places; misses',
+    CHANGE, recorded=True,
+)
 PHASE_CURRENT = Topic(
     'axisN/phase_current', JointState, REPORT, (DRIVE,), (),
     "phase currents I1s, I2s, I3s [A] at the cycle's start, as efforts", 'every cycle, while somebody listens',
 )
 SERVICE_REQUEST = Topic(
-    'sercos/service/request', String, REQUEST, (OPERATOR,), (TASK,),
+    'sercos/service/request', String, REQUEST, (OPERATOR, SCRIPT), (TASK,),
     '`axis1 read S-0-0104`, `axis1 write S-0-0104 70`; who begins with a mark (`#3fa9 axis1 read ...`) finds it at the '
     'beginning of the answer',
     ASKED,
@@ -403,14 +424,14 @@ DIAGNOSTICS = Topic(
 
 # task and planner
 MOTION_PLAN = Topic(
-    'motion/plan', Float64MultiArray, PLAN, (PLANNER,), (TASK, VISUALIZATION),
+    'motion/plan', Float64MultiArray, PLAN, (PLANNER, SCRIPT), (TASK, VISUALIZATION),
     'one message for each different move: header, phases of the master (t, s, v, a, jerk), pieces of the path '
     '(s, coefficients of x, y, z up to the 5th power), events; then one with their order. Labels of plans and '
     'motion profiles: kind, identity of the planner, session, number of the order',
     ASKED, recorded=True,
 )
 MOTION_CHANGE = Topic(
-    'motion/change', Float64MultiArray, CHANGE_OF_PLAN, (PLANNER,), (TASK,),
+    'motion/change', Float64MultiArray, CHANGE_OF_PLAN, (PLANNER, SCRIPT), (TASK,),
     'motion profile that the planner asks for: override, resume', ASKED,
 )
 COURSE = Topic(
@@ -469,18 +490,25 @@ JOINT_TRAJECTORY = Topic(
 )
 OVERRIDE = Topic('unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED)
 PLANNER_REQUEST = Topic(
-    'unit_robot/request', String, REQUEST, (OPERATOR,), (PLANNER,),
+    'unit_robot/request', String, REQUEST, (OPERATOR, SCRIPT), (PLANNER,),
     'JSON: request of an operator who says who he is: program, start, resume, clear, override, withdraw', ASKED,
 )
 PLANNER_REPLY = Topic('unit_robot/reply', String, REQUEST, (PLANNER,), (), 'JSON: the answer to it', ASKED)
+SCRIPT_REQUEST = Topic(
+    'script/request', String, REQUEST, (SCRIPT,), (TASK,),
+    'JSON: request of a script that has control: it begins, looks, waits for a condition, holds, ends', ASKED,
+)
+SCRIPT_REPLY = Topic(
+    'script/reply', String, REQUEST, (TASK,), (), 'JSON: the answer to it: what the script sees of a bus cycle', ASKED
+)
 CONTROL_REQUEST = Topic(
-    'control/request', String, REQUEST, (OPERATOR,), (TASK,),
+    'control/request', String, REQUEST, (OPERATOR, SCRIPT), (TASK,),
     'JSON: take control, take control over, release control, enable, disable, reset, hold, abort, emergency stop',
     ASKED,
 )
 CONTROL_REPLY = Topic('control/reply', String, REQUEST, (TASK,), (), 'JSON: the answer to it', ASKED)
 CONTROL_ALIVE = Topic(
-    'control/alive', Header, REPORT, (OPERATOR,), (TASK,),
+    'control/alive', Header, REPORT, (OPERATOR, SCRIPT), (TASK,),
     'heartbeat of who has control: his identity in the frame, a number in `stamp.sec`', '5 Hz',
 )
 CONTROL_OPERATOR = Topic(
@@ -566,6 +594,11 @@ RESET = Service('reset', Trigger, TASK, 'clear faults whose cause is gone', need
 HOLD = Service('hold', Trigger, TASK, 'stop on the path, to be resumed')
 ABORT = Service('abort', Trigger, TASK, 'stop on the path for good')
 EMERGENCY_STOP = Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off')
+INPUT = Service(
+    'input', AddDiagnostics, PLANT,
+    'set an input of a cell, written as YAML in `load_namespace`: `{name: part, value: true}`; `value: auto`: it tells '
+    'again what is true; nothing: the answer is JSON, inputs and outputs of the newest cycle',
+)  # fmt: skip
 INJECT_FAULT = Service(
     'inject_fault', AddDiagnostics, TASK,
     'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',

@@ -19,7 +19,7 @@ _TEXTS = (
     'session', 'phase', 'waiting', 'fault', 'fault_code', 'fault_source', 'state', 'operator', 'operator_identity',
     'unlearned',
 )  # fmt: skip
-_FLAGS = ('finished', 'in_torque', 'enabled', 'learned_torques')
+_FLAGS = ('finished', 'settling', 'in_torque', 'enabled', 'learned_torques')
 _NUMBERS = (
     'fault_number', 'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s',
     'master_m', 'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',

@@ -15,6 +15,7 @@ PLAN_LATECOMER = QoSProfile(
 PLAN_SHOWN = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REQUEST = QoSProfile(depth=100)
 FAULTS = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+FACTS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 REPORT = QoSProfile(depth=10)
 
@@ -24,6 +25,8 @@ SAMPLES = QoSProfile(depth=256)
 # What a recorder reads: best effort as well, since repeats would come in bursts that a recorder that lags could absorb
 # even less; its queue is deep, and it counts what is missing.
 RECORDER = QoSProfile(depth=4000, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Changes of a state in quick succession, such as outputs: each counts, not the newest alone.
+LATCHED_RECORDER = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # What watches every telegram of a robot without a clock, 9000 cycles a second, and takes a gap for a fault of the bus:
 # it may be held up for seconds.

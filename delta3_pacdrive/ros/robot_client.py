@@ -12,6 +12,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.srv import AddDiagnostics
+from rclpy.client import Client
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header, String
 
@@ -36,6 +37,7 @@ PATIENCE_S = 10.0  # without a word
 AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
 ALIVE_S = 0.2
 NAME_MAX = 90
+OF_THE_BUS = ('control', 'script')  # who is asked in a session of the bus
 # what is asked of the transformation task, and how it calls that; the rest is asked of the planner
 OF_THE_TASK = messages.STOPS | {messages.ENABLE: messages.ENABLE, messages.RESET: messages.RESET}
 
@@ -71,8 +73,10 @@ class OperatorNode(PollingNode):
 
     """
 
-    def __init__(self, spin_for: Callable[[float], None], **node_options: Any) -> None:
-        super().__init__('operator', **node_options)
+    def __init__(
+        self, spin_for: Callable[[float], None], name: str = interfaces.OPERATOR, **node_options: Any
+    ) -> None:
+        super().__init__(name, **node_options)
         self.spin_for = spin_for
         self.show: Callable[[str], None] = lambda _: None
         self.identity = secrets.token_hex(8)
@@ -97,6 +101,7 @@ class OperatorNode(PollingNode):
             reply.subscription(self, self._on_reply)
         self._alive = interfaces.CONTROL_ALIVE.publisher(self)
         self._inject = interfaces.INJECT_FAULT.client(self)
+        self._input = interfaces.INPUT.client(self)
         self._request = interfaces.SERVICE_REQUEST.publisher(self)
         self._service_answers: dict[str, str] = {}  # by the mark of the request
         interfaces.SERVICE_ANSWER.subscription(self, self._on_service_answer)
@@ -180,7 +185,7 @@ class OperatorNode(PollingNode):
 
     def _receiver(self, whom: str) -> str:
         """Return whom a request is meant for, empty as long as he has not said who he is."""
-        if whom == 'control':
+        if whom in OF_THE_BUS:
             return str(self.progress.get('session', ''))
         return self.queue.identity if self.queue else ''
 
@@ -188,7 +193,7 @@ class OperatorNode(PollingNode):
         """Forget a receiver who is not there any more, unless another one has said meanwhile who he is."""
         if self._receiver(whom) != receiver:
             return
-        if whom == 'control':
+        if whom in OF_THE_BUS:
             self.progress = {}
         else:
             self.queue = None
@@ -207,11 +212,12 @@ class OperatorNode(PollingNode):
         receiver = self._receiver(whom)
         request = Request(receiver, self.identity, self._numbers, self._control, action, text, caps)
         message = String(data=request.to_json())
-        publisher.publish(message)
         asked = time.monotonic()
+        # before it is published: another thread may hear the reply
         awaited = self._awaited[request.number] = _Awaited(asked)
         said = ''
         try:
+            publisher.publish(message)
             while awaited.reply is None:
                 now = time.monotonic()
                 if now - awaited.received_s > PATIENCE_S:
@@ -304,9 +310,16 @@ class OperatorNode(PollingNode):
 
     def inject(self, fault: str) -> str:
         """Inject a fault, in YAML as in program files; raises ProgramError if it is refused."""
-        self.wait_until(self._inject.service_is_ready, 'service inject_fault')
-        future = self._inject.call_async(AddDiagnostics.Request(load_namespace=fault))
-        self.wait_until(future.done, 'answer of service inject_fault')
+        return self._call(self._inject, fault)
+
+    def input(self, request: str = '') -> str:
+        """Set an input, ``{name: part, value: true}`` in YAML, or ask for all of them; raises ProgramError."""
+        return self._call(self._input, request)
+
+    def _call(self, client: Client, text: str) -> str:
+        self.wait_until(client.service_is_ready, f'service {client.srv_name}')
+        future = client.call_async(AddDiagnostics.Request(load_namespace=text))
+        self.wait_until(future.done, f'answer of service {client.srv_name}')
         response = future.result()
         if not response.success:
             raise ProgramError(response.message)

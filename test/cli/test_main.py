@@ -56,6 +56,28 @@ def test_people_read_rounds_notices_and_the_bus(capsys):
     assert 'rounds' not in printed(FIGURES | more | {'repeat': 1}, capsys)
 
 
+def test_people_read_what_has_happened_to_parts_and_why(capsys):
+    outcomes = {'waiting': 1, 'in hand': 0, 'placed': 3, 'lost': 7}
+    parts = [
+        {'number': n, 'type': 'bar', 'outcome': 'lost', 'reason': f'it slid off at {n}'} for n in range(7)
+    ]
+    cell = {
+        'outcomes': outcomes, 'picked': 10, 'missed': 1, 'place_error_max_m': 2.5e-4, 'place_error_rms_m': 1e-4,
+        'hold_use_max': 1.25, 'parts': [*parts, {'reason': ''}],
+        'misses': [{'closed_cycle': 300, 'reason': 'there is no part'}],
+    }  # fmt: skip
+    rows = printed(FIGURES | {'cell': cell}, capsys)
+    assert rows['parts'] == ['10 picked, 3 placed, 7 lost, 1 missed']
+    assert rows['place error'] == ['0.250 mm max, 0.100 mm rms']
+    assert rows['cup'] == ['125 % of its force at most']
+    assert rows['part'][0] == 'part 0 (bar), lost: it slid off at 0'
+    assert rows['part'][5:] == ['and 3 more: --json has all of them']
+    none = cell | {'place_error_max_m': None, 'hold_use_max': None, 'parts': []}
+    rows = printed(FIGURES | {'cell': none}, capsys)
+    assert rows['part'] == ['missed in bus cycle 300: there is no part']
+    assert not {'place error', 'cup'} & rows.keys()
+
+
 LINE = (
     'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\nrepeat: 1\n'
 )

@@ -33,6 +33,17 @@ def test_people_read_a_table(tmp_path, capsys):
     assert lines[4].endswith('time given')
 
 
+def test_the_table_tells_the_place_of_a_pattern(tmp_path, capsys):
+    (tmp_path / 'row.yaml').write_text(
+        'patterns: {row: {rows: 1, columns: 2, pitch_mm: [50, 0]}}\n'
+        'moves: [{for_each: {place_of: row, moves: [{move_l: {to_m: [0.1, 0, -0.8]}}]}}]\n'
+    )
+    assert plan.main([str(tmp_path / 'row.yaml')]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 'at place 0 of row line' in ' '.join(lines[3].split())
+    assert 'at place 1 of row line' in ' '.join(lines[4].split())
+
+
 @pytest.mark.parametrize(
     'text',
     [

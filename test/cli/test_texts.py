@@ -89,6 +89,9 @@ def simulated(monkeypatch):
             'program_s': 0.8,
             'repeat': 1,
             'planned_end_m': FIGURES['final_tcp_m'],
+            'cycle_time_s': 1e-3,
+            'program': 'experiment1',
+            'start_cycle': 0,
         }
         trace = Trace(np.arange(250) * 1e-3, {}, meta | changes)
         monkeypatch.setattr(simulation, 'run', lambda *_: trace)
@@ -222,10 +225,13 @@ VARIANT = {
     'workspace': [ROW],
     'effect': EFFECT,
     'instability': ['it swings'],
+    'rejection': {'peak_rad': 0.025, 'peak_s': 0.0167, 'back_s': 0.0956, 'noise_a': 0.0289},
 }
 TUNING = {
     'load': {'name': 'axis2 at home', 'inertia_kg_m2': 6.4e-4, 'gravity_n_m': 0.2211},
     'speed_rad_s': 12.5,
+    'proposal': None,
+    'changed': ['velocity: as before'],
     'changes': [{'parameter': 'drive.position_gain_rad_s_rad', 'before': 60.0, 'after': 80.0}],
     'variants': {'now': VARIANT},
     'program': 'experiment1',
@@ -294,6 +300,15 @@ def test_the_effect_of_gains_is_printed_in_thousandths_of_a_degree_and_micrometr
         'current 1.06 A max'
     ) in lines
     assert 'after stops: axis1 trips' in lines
+
+
+def test_what_disturbs_a_drive_and_what_has_changed_are_printed(tuned):
+    lines = tuned()
+    assert (
+        'now the shaft gives way by 1.432 deg after 16.7 ms, and is back within 5 % after 95.6 ms; '
+        'current by noise 28.9 mA rms'
+    ) in lines
+    assert '- velocity: as before' in lines
 
 
 def test_a_sweep_is_printed_with_margins_overshoot_and_error(tuned):

@@ -5,6 +5,7 @@ import pytest
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import quantities, trace_csv
+from delta3_pacdrive.recording.signals import columns_of
 
 
 def test_units_in_the_header_are_turned_into_si(tmp_path):
@@ -22,23 +23,24 @@ ONE_UNIT_IN_SI = {
     's': 1.0, 'ms': 0.001, 'us': 1e-6, 'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
     'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977, 'A': 1.0, 'mA': 0.001, 'm': 1.0, 'mm': 0.001, 'V': 1.0,
     'N m': 1.0, 'm/s': 1.0, 'mm/s': 0.001, 'm/s2': 1.0, 'mm/s2': 0.001, 'rad/s2': 1.0,
-    'deg/s2': 0.017453292519943295, 'kg': 1.0, 'increments': 1.0, 'bits': 1.0,
+    'deg/s2': 0.017453292519943295, 'kg': 1.0, 'increments': 1.0, 'bits': 1.0, 'Pa': 1.0,
+    'N': 1.0,
 }  # fmt: skip
 IN_UNITS = {'s': 'time', 'rad': 'motor_position', 'rad/s': 'motor_speed', 'A': 'current', 'm': 'tcp_measured',
             'V': 'phase_voltage', 'N m': 'coupling_torque', 'm/s': 'tcp_velocity',
             'm/s2': 'tcp_acceleration', 'rad/s2': 'arm_acceleration', 'kg': 'payload', 'bits': 'status_word',
-            'increments': 'drive_encoder_increments'}  # fmt: skip
+            'increments': 'drive_encoder_increments', 'Pa': 'cell_vacuum', 'N': 'cell_force'}  # fmt: skip
 
 
 @pytest.mark.parametrize('unit', ONE_UNIT_IN_SI)
 def test_every_unit_is_what_it_says(unit, tmp_path):
     assert quantities.UNITS.keys() == ONE_UNIT_IN_SI.keys()
     signal = IN_UNITS[quantities.UNITS[unit][0]]
-    suffixes = ('',) if signal == 'payload' else 'xyz' if signal.startswith('tcp_') else '123'
+    suffixes = [suffix for suffix, _ in columns_of(signal, '')]
     columns = (
         [f'time [{unit}]']
         if signal == 'time'
-        else ['time [s]', *(f'{signal}_{i} [{unit}]'.replace('payload_ ', 'payload ') for i in suffixes)]
+        else ['time [s]', *(f'{signal}_{i} [{unit}]'.replace('_ [', ' [') for i in suffixes)]
     )
     path = tmp_path / 'run.csv'
     path.write_text(

@@ -21,11 +21,13 @@ from delta3_pacdrive.ros.interfaces import (
     VISUALIZATION,
     Topic,
 )
+from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.script_client import ScriptNode
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 # what rclpy gives every node
@@ -39,12 +41,14 @@ BY_NAME = {name: topic for topic in TOPICS for name in topic.names}
 
 @pytest.fixture(scope='module')
 def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    shared_graph.robot(('plant', '1', '2', '3'), motion__start_cycle=-1)
+    shared_graph.add(PlantNode, motion__start_cycle=-1, cell='cell')
+    shared_graph.robot(('1', '2', '3'), motion__start_cycle=-1)
     # the master comes last; it tells everything
     shared_graph.add(TransformationTaskNode, real_time_factor=0.0, motion__start_cycle=-1, joint_motion=True)
     shared_graph.add(UnitRobotNode, motion__start_cycle=-1)
     shared_graph.add(RecorderNode, bag=str(tmp_path_factory.mktemp('bags') / 'bag'))
     shared_graph.add(OperatorNode, shared_graph.spin_for)
+    shared_graph.add(ScriptNode)
     # it reads what it needs only as long as somebody looks
     shared_graph.add(RobotVisualizationNode)
     for topic in (MARKERS, CLOCK):
@@ -108,7 +112,7 @@ def test_every_topic_that_a_node_reads_is_in_the_table_with_its_type_and_qos(rob
             node, delivery.subscription
         )
         assert alike(info.qos_profile, profile), (node, name)
-        if node not in ('recorder', 'operator'):
+        if node not in ('recorder', 'operator', 'script'):
             found.add((node, topic.name))
     assert found == {(reader, topic.name) for topic in TOPICS for reader in topic.readers}
 
@@ -154,6 +158,7 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
         *(f'sercos/at/{axis}' for axis in DRIVES),
         *(f'{axis}/motor_current' for axis in DRIVES),
         'plant/motor_shafts',
+        'sercos/at/io',
     }
 
 

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -44,6 +45,37 @@ class Cell:
 @pytest.fixture
 def cell(graph: Any) -> Cell:
     return Cell(graph)
+
+
+class Prompt(OperatorNode):
+    """An operator whose requests are answered while they are published, as another thread may hear it."""
+
+    def create_subscription(self, kind: Any, name: str, callback: Any, *options: Any, **more: Any) -> Any:
+        if name == 'control/reply':
+            self.hears = callback
+        return super().create_subscription(kind, name, callback, *options, **more)
+
+    def create_publisher(self, kind: Any, name: str, *options: Any, **more: Any) -> Any:
+        if name != 'control/request':
+            return super().create_publisher(kind, name, *options, **more)
+        self.published = 0
+        return SimpleNamespace(publish=self.answer, get_subscription_count=lambda: 1)
+
+    def count_publishers(self, topic_name: str) -> int:
+        return 1
+
+    def answer(self, message: String) -> None:
+        self.published += 1
+        request = Request.from_json(message.data)
+        reply = Reply(request.operator, request.number, True, True, '', 'here it is')
+        self.hears(String(data=reply.to_json()))
+
+
+def test_a_reply_that_comes_at_once_is_not_lost(graph: Any) -> None:
+    operator = graph.add(Prompt, graph.spin_for)
+    operator.progress = {'session': '5e55'}
+    assert operator.ask('control', 'release') == 'here it is'
+    assert operator.published == 1
 
 
 def test_each_operator_gets_his_own_answers(cell: Cell, graph: Any) -> None:

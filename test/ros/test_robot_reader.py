@@ -112,7 +112,7 @@ def progress(**values: Any) -> String:
         ),
         'x',
     )
-    facts |= dict.fromkeys(('finished', 'in_torque', 'enabled', 'learned_torques'), False)
+    facts |= dict.fromkeys(('finished', 'settling', 'in_torque', 'enabled', 'learned_torques'), False)
     facts |= dict.fromkeys(
         ('fault_number', 'fault_cycle', 'cycles', 'move', 'moves', 'outputs', 'control'), 0
     )

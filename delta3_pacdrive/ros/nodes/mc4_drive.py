@@ -57,6 +57,7 @@ class MC4DriveNode(RobotNode):
         self.telegrams = telegrams = DriveTelegrams(self, parameters, index)
         # what the drive sends goes out without a call between
         self.send_answer, self.send_current = telegrams.send_answer, telegrams.send_current
+        self.repeat_current = telegrams.repeat_current
         self.forget, self.refuse = telegrams.forget, telegrams.refuse
         faults = Faults(self, axis, lambda: bus_drive.clock.cycle, lambda: bus_drive.slave.session)
         self._bus_drive = bus_drive = BusDrive(

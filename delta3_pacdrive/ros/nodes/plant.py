@@ -2,7 +2,8 @@
 
 In: ``axisN/motor_current`` of the three drives (currents of a period, brake output), ``sercos/phase``. Out:
 ``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. When the
-plant goes on: see ``plant.plant_clock``; how it takes part in the bus: see ``plant.bus_plant``.
+plant goes on: see ``plant.plant_clock``; how it takes part in the bus: see ``plant.bus_plant``; what stands around the
+robot: see ``plant_cell``.
 """
 
 import time
@@ -18,6 +19,7 @@ from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.interfaces import MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
 from delta3_pacdrive.ros.parameters import declare_robot
+from delta3_pacdrive.ros.plant_cell import InputRequests, plant_cell
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
@@ -34,16 +36,20 @@ class PlantNode(RobotNode):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('plant', **node_options)
+        cell_of = plant_cell(self)
         parameters = declare_robot(self, 'plant')
+        self._cell = cell = cell_of(parameters)
         self._exchanges = Clock(parameters.bus.exchange_period_s)
         self._frame = NO_SESSION  # of the shafts
         self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read
         self._waiting = ''
         self._looks = 0
-        self._participant = Participant(self, PLANT, parameters)
+        self._participant = Participant(self, PLANT, parameters, cell.inputs if cell else ())
         self.announce = self._participant.announce
         faults = Faults(self, PLANT, lambda: plant.clock.cycle, lambda: plant.slave.session)
-        self._bus_plant = plant = BusPlant(parameters, faults, self, HOUSEKEEPING_S, time.monotonic)
+        self._bus_plant = plant = BusPlant(
+            parameters, faults, self, HOUSEKEEPING_S, time.monotonic, cell.around if cell else None
+        )
         most_a = current_max_a(parameters.motor)
         self._codecs = [
             cdr.codec(telegrams.motor_current(axis, plant.clock.samples), most_a) for axis in DRIVES
@@ -53,6 +59,9 @@ class PlantNode(RobotNode):
         for index, axis in enumerate(DRIVES):
             MOTOR_CURRENT.subscription(self, self._on_current(index), axis, raw=True)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self._refuse)
+        if cell:
+            cell.receive_for(plant)
+        self._requests = InputRequests(self, cell.around if cell else None)
         self._greeter = self.create_timer(GREETING_S, self._greet)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
@@ -96,6 +105,8 @@ class PlantNode(RobotNode):
         """Put a session into the frames."""
         self._frame = session
         self._frames.clear()
+        if self._cell:
+            self._cell.forget()
 
     def greet(self, begins: bool) -> None:
         """Begin, or end, to greet the drives."""

@@ -17,7 +17,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.bag_writer import FLUSH_S
 from delta3_pacdrive.recording.recording import Recording
 from delta3_pacdrive.ros import discovery, node_process
-from delta3_pacdrive.ros.interfaces import PHASE, RECORDED, RECORDER_STATE, Topic
+from delta3_pacdrive.ros.interfaces import PHASE, PLAN, RECORDED, RECORDER_STATE, Topic
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor, overrides
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.told_parameters import ToldParameters
@@ -44,6 +44,7 @@ class RecorderNode(PollingNode):
         self._drains = [self._subscribe(topic, name) for topic in RECORDED for name in topic.names]
         self._state = RECORDER_STATE.publisher(self)
         self._ready = self._said_stopped = False
+        self._begin_ns = time.time_ns()
         self._newest_ns = 0  # when the newest message was published
         self._recording.bag.begin()
         self._told = ToldParameters(self) if asks else None
@@ -55,17 +56,21 @@ class RecorderNode(PollingNode):
         """Return the call that records what has come on a topic."""
         qos = topic.delivery.recorder
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        write = self._recording.add_topic(self.resolve_topic_name(name), topic.type_name, qos.depth, latched)
+        depth = topic.delivery.subscription.depth if latched else qos.depth  # a player of the bag offers it
+        write = self._recording.add_topic(self.resolve_topic_name(name), topic.type_name, depth, latched)
         if topic is PHASE:
             write = self._recording.add_phases(write)
         elif topic.cyclic:
             write = self._recording.add_cyclic_topic(name, topic.of_exchange, write)
         take = self.create_polled_subscription(topic.type, name, qos)
+        # A plan that reaches a busy recorder late still stands before what was made of it.
+        published = topic.delivery is PLAN
 
         def drain() -> None:
             while (taken := take()) is not None:
                 data, info = taken
-                write(info['received_timestamp'], data)
+                sent_ns = max(info['source_timestamp'], self._begin_ns)
+                write(sent_ns if published else info['received_timestamp'], data)
                 self._newest_ns = max(self._newest_ns, info['source_timestamp'])
 
         return drain

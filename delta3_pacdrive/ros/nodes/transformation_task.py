@@ -22,6 +22,7 @@ from delta3_pacdrive.ros.announcements import receive_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver
 from delta3_pacdrive.ros.command_sender import CommandSender
 from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
+from delta3_pacdrive.ros.input_receiver import InputReceiver
 from delta3_pacdrive.ros.interfaces import PHASE, second_writer
 from delta3_pacdrive.ros.operator_services import OperatorServices
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
@@ -29,6 +30,7 @@ from delta3_pacdrive.ros.planner_link import PlannerLink
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import ProgressReport
 from delta3_pacdrive.ros.robot_outputs import RobotOutputs
+from delta3_pacdrive.ros.script_requests import ScriptRequests
 from delta3_pacdrive.ros.service_requests import offer_service_requests
 from delta3_pacdrive.ros.task_outputs import TaskOutputs
 from delta3_pacdrive.sercos import master
@@ -44,6 +46,9 @@ WAIT = descriptor(
     'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
 )
 JOINT_MOTION = descriptor('also publish joint_motion and jacobian in every cycle', 0, 1, bool)
+SCRIPT = descriptor(
+    'bus cycle on whose answers a script begins; without a clock the bus waits for it', -1, 2**53, int
+)
 LEARNED = descriptor('file of learned torques, for the program that they belong to; empty: none', 0, 0, str)
 
 
@@ -67,6 +72,7 @@ class TransformationTaskNode(PollingNode):
         wait_for_program = declare(self, 'wait_for_program', False, WAIT)
         joint_motion = declare(self, 'joint_motion', False, JOINT_MOTION)
         path = declare(self, 'learned', '', LEARNED)
+        script_cycle = declare(self, 'script_cycle', -1, SCRIPT)
         parameters = declare_robot(self, 'transformation_task')
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
@@ -84,6 +90,8 @@ class TransformationTaskNode(PollingNode):
             time.time_ns,
             learned.load(path) if path else None,
         )
+        if script_cycle >= 0:
+            controller.gate.begins = script_cycle
         self.stamp, self._cycles = clock.stamp, controller.cycles
         self.progress, self.statistics = controller.progress, controller.totals
         self.commands = CommandSender(self, parameters.sends_torque, controller.services)
@@ -92,11 +100,13 @@ class TransformationTaskNode(PollingNode):
         self._receiver = AtReceiver(
             self, clock, factor > 0.0, self._cycles.statistics, self._cycles.take, controller.greeted
         )
+        self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         offer_service_requests(self, controller.services)
         self._injection = FaultInjection(self, controller, cycle_time_s)
         self._planner = PlannerLink(self, controller, self.change)
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
         self._operators = OperatorServices(self, controller, self.change, self._planner.tell_status)
+        self._scripts = ScriptRequests(self, controller, self.change)
         receive_announcements(self, controller.announced, self.refuse)
         self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
@@ -167,10 +177,13 @@ class TransformationTaskNode(PollingNode):
 
     def _tick(self) -> None:
         self._receiver.poll(self._cycles.due)
+        self._inputs.poll()
         self._cycles.start_due()
 
     def _look(self) -> None:
         self.controller.look(time.monotonic())
+        if self.controller.gate.closed:
+            self.commands.repeat()
         self._operators.look()
         self.report()
 

@@ -15,14 +15,14 @@ from geometry_msgs.msg import Vector3Stamped
 from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
+from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.bag_recovery import recover
 from delta3_pacdrive.ros.interfaces import RECORDED
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN_WRITER
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 TMPFS_BYTES = 1 << 20
@@ -91,7 +91,7 @@ def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: An
 EVERY_TOPIC = {
     'sercos/mdt', 'sercos/phase', 'sercos/participants', 'plant/motor_shafts', 'following_error', 'joint_states',
     'tcp/command', 'tcp/actual', 'tcp/error', 'joint_motion', 'jacobian', 'outputs', 'faults/schedule',
-    'control/operator',
+    'control/operator', 'sercos/at/io', 'cell/parts',
     *(f'sercos/at/{axis}' for axis in DRIVES), *(f'{axis}/motor_current' for axis in DRIVES),
     *(f'motion/{name}' for name in ('master', 'plan', 'located', 'progress', 'course', 'state', 'status', 'verdict')),
     'unit_robot/answer', 'unit_robot/queue', 'unit_robot/requests', 'robot_description',
@@ -241,6 +241,37 @@ def test_the_last_words_before_the_end_are_recorded(graph: Any, tmp_path: Path) 
         studio.say(cycle)
     studio.end_at_once()
     assert closed_bag(tmp_path / 'bag')[0] == AT_ONCE
+
+
+def test_no_change_of_a_state_is_lost_where_they_come_in_quick_succession(graph: Any, tmp_path: Path) -> None:
+    studio = Studio(graph, tmp_path / 'bag')
+    outputs = graph.listener.create_publisher(JointState, 'outputs', LATCHED)
+    graph.spin_until(outputs.get_subscription_count, 'recorder')
+    for n in range(AT_ONCE):
+        outputs.publish(JointState(position=[float(n)]))
+    studio.close()
+    with Reader(tmp_path / 'bag') as reader:
+        (connection,) = (one for one in reader.connections if one.topic == '/outputs')
+        assert connection.msgcount == AT_ONCE
+        (offered,) = connection.ext.offered_qos_profiles
+        assert offered.depth == 1  # whoever plays the bag tells latecomers the newest state
+
+
+def test_a_plan_that_reaches_the_recorder_late_stands_before_what_was_made_of_it(
+    graph: Any, tmp_path: Path
+) -> None:
+    planner = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN_WRITER)
+    planner.publish(Float64MultiArray(data=[1.0]))
+    studio = Studio(graph, tmp_path / 'bag')
+    studio.say(0)
+    graph.spin_until(lambda: studio.counts()[0] == 1, 'a message')
+    graph.spin_until(planner.get_subscription_count, 'recorder')
+    graph.spin_for(SOON_S)  # for the row that was published before
+    studio.close()
+    with Reader(tmp_path / 'bag') as reader:
+        topics = [connection.topic for connection, _, _ in reader.messages()]
+    assert topics[0] == '/motion/plan'
+    assert '/motion/master' in topics
 
 
 def test_what_was_recorded_reaches_the_file_of_a_bag_that_stays_open(graph: Any, tmp_path: Path) -> None:

@@ -1,0 +1,141 @@
+"""A script moves the robot of ``delta3 run``: beside the bring-up, in a thread of its own."""
+
+import os
+import select
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from delta3_pacdrive.bringup.scheduling import Schedule, prefer
+from delta3_pacdrive.cell.connected import connected
+from delta3_pacdrive.cell.place import ScriptPlace
+from delta3_pacdrive.cell.robot import Robot
+from delta3_pacdrive.cell.script import Script
+from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
+
+ASKED_S = 0.1  # between two looks whether the operator has stopped the script
+HOLD_S = 5.0  # for a script that is interrupted, to stop the robot on its path
+
+
+class ScriptRun:
+    """A script runs as soon as the robot is ready, and ends the bring-up when it is over.
+
+    Parameters
+    ----------
+    script
+        What is run.
+    bringup
+        Of the robot.
+    shown
+        Shows how it goes.
+    step
+        Whether the operator is asked before each move.
+
+    Attributes
+    ----------
+    error
+        What the script has died of, None if it has not.
+    ended, interrupted
+        Whether it has come to its end, or the operator has stopped it.
+
+    """
+
+    def __init__(
+        self,
+        script: Script,
+        bringup: Any,
+        shown: Callable[[dict[str, Any]], None],
+        step: bool = False,
+    ) -> None:
+        self._script, self._bringup, self._shown, self._step = script, bringup, shown, step
+        self._thread: threading.Thread | None = None
+        self._node: Any = None
+        self._robot: Robot | None = None
+        self.error: ScriptError | None = None
+        self.ended = self.interrupted = False
+
+    def show(self, progress: dict[str, Any]) -> None:
+        """Show how it goes; the first time, begin."""
+        if self._thread is None:
+            from delta3_pacdrive.ros.script_client import ScriptNode
+
+            self._node = ScriptNode(namespace=self._bringup.options.namespace)
+            self._bringup.add(self._node)
+            self._thread = threading.Thread(target=self._run, name='script', daemon=True)
+            self._thread.start()
+        over = self.ended or self.error is not None
+        if self._bringup.interrupted and self._thread.is_alive() and not over:
+            self.interrupted = True
+            self._node.stop()
+            self._await_end()
+        self._shown(progress)
+
+    def _await_end(self) -> None:
+        """Let the robot stop on its path, and be there for what that takes."""
+        looks = round(HOLD_S / 0.05)
+        while self._thread is not None and self._thread.is_alive() and looks > 0:
+            self._bringup.look(0.05)
+            looks -= 1
+
+    def _run(self) -> None:
+        if self._bringup.options.real_time_priority:
+            prefer(Schedule.PREFERRED)  # the robot waits for its plans, or drives on without them
+        try:
+            with connected(self._node, self._script.name) as robot:
+                self._robot = robot
+                if self._step:
+                    robot.step_by_step(self._ask)
+                self._script.run(robot)
+            self.ended = True
+        except ScriptError as error:
+            self.error = error
+        except KeyboardInterrupt:
+            self.interrupted = True
+        except Delta3Error as error:
+            self.error = ScriptError(Reason.of(error))
+        finally:
+            self._bringup.stop()
+
+    def _ask(self, place: ScriptPlace, kind: str) -> None:
+        """Wait until the operator lets a move begin; the end of his input is the end of the script."""
+        print(f'{place}: {kind}? Enter drives it, Ctrl-C ends', file=sys.stderr, flush=True)
+        while not select.select([sys.stdin], [], [], ASKED_S)[0]:
+            if self._node.stopped:
+                raise KeyboardInterrupt
+        while (
+            read := os.read(sys.stdin.fileno(), 1)
+        ) != b'\n':  # no more: the next line is for the next move
+            if not read:
+                raise KeyboardInterrupt
+
+    def result(self) -> dict[str, Any]:
+        """Return what there is to say of the script."""
+        robot = self._robot
+        return {
+            'program': self._script.name,
+            'notices': [] if robot is None else list(robot.notices),
+            'late_decisions': 0 if robot is None else robot.late,
+            'late_cycles_max': 0 if robot is None else robot.late_cycles,
+            'held_at_cycle': None if robot is None or robot.held_at < 0 else robot.held_at,
+        }
+
+
+def text(result: dict[str, Any]) -> list[str]:
+    """Return the result of a script as lines for people."""
+    rows = [('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles')]
+    if late := result['late_decisions']:
+        most = result['late_cycles_max']
+        rows.append(('late', f'{late} decisions took effect late, by at most {most} bus cycles'))
+    if result['held_at_cycle'] is not None:
+        rows.append(('held', f'on its path, where it stands from bus cycle {result["held_at_cycle"]} on'))
+    rows += [('note', notice) for notice in result['notices']]
+    rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
+    return [f'{name:>14}  {line}' for name, line in rows]
+
+
+def held_text(cycle: int | None) -> str:
+    """Say what has become of a robot whose script was interrupted."""
+    if cycle is None:
+        return 'interrupted'
+    return f'interrupted: the robot was held on its path, where it stood from bus cycle {cycle} on'

@@ -1,0 +1,168 @@
+"""The cell of the plant node on the graph: its inputs, the log of its parts, and inputs that are set from outside.
+
+In: ``sercos/mdt`` (outputs). Out: ``sercos/at/io`` (inputs, in every cycle), ``cell/parts`` (JSON). Service: ``input``.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.srv import AddDiagnostics
+from std_msgs.msg import String
+
+from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, RefusedError, TelegramError, shown
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.peripherals.bus_world import BusWorld
+from delta3_pacdrive.peripherals.world import World
+from delta3_pacdrive.plant.bus_plant import BusPlant
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.interfaces import INPUT, INPUTS, MDT, PARTS
+from delta3_pacdrive.ros.parameters import declare, descriptor
+from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
+
+CELL = descriptor('cell file: what stands around the robot; empty: nothing', 0, 0, str)
+CELL_START = descriptor(
+    'bus cycle from which times of the cell file count; -1: motion.start_cycle', -1, 2**53, int
+)
+REQUEST_MAX = 10_000  # characters
+AUTO = 'auto'
+
+
+class PlantCell:
+    """What stands around the robot takes part in the graph.
+
+    Parameters
+    ----------
+    node
+        Of the plant.
+    path, start_cycle
+        Cell file, and bus cycle from which its times count.
+    parameters
+        Of the robot.
+
+    Attributes
+    ----------
+    around
+        The cell on the bus.
+    inputs
+        Names of its inputs.
+
+    """
+
+    def __init__(self, node: RobotNode, path: str, start_cycle: int, parameters: Parameters) -> None:
+        self._node, self._clock = node, Clock(parameters.bus.cycle_time_s)
+        cell = cell_file.load(path)
+        start = parameters.motion.start_cycle if start_cycle < 0 else start_cycle
+        self.around = BusWorld(World(cell, parameters.bus.cycle_time_s, start), self)
+        self.inputs = cell.input_names
+        self._bus_plant: BusPlant
+        self._frame = b''  # of the last MDT: it rarely changes
+        self._outputs = 0
+        self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque))
+        self._codec = cdr.codec(telegrams.inputs(self.inputs or ('',)))  # without inputs nothing is sent
+        self._publish = cdr.raw_publish(INPUTS.publisher(node))
+        self._parts = PARTS.publisher(node)
+
+    def receive_for(self, bus_plant: BusPlant) -> None:
+        """Receive for a plant from now on."""
+        self._bus_plant = bus_plant
+        MDT.subscription(self._node, self._on_mdt, raw=True)
+
+    def _on_mdt(self, data: bytes) -> None:
+        session = self._bus_plant.slave.session
+        if session == NO_SESSION or not self._bus_plant.slave.cyclic:
+            return
+        try:
+            sec, nanosec, frame, _ = self._mdt.decode(data)
+            cycle = self._clock.count(sec, nanosec)
+            if frame != self._frame:
+                self._outputs, self._frame = telegrams.parse_outputs(frame, session), frame
+        except TelegramError as error:
+            self._node.get_logger().warning(f'plant: {error}', throttle_duration_sec=1.0)
+            return
+        if cycle >= 0:
+            self._bus_plant.clock.take_outputs(cycle, self._outputs)
+
+    def forget(self) -> None:
+        """Forget frames of the session before."""
+        self._frame = b''
+
+    # what the cell does -----------------------------------------------------------------------------------------------
+
+    def send_inputs(self, cycle: int, inputs: Mapping[str, bool]) -> None:
+        """Send the inputs of a bus cycle."""
+        values = [float(value) for value in inputs.values()]
+        self._publish(self._codec.encode(self._clock.stamp(cycle), self._bus_plant.slave.session, values))
+
+    def tell_parts(self, told: dict[str, Any]) -> None:
+        """Tell what has happened to parts in a bus cycle."""
+        self._parts.publish(String(data=json.dumps(told)))
+
+
+class InputRequests:
+    """Inputs are read, and set from outside, by requests to the plant.
+
+    Parameters
+    ----------
+    node
+        Of the plant.
+    around
+        The cell on the bus; None: there is none.
+
+    """
+
+    def __init__(self, node: RobotNode, around: BusWorld | None) -> None:
+        self._node, self._around = node, around
+        INPUT.servers(node, self._on_request)
+
+    def _on_request(
+        self, request: AddDiagnostics.Request, response: AddDiagnostics.Response
+    ) -> AddDiagnostics.Response:
+        try:
+            response.message = self._answer(request.load_namespace)
+            response.success = True
+        except Delta3Error as error:
+            response.message = str(error)
+            self._node.get_logger().error(f'input refused: {error}')
+        return response
+
+    def _answer(self, text: str) -> str:
+        around = self._around
+        if around is None:
+            raise ProgramError('this robot has no inputs: bring it up with --cell')
+        if not text:
+            return json.dumps(around.told())
+        if len(text) > REQUEST_MAX:
+            raise ProgramError(f'the request has {len(text)} characters, the limit is {REQUEST_MAX}')
+        name, value = read_request(yaml_file.parse(text, 'the request', ProgramError))
+        outcome = around.force(name, value)
+        if isinstance(outcome, Reason):
+            raise RefusedError(outcome)
+        self._node.get_logger().warning(f'input set from outside: {outcome}')
+        return outcome
+
+
+def read_request(document: Any) -> tuple[str, bool | None]:
+    """Return the name of an input and its value, None for auto; raises ProgramError."""
+    if not isinstance(document, dict) or set(document) != {'name', 'value'}:
+        raise ProgramError(f'a request for an input has name and value, not {shown(document)}')
+    name, value = document['name'], document['value']
+    if not isinstance(name, str):
+        raise ProgramError(f'the name of an input must be a text, not {shown(name)}')
+    if value == AUTO and isinstance(value, str):
+        return name, None
+    if not isinstance(value, bool):
+        raise ProgramError(f'the value of an input must be true, false or auto, not {shown(value)}')
+    return name, value
+
+
+def plant_cell(node: RobotNode) -> Callable[[Parameters], PlantCell | None]:
+    """Declare what says which cell a plant has; return what makes it once the robot is known."""
+    path = declare(node, 'cell', '', CELL)
+    start_cycle = declare(node, 'cell_start_cycle', -1, CELL_START)
+    return lambda parameters: PlantCell(node, path, start_cycle, parameters) if path else None

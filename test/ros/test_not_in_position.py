@@ -1,0 +1,34 @@
+"""A robot on the graph that does not come into its position window: whoever drives it is told, and fails."""
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.robot_client import OperatorNode
+
+NARROW_RAD = 1e-6  # of a shaft: less than an increment of its encoder
+PATIENCE_S = 0.05
+
+
+def test_a_move_that_does_not_arrive_fails_with_its_sentence(
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = {'motion__in_position_timeout_s': PATIENCE_S, 'motion__start_cycle': -1}
+    settings |= {'drive__position_window_rad': NARROW_RAD}
+    task = graph.robot(**settings)
+    graph.add(UnitRobotNode, **settings)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    graph.spin_until(lambda: task.progress()['in_torque'] and operator.queue, 'torque, and a planner')
+    monkeypatch.setattr(
+        'delta3_pacdrive.ros.robot_client.operating', lambda _: contextlib.nullcontext(operator)
+    )
+    program = tmp_path / 'short.yaml'
+    program.write_text('in_position: true\nmoves:\n- move_l: {to_m: {by_m: [0.01, 0.0, -0.01]}}\n')
+    assert main(['move', 'program', str(program)]) == 1
+    told = capsys.readouterr()
+    assert 'not in position 0.05 s after the set points stand' in told.err
+    assert 'the robot stands' not in told.out
