@@ -8,9 +8,12 @@ sys.path.insert(0, str(FOLDER))
 
 import calibration  # noqa: E402
 import cascade  # noqa: E402
+import control  # noqa: E402
+import margins  # noqa: E402
 import places  # noqa: E402
 import rates  # noqa: E402
 import robot  # noqa: E402
+import shaping  # noqa: E402
 import signals  # noqa: E402
 import timing  # noqa: E402
 import workspace  # noqa: E402
@@ -33,6 +36,9 @@ PICTURES = {
     'inside_a_cycle.png': signals.inside_a_cycle,
     'calibration.png': calibration.make,
     'rates.png': rates.make,
+    'margins.png': margins.make,
+    'shaping.png': shaping.make,
+    'control.png': control.make,
 }
 
 if __name__ == '__main__':

@@ -1,6 +1,7 @@
-"""Take the pictures of pages that the documentation shows: ``python docs/screenshots/take.py [FOLDER]``.
+"""Take the pictures of pages that the documentation shows: ``python docs/screenshots/take.py [FOLDER [--draft]]``.
 
-They are taken in the browser that the tests use (``test/support/browser.py``).
+They are taken in the browser that the tests use (``test/support/browser.py``). A draft of the animation has a quarter
+of the pixels; without a graphics card it takes a quarter of the time.
 """
 
 import base64
@@ -30,7 +31,8 @@ from delta3_pacdrive.view.values import Facts, Instant  # noqa: E402
 
 # the animation of a pick cycle
 FRAMES, SLOWER = 36, 3.0
-SIZE, FINER = (480, 400), 2  # pixels, and how many are drawn for each
+SIZE = (480, 400)  # pixels
+FINER = 1 if '--draft' in sys.argv else 2  # pixels drawn for one, in both directions
 BACKGROUND = (238, 242, 247)  # on light and on dark pages
 QUALITY = 72
 # the second of the rounds, frame by frame, without the buttons and texts above the stage
