@@ -15,7 +15,7 @@ FIELDS = {
     for group, cls in parameters.groups().items()
     for field in dataclasses.fields(cls)
 }
-UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm)')
+UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm|_hz)')
 SWITCHES = {name for name, field in FIELDS.items() if field.type is bool}
 WORDS = {name for name, field in FIELDS.items() if field.type is str}
 DIMENSIONLESS = (
@@ -42,6 +42,8 @@ DIMENSIONLESS = (
         'motion.enable_cycle',
         'motion.start_cycle',
         'motor.coupling_effect',
+        'control.shaping_damping',
+        *(f'drive.notch_{number}_{name}' for number in (1, 2) for name in ('damping', 'depth')),
     }
 )
 CORRECTIONS = {name for name in FIELDS if '_correction_' in name}
@@ -56,9 +58,11 @@ SIX_RODS = {
         'tool_length_m',
     )
 }
-OPTIONAL = (
-    CORRECTIONS | SINGLE_MOTOR | SIX_RODS | {'control.gear_stiffness_n_m_rad', 'control.gear_backlash_rad'}
-)
+NOTCHES = {name for name in FIELDS if name.startswith('drive.notch_')}
+GEARS = {'control.gear_stiffness_n_m_rad', 'control.gear_backlash_rad'}
+SHAPING = {f'control.shaping{name}' for name in ('', '_frequency_hz', '_damping')}
+IN_POSITION = {'drive.position_window_rad', 'motion.in_position_time_s', 'motion.in_position_timeout_s'}
+OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,
@@ -481,6 +485,8 @@ def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
         changed = next(word for word in FIELDS[name].metadata['choices'] if word != values[name])
     elif isinstance(values[name], int):
         changed = values[name] + 1
+    elif name.endswith('_hz'):  # nothing lies right beside off
+        robot, changed = replace(robot, name, 210.0), math.nextafter(210.0, math.inf)
     else:
         changed = math.nextafter(values[name], math.inf)
     assert replace(robot, name, changed).checksum != robot.checksum

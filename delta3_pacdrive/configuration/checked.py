@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn, TypeVar
 
+from delta3_pacdrive.configuration.key_units import base_key, base_unit, in_base_unit
 from delta3_pacdrive.configuration.located import Place, place_in, place_of, place_of_key
 from delta3_pacdrive.errors import Delta3Error, shown
 
@@ -70,6 +71,8 @@ class Errors:
 class Section:
     """A mapping that is read key by key; an error in one value does not hide those in the others.
 
+    A key in metres or radians may also be given in millimetres or degrees: ``to_mm`` for ``to_m``.
+
     Raises
     ------
     Refusal
@@ -83,18 +86,23 @@ class Section:
         if not isinstance(value, dict):
             raise Refusal(f'{where} must be a mapping, not {shown(value)}', place_of(value))
         self._value, self._where, self._errors = value, where, errors
+        self._given: dict[str, str] = {}  # the keys that are there, by those that they stand for
         allowed = sorted(allowed)
         for key in value:
-            if key not in allowed:
-                with errors.noted(place_of_key(value, key)):
+            with errors.noted(place_of_key(value, key)):
+                base = key if key in allowed else base_key(key, allowed)
+                if not base:
                     raise Refusal(f'{where}: unknown key {shown(key)}, {expected(key, allowed)}')
+                if base in self._given:
+                    raise Refusal(f'{where} holds {self._given[base]} and {key}: give one of them')
+                self._given[base] = key
         for key in required:
-            if key not in value:
+            if key not in self._given:
                 with errors.noted(place_of(value)):
                     raise Refusal(f'{where}: missing key {key}')
 
     def __contains__(self, key: str) -> bool:
-        return key in self._value
+        return key in self._given
 
     def read(
         self,
@@ -104,11 +112,19 @@ class Section:
         prefix: str | None = None,
     ) -> _Value:
         """Return what a reader makes of the value of a key; the default if it is not there, or wrong and noted."""
-        where = f'{self._where}.{key}' if prefix is None else f'{prefix}{key}'
-        if key in self._value:
-            with self._errors.noted(place_in(self._value, key)):
-                return reader(self._value[key], where)
-        return default  # type: ignore[no-any-return]
+        if key not in self._given:
+            return default  # type: ignore[no-any-return]
+        given = self._given[key]
+        where = f'{self._where}.{given}' if prefix is None else f'{prefix}{given}'
+        with self._errors.noted(place_in(self._value, given)):
+            value = in_base_unit(given, self._value[given])
+            try:
+                return reader(value, where)
+            except Refusal as refusal:
+                if given == key:
+                    raise
+                raise Refusal(f'{refusal} (in {base_unit(given)})', refusal.place) from None
+        return default
 
 
 def expected(value: Any, allowed: Iterable[str]) -> str:

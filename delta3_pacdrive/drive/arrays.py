@@ -31,14 +31,17 @@ Arguments of the kernels of this room:
 import math
 from collections.abc import Callable
 from enum import IntEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.drive.notch import COEFFICIENTS, coefficients
 from delta3_pacdrive.motor import MOTOR
 from delta3_pacdrive.motor import motor as motor_constants
 from delta3_pacdrive.parameters import CUBIC, Parameters
+from delta3_pacdrive.parameters.notch import NUMBERS, notches
 
 
 class DriveState(IntEnum):
@@ -109,6 +112,13 @@ STATE = np.dtype(
         ('speed_reference', 'f8'),  # [rad/s]
         ('speed_filtered', 'f8'),  # [rad/s]
         ('velocity_integral', 'f8'),  # [A]
+        # [A] that the loops ask for and that leaves the notch filters, in the last two periods of the velocity loop
+        ('current_asked', 'f8'),
+        ('current_asked_before', 'f8'),
+        ('notched_once', 'f8'),
+        ('notched_once_before', 'f8'),
+        ('notched_twice', 'f8'),
+        ('notched_twice_before', 'f8'),
         ('current_reference', 'f8'),  # [A]
         ('current_reference_filtered', 'f8'),  # [A]
         ('current_filtered', 'f8'),  # [A]
@@ -168,6 +178,10 @@ def _sensor(p: Parameters, name: str) -> float:
     return float(getattr(p.rich.effects, name)) if p.rich.effects.sensors else 0.0
 
 
+def _notch_coefficient(number: int, place: int, p: Parameters) -> float:
+    return coefficients(notches(p.drive)[number - 1], p.drive.velocity_period_s)[place]
+
+
 # name and type of each constant, and what it is of the parameters
 # fmt: off
 _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
@@ -200,6 +214,10 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('velocity_smoothing', 'f8', lambda p: _smoothing(p.drive.velocity_period_s, p.drive.velocity_filter_s)),
     ('current_reference_smoothing', 'f8',
      lambda p: _smoothing(p.drive.current_period_s, p.drive.current_reference_filter_s)),
+    # whether one of the notch filters works
+    ('notches', 'i8', lambda p: any(notch.frequency_hz > 0.0 for notch in notches(p.drive))),
+    *((f'notch_{number}_{name}', 'f8', partial(_notch_coefficient, number, place))
+      for number in NUMBERS for place, name in enumerate(COEFFICIENTS)),
     ('current_smoothing', 'f8', lambda p: _smoothing(p.drive.current_period_s, p.drive.current_filter_s)),
     ('speed_max', 'f8', lambda p: min(p.motor.max_speed_rad_s, p.drive.velocity_limit_rad_s)),
     ('speed_trip', 'f8', lambda p: p.motor.max_speed_rad_s * p.drive.overspeed_factor),
@@ -227,6 +245,7 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('stop_cycles_max', 'i8', lambda p: _cycles(p, p.drive.stop_time_max_s)),
 )
 # fmt: on
+NOTCH_CONSTANTS = tuple(name for name, _, _ in _CONSTANTS if name.startswith('notch_'))
 CONSTANTS = np.dtype([*((name, kind) for name, kind, _ in _CONSTANTS), ('motor', MOTOR)], align=True)
 DRIVE = np.dtype([('state', STATE), ('constants', CONSTANTS)], align=True)
 

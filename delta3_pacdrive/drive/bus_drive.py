@@ -40,6 +40,9 @@ class DrivePort(Protocol):
     def send_current(self, exchange: int, released: bool) -> None:
         """Send the currents of an exchange period, which ``MC4.currents`` holds, and the brake output."""
 
+    def repeat_current(self) -> None:
+        """Send the currents of the newest exchange again: the drive is still there."""
+
     def changed(self, parameters: Parameters, cycle: int) -> None:
         """Take note of parameters that were written in a bus cycle."""
 
@@ -164,7 +167,10 @@ class BusDrive:
             return
         self._master.received(self._now_s())
         for arrived, what in self._link.arrivals(self._axis, cycle, command):
-            if self.clock.take_command(arrived, what) is Taken.CONTRADICTED:
+            taken = self.clock.take_command(arrived, what)
+            if taken is Taken.LATE and self.clock.awaits_command:
+                self._port.repeat_current()  # the bus waits, and everybody on it is there
+            elif taken is Taken.CONTRADICTED:
                 reason = f'two different MDT of bus cycle {arrived}, is there a second master? (8506)'
                 self._do(self.slave.lose_master(reason))
 

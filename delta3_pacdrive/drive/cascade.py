@@ -15,6 +15,7 @@ Arguments of the kernels here, beside those of ``arrays``:
 
 import math
 
+from delta3_pacdrive.drive.notch import notched
 from delta3_pacdrive.numerics.kernel import kernel
 
 
@@ -88,6 +89,10 @@ def velocity_loop(speed, feedforward, s, c):
     error = s.speed_reference - s.speed_filtered
     integral = s.velocity_integral + c.velocity_integral_step * error
     wanted = c.velocity_gain * error + integral + feedforward
+    if c.notches != 0:
+        wanted = notched(wanted, s, c)
+    else:
+        s.current_asked = s.notched_twice = wanted
     s.current_reference = clamp(wanted, c.current_max)
     if wanted == s.current_reference or wanted * error < 0.0:
         s.velocity_integral = integral

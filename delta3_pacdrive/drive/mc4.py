@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.drive import cascade, sensors, state_machine
-from delta3_pacdrive.drive.arrays import DRIVE, STATE, DriveState, drive_constants
+from delta3_pacdrive.drive.arrays import DRIVE, NOTCH_CONSTANTS, STATE, DriveState, drive_constants
 from delta3_pacdrive.drive.current_figures import (
     add_current,
     begin_current_figures,
@@ -14,6 +14,7 @@ from delta3_pacdrive.drive.current_figures import (
     window_rms,
 )
 from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
+from delta3_pacdrive.drive.notch import settle_notches
 from delta3_pacdrive.drive.shaft_observer import advance_observer, reset_observer
 from delta3_pacdrive.motor import (
     phase_currents,
@@ -304,10 +305,19 @@ class MC4:
         )
 
     def configure(self, parameters: Parameters) -> None:
-        """Take over other gains, feed-forwards, filters and limits from the next cycle on."""
+        """Take over other gains, feed-forwards, filters and limits from the next cycle on.
+
+        Other notch filters begin where the last ones have ended: what these held back, or ahead, the integrator of the
+        velocity loop takes over, so that the current reference does not jump.
+        """
         constants = drive_constants(parameters)
         constants['motor'] = self.constants['motor']  # is the same
+        others = any(constants[name] != self.constants[name] for name in NOTCH_CONSTANTS)
         self.constants[:] = constants
+        if others:
+            left = float(self.state['notched_twice'][0])
+            self.state['velocity_integral'] += left - self.state['current_asked']
+            settle_notches(left, self.state[0])
 
     def clear_fault(self) -> bool:
         """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""

@@ -5,7 +5,7 @@ currents A rms, voltages of one phase; nothing is scaled on the bus. Where the s
 time, it can be read; the gain that sets it is a P number.
 
 A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and what this drive does
-not have or do (S-0-0057, S-0-0110, S-0-0112, S-0-0138) is not made up: both are answered with "no such IDN".
+not have or do (S-0-0110, S-0-0112, S-0-0138) is not made up: both are answered with "no such IDN".
 """
 
 import dataclasses
@@ -126,6 +126,10 @@ def _class_3(
     return word
 
 
+def _in_position(following_error: float, window: float) -> float:
+    return float(abs(following_error) <= window)
+
+
 def _operation_mode(velocity_feedforward: float) -> float:
     return OperationMode.POSITION_CONTROL | (OperationMode.LAGLESS if velocity_feedforward else 0)
 
@@ -191,9 +195,17 @@ _GROUPS = {
         _set('S-0-0392', 'Velocity feedback filter', 's', 'drive.velocity_filter_s', ALWAYS),
         _set('P-0-0031', 'Current command filter', 's', 'drive.current_reference_filter_s', ALWAYS),
         _set('P-0-0032', 'Current feedback filter', 's', 'drive.current_filter_s', ALWAYS),
+        _set('P-0-0033', 'Notch filter 1, frequency (0 off)', 'Hz', 'drive.notch_1_frequency_hz', ALWAYS),
+        _set('P-0-0034', 'Notch filter 1, damping', ONE, 'drive.notch_1_damping', ALWAYS),
+        _set('P-0-0035', 'Notch filter 1, depth', ONE, 'drive.notch_1_depth', ALWAYS),
+        _set('P-0-0036', 'Notch filter 2, frequency (0 off)', 'Hz', 'drive.notch_2_frequency_hz', ALWAYS),
+        _set('P-0-0037', 'Notch filter 2, damping', ONE, 'drive.notch_2_damping', ALWAYS),
+        _set('P-0-0038', 'Notch filter 2, depth', ONE, 'drive.notch_2_depth', ALWAYS),
     ),
     Group.LIMITS: (
         _set('S-0-0159', 'Monitoring window', 'rad', 'drive.following_error_limit_rad', ALWAYS),
+        # the master goes by the same window, so that nobody changes it on the bus
+        _row('S-0-0057', 'Position window', 'rad', 'drive.position_window_rad'),
         _set('S-0-0429', 'Emergency stop deceleration', 'rad/s2', 'drive.stop_deceleration_rad_s2', ALWAYS),
         _set('P-0-0041', 'Overspeed trip over maximum motor speed', ONE, 'drive.overspeed_factor', ALWAYS),
         _set('P-0-0042', 'Overload time of the I2t monitoring', 's', 'drive.overload_time_s', ALWAYS),
@@ -287,6 +299,8 @@ _GROUPS = {
         _row('S-0-0135', 'Drive status', BITS, 'status'),
         _row('S-0-0300', 'Real-time control bit 1 (measure the current)', ONE, 'measuring'),
         _row('S-0-0302', 'Real-time control bit 2 (a program is driven)', ONE, 'program'),
+        _row('S-0-0336', 'In position', ONE,
+             'following_error', 'drive.position_window_rad', formula=_in_position),
         _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
         _row('P-0-0081', 'State of the drive', ONE, 'state'),
         _row('P-0-0082', 'Reaction under way', ONE, 'reaction'),

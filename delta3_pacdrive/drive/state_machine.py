@@ -5,6 +5,7 @@ import math
 from delta3_pacdrive.drive.arrays import STANDSTILL_RAD_S, DriveState
 from delta3_pacdrive.drive.cascade import clamp
 from delta3_pacdrive.drive.diagnostics import REACTIONS, DriveFault, DriveWarning, Reaction
+from delta3_pacdrive.drive.notch import settle_notches
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.sercos.losses import count_loss, count_telegram, too_many
 from delta3_pacdrive.sercos.words import Control, Status
@@ -128,6 +129,7 @@ def switch_on(s, c):
     hold = clamp(s.coupling / c.torque_constant, c.current_max)
     s.velocity_integral = hold
     s.torque_works = 0
+    settle_notches(hold, s)
     s.current_reference = hold
     s.current_reference_filtered = hold
     s.current_filtered = 0.0

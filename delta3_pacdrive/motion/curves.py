@@ -283,13 +283,28 @@ def rounded(start: Floats, end: Floats, legs_m: tuple[float, float], turn_rad: f
         np.array([start[2] * first**2, end[2] * last**2]),
         np.ones(1),
     )[0]
-    polynomials = [np.polynomial.Polynomial(coefficients[1 + 6 * axis : 7 + 6 * axis]) for axis in range(3)]
-    derivatives = [[q.deriv(order) if order else q for q in polynomials] for order in range(3)]
+    place = coefficients[1:].reshape(3, DEGREE + 1).T  # rows of powers
+    speed = _derived(place)
+    derivatives = place, speed, _derived(speed)
     return by_arc_length(
-        lambda t: tuple(np.stack([q(t) for q in row], axis=1) for row in derivatives),  # type: ignore[arg-type, return-value]
+        lambda t: tuple(_evaluated(rows, t) for rows in derivatives),  # type: ignore[arg-type, return-value]
         np.linspace(0.0, 1.0, 3),
         what,
     )
+
+
+def _derived(coefficients: Floats) -> Floats:
+    """Coefficients of the derivative of polynomials, rows of powers."""
+    return np.asarray(np.arange(1.0, len(coefficients))[:, None] * coefficients[1:])
+
+
+def _evaluated(coefficients: Floats, t: Floats) -> Floats:
+    """Evaluate polynomials, rows of powers, at places (n,), by Horner's rule; shape (n, polynomials)."""
+    value = np.repeat(coefficients[-1:], len(t), axis=0)
+    for row in coefficients[-2::-1]:
+        value *= t[:, None]
+        value += row
+    return value
 
 
 def cubic_coefficients(

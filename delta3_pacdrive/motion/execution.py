@@ -302,6 +302,18 @@ class Timeline:
         number, s, v, a = profile_at(max(time, 0.0), 0, self.arrays)
         return MasterState(int(number), float(s), float(v), float(a))
 
+    def first_cycle_in(self, number: int) -> int:
+        """First bus cycle of the present motion profile in which a move to come, or the present one, is driven."""
+        if self.profile is None:
+            raise ProgramError('no program runs')
+        if number <= self.profile.number:
+            return self.profile.cycle
+        record = self.record[0]
+        time = float(record['duration'])
+        time += (float(self.plan.tables.starts[number]) - float(record['time'])) / self.profile.override
+        cycle = self.profile.cycle + max(math.ceil(time / self.cycle_time_s - 1e-9), 0)
+        return cycle if self.at(cycle).number >= number else cycle + 1
+
     @property
     def end_cycle(self) -> int:
         """First bus cycle in which the master stands at the end of plan or stop; ``NEVER`` before a start."""

@@ -225,6 +225,11 @@ class MovePlanner:
         acceleration = np.sqrt(d.tcp_acceleration_m_s2 / self.acceleration)
         return np.asarray(np.maximum.reduce([speed, acceleration, np.cbrt(d.tcp_jerk_m_s3 / self.jerk)]))
 
+    def stretch(self, phases: Floats) -> tuple[float, str]:
+        """Factor of time that a master needs to keep every limit, below 1 if it keeps them all, and why."""
+        found = self.excess(self.dynamics(phases))
+        return max(found.worst, float(self._stretch_at_joints(phases).max())), found.text
+
     def _stretch_at_joints(self, phases: Floats) -> Floats:
         """Factor of time that the TCP's limits ask for where phases meet, given to the places of the grid around."""
         t, s, v = np.diff(phases[:, 0]), phases[1:-1, 1], phases[1:-1, 2]

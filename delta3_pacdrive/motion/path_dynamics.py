@@ -18,7 +18,7 @@ Arguments of the kernels here:
 ``geometry_record``, ``inertia_records``
     Arrays of one ``kinematics.GEOMETRY``, shape (1,), and of several ``dynamics.INERTIA``, shape (payloads,).
 ``out``
-    Takes one row per sample, shape (n, 25).
+    Takes one row per sample, shape (n, 25); of ``_tcp_motion`` speed, acceleration and jerk of the TCP, shape (3, n).
 ``i``, ``g``
     Number of an arm, 0 to 2, and record ``kinematics.GEOMETRY``.
 ``place``
@@ -27,11 +27,14 @@ Arguments of the kernels here:
     Arm angles [rad] at the place, shape (3,).
 ``v``, ``a``
     Speed [m/s] and acceleration [m/s^2] of the master.
+``speed``, ``acceleration``, ``jerk``, ``cube``
+    Speed [m/s], acceleration [m/s^2], jerk [m/s^3] of the master and the cube of its speed, shape (n,).
 ``arm``
     Forearm vector s [m] and tangent b [m/rad] of an arm, shape (3,), s.b [m^2/rad], and the derivative of its angle by
     the distance [rad/m].
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -180,13 +183,30 @@ def tcp_motion(
     samples: Floats, speed: Floats, acceleration: Floats, jerk: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of the TCP, (n,) each, for those of the master at samples."""
-    _, first, second, third = np.moveaxis(samples, 1, 0)
-    v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
-    return (
-        np.linalg.norm(first * v, axis=1),
-        np.linalg.norm(first * a + second * v**2, axis=1),
-        np.linalg.norm(first * j + 3.0 * second * (v * a) + third * v**3, axis=1),
-    )
+    out = np.empty((3, len(samples)))
+    v, a, j = (np.ascontiguousarray(row) for row in (speed, acceleration, jerk))
+    _tcp_motion(samples, v, a, j, v**3, out)  # numpy's power of 3 is no product of three
+    return out[0], out[1], out[2]
+
+
+@kernel
+def _tcp_motion(samples, speed, acceleration, jerk, cube, out):
+    """Speed, acceleration and jerk of the TCP at samples (Faa di Bruno)."""
+    for n in range(len(samples)):
+        v, a, j = speed[n], acceleration[n], jerk[n]
+        square, product = v * v, v * a
+        speeds = accelerations = jerks = 0.0
+        for axis in range(3):
+            first, second, third = samples[n, 1, axis], samples[n, 2, axis], samples[n, 3, axis]
+            one = first * v
+            two = first * a + second * square
+            three = first * j + 3.0 * second * product + third * cube[n]
+            speeds += one * one
+            accelerations += two * two
+            jerks += three * three
+        out[0, n] = math.sqrt(speeds)
+        out[1, n] = math.sqrt(accelerations)
+        out[2, n] = math.sqrt(jerks)
 
 
 def timed_dynamics(

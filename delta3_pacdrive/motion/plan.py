@@ -48,6 +48,10 @@ EXTENDED_MOVES_MAX, EXTENDED_NUMBERS_MAX = (
 )  # of a plan that is put together while it is driven
 CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
 OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')
+# an event may also let the robot get on a belt (1) or leave it (0); nothing outside of the controller sees it
+TRACK = 'track'
+EVENT_NAMES = (*OUTPUTS, TRACK)
+TRACK_BIT = 1 << EVENT_NAMES.index(TRACK)
 
 MOVE = np.dtype(
     [
@@ -76,8 +80,10 @@ class MoveKind(IntEnum):
     BLENDED = 4  # several moves with rounded corners
     CUBIC = 5  # the path's parameter is the time, the master runs at 1 s/s (chapter 5)
     JOINTS = 6  # as CUBIC, but the path is that of the arm angles [rad]
+    IN_POSITION = 7  # a dwell until the robot is in position, at least as long as planned
 
 
+STANDING = (MoveKind.DWELL, MoveKind.IN_POSITION)
 TIMED = (MoveKind.CUBIC, MoveKind.JOINTS)  # the path's parameter is the time
 
 
@@ -220,7 +226,7 @@ class Move:
                 raise ProgramError(
                     f'{what}: a payload is {payload:g} kg, but must be between 0 and {PAYLOAD_MAX_KG:g}'
                 )
-        if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(OUTPUTS)).any():
+        if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(EVENT_NAMES)).any():
             raise ProgramError(f'{what}: its events are out of order, or for an unknown output')
 
 

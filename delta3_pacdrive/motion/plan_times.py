@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.motion.plan import OUTPUTS, TIMED, UNCHANGED, Move, MoveKind, Plan
+from delta3_pacdrive.motion.plan import OUTPUTS, STANDING, TIMED, UNCHANGED, Move, Plan
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 
-WITHOUT_LENGTH = (MoveKind.DWELL, *TIMED)  # the parameter of a move in time is no distance
+WITHOUT_LENGTH = (*STANDING, *TIMED)  # the parameter of a move in time is no distance
 
 
 def told_length_m(move: Move) -> float:
@@ -52,4 +52,5 @@ def _changes(move: Move) -> list[dict[str, Any]]:
             'payload_kg': None if payload == UNCHANGED else payload,
         }
         for time_s, (_, bit, value, payload) in zip(times, move.events.tolist(), strict=True)
+        if bit < len(OUTPUTS)
     ]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,13 +22,17 @@ from delta3_pacdrive.motion.move_planner import (
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
 from delta3_pacdrive.motion.plan import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.shaping import Shaper
 from delta3_pacdrive.motion.thermal_load import ThermalLoad, dwell_load, thermal_load
 from delta3_pacdrive.motion.time_optimal_planner import TimeOptimalPlanner
 from delta3_pacdrive.motion.time_parametrization import slowed
-from delta3_pacdrive.motion.virtual_master import plan_master, rest
+from delta3_pacdrive.motion.vibration import excited_mode
+from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, rest, sample_master
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import UNSHAPED, Parameters
 
+DIRECTIONS = 33  # of a path, that are looked at for the vibration that it excites
+SHAPED_ROUNDS_MAX = 20  # of making a shaped move slower
 KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
 SAMPLE_S = 2e-3  # between two places at which a cubic is checked
 
@@ -41,6 +45,37 @@ class Event:
     output: int
     value: float
     payload_kg: float | None
+
+
+@dataclass(frozen=True)
+class TimedEvent:
+    """An output that changes at a time before or after a move passes a place.
+
+    Attributes
+    ----------
+    anchor_m
+        The place, as a distance on the move.
+    shift_s
+        From when the move is there at 100 % [s], negative: before.
+    output, value
+        Number of the output, and what it becomes.
+
+    """
+
+    anchor_m: float
+    shift_s: float
+    output: int
+    value: float
+
+    def time_s(self, move: Move) -> float:
+        """Return when it is due, from the start of the move [s]."""
+        if self.anchor_m >= move.length_m:
+            passed = move.duration_s
+        elif self.anchor_m <= 0.0:
+            passed = 0.0
+        else:
+            passed = float(master_at_distances([self.anchor_m], move.master)[0, 0])
+        return passed + self.shift_s
 
 
 @dataclass
@@ -61,6 +96,8 @@ class PlannedMove:
         Numbers of the statements that it is made of, and where on it each ends [m].
     energy
         What it takes as it is planned here.
+    timed
+        Outputs that change at times; ``with_timed`` finds their places on the move as it is driven in the end.
 
     """
 
@@ -71,6 +108,18 @@ class PlannedMove:
     notices: list[str] = field(default_factory=list)
     statements: tuple[tuple[int, float], ...] = ()
     energy: Energy = field(default_factory=Energy)
+    timed: tuple[TimedEvent, ...] = ()
+
+
+def with_timed(move: Move, timed: Sequence[TimedEvent]) -> Move:
+    """Return a move with outputs that change at times, each where the master is then."""
+    if not timed:
+        return move
+    times = np.array([event.time_s(move) for event in timed]).clip(0.0, move.duration_s)
+    places = sample_master(times, move.master)[:, 0]
+    rows = event_rows([Event(s, one.output, one.value, None) for s, one in zip(places, timed, strict=True)])
+    events = np.vstack([move.events, rows])
+    return replace(move, events=events[np.argsort(events[:, 0], kind='stable')])
 
 
 def event_rows(events: Sequence[Event]) -> Floats:
@@ -109,6 +158,10 @@ def plan_move(
     else:
         planner = MovePlanner(curve, stretches, payloads, parameters, returning)
         phases, notices = _as_asked(planner, segments)
+    if parameters.control.shaping != UNSHAPED:
+        arriving = next((kg for at_m, kg in reversed(payloads) if at_m < curve.length_m), payload_kg)
+        shaper = shaper_at_end(curve, arriving, parameters)
+        phases = _shaped(planner, phases, shaper, segments)
     require_end_of_time(float(phases[-1, 0]))
     acceleration = min(one.acceleration_m_s2 for _, one in stretches)
     jerk = min(one.jerk_m_s3 for _, one in stretches)
@@ -160,6 +213,39 @@ def _as_asked(planner: MovePlanner, segments: Sequence[PathSegment]) -> tuple[Fl
     return phases, notices
 
 
+def shaper_at_end(curve: Curve, payload_kg: float, parameters: Parameters) -> Shaper:
+    """Return the shaper of a move: of the vibration that is told, or that its end excites most with this payload."""
+    control = parameters.control
+    frequency, damping = control.shaping_frequency_hz, control.shaping_damping
+    if frequency == 0.0:
+        samples = sample_path(np.linspace(0.0, curve.length_m, DIRECTIONS), curve.segments)
+        frequency, damping = excited_mode(samples[-1, 0], samples[:, 1], payload_kg, parameters)
+    return Shaper.of(control.shaping, frequency, damping)
+
+
+def _shaped(
+    planner: MovePlanner,
+    phases: Floats,
+    shaper: Shaper,
+    segments: Sequence[PathSegment],
+) -> Floats:
+    """Phases of a shaped master within the limits.
+
+    Along a straight line it keeps what the master before it keeps. In a bend it may be faster than that at the same
+    place; then it is made of a slower one.
+    """
+    allowed = max(KEPT, planner.stretch(phases)[0])
+    for _ in range(SHAPED_ROUNDS_MAX):
+        shaped = shaper.shaped(phases)
+        factor, why = planner.stretch(shaped)
+        if factor <= allowed:
+            return shaped
+        if any(one.strict for one in segments):
+            raise ProgramError(f'shaped against vibration, {why} (strict)')
+        phases = slowed(phases, factor)
+    raise ProgramError(f'it cannot be shaped against vibration within its limits: {why}')
+
+
 def _slowed_down(name: str, taken: float, asked: float, why: str) -> str:
     return f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {why}'
 
@@ -186,13 +272,18 @@ def plan_cubic(
 
 
 def plan_dwell(
-    here: Floats, time_s: float, payload_kg: float, name: str, parameters: Parameters
+    here: Floats,
+    time_s: float,
+    payload_kg: float,
+    name: str,
+    parameters: Parameters,
+    kind: MoveKind = MoveKind.DWELL,
 ) -> PlannedMove:
     """Let the robot stand at a point [m] for a time [s]; refuse a point at which a motor cannot hold its arm."""
     curve = curves.point(here)
     d = _even(curve, np.zeros(1), 0.0, payload_kg, parameters)
     require_holdable(excess(d, parameters))
-    move = Move(MoveKind.DWELL, rest(time_s), curve.segments, payload_kg=payload_kg)
+    move = Move(kind, rest(time_s), curve.segments, payload_kg=payload_kg)
     return PlannedMove(move, dwell_load(d, time_s), name)
 
 

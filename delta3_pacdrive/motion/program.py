@@ -29,6 +29,7 @@ class Target:
 class PathMove:
     """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed.
 
+    Behind one that ends in position the program goes on only when the robot has followed there.
     A time-optimal one is as fast as the motors allow within its limits, and changes their torques no faster than its
     torque rate.
     """
@@ -38,6 +39,7 @@ class PathMove:
     strict: bool = False
     time_optimal: bool = False
     torque_rate_n_m_s: float = math.inf
+    in_position: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,12 +111,24 @@ class Dwell:
 
 @dataclass(frozen=True)
 class Output:
-    """An output, and perhaps the payload, that changes at the end of the move before it or a distance before that."""
+    """An output, and perhaps the payload, that changes at the end of the move before it, or before or after that.
+
+    A distance counts along the path, a time as the program is driven at 100 %. One of the four is told at most; with a
+    time there is no payload.
+    """
 
     name: str
     value: float
     before_m: float = 0.0
     payload_kg: float | None = None
+    after_m: float = 0.0
+    before_s: float = 0.0
+    after_s: float = 0.0
+
+    @property
+    def is_later(self) -> bool:
+        """Whether it is due on what follows the move before it."""
+        return self.after_m > 0.0 or self.after_s > 0.0
 
 
 @dataclass(frozen=True)
@@ -136,6 +150,16 @@ class Joints:
 
 
 Statement = MoveL | MoveC | MoveSB | Arch | Cubic | Joints | Dwell | Output
+KINDS: dict[type[Statement], str] = {
+    MoveL: 'move_l',
+    MoveC: 'move_c',
+    MoveSB: 'move_sb',
+    Arch: 'arch',
+    Cubic: 'cubic',
+    Joints: 'joints',
+    Dwell: 'dwell',
+    Output: 'output',
+}
 
 
 @dataclass(frozen=True)
@@ -146,6 +170,8 @@ class Program:
     ----------
     source, places
         The file that it was read from, and where each statement stands in it; empty if that says nothing.
+    names
+        What each statement is called in sentences; those that have none are called by their number.
 
     """
 
@@ -157,6 +183,22 @@ class Program:
     faults: tuple[Fault, ...] = ()
     source: str = field(default='', compare=False)
     places: tuple[Place | None, ...] = field(default=(), compare=False)
+    names: tuple[str, ...] = field(default=(), compare=False)
+
+    def name_of(self, number: int) -> str:
+        """Return what a statement is called in sentences."""
+        told = self.names[number] if number < len(self.names) else ''
+        return told or f'moves[{number}].{KINDS[type(self.statements[number])]}'
+
+    def place_of(self, number: int) -> Place | None:
+        """Return where a statement stands in its file, if that is known."""
+        return self.places[number] if number < len(self.places) else None
+
+
+def point_of(values: ArrayLike) -> Point:
+    """Return three numbers as a point."""
+    x, y, z = np.asarray(values, dtype=np.float64).tolist()
+    return x, y, z
 
 
 def point_text(point_m: ArrayLike) -> str:

@@ -12,10 +12,11 @@ from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move_planner import Stretches
-from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind, Plan
-from delta3_pacdrive.motion.planned_move import PlannedMove
+from delta3_pacdrive.motion.plan import MOVES_MAX, STANDING, Move, Plan
+from delta3_pacdrive.motion.planned_move import PlannedMove, with_timed
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, point_text
-from delta3_pacdrive.motion.round_planner import Arches, Part, RoundPlanner, parts
+from delta3_pacdrive.motion.program_parts import Part, parts
+from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
 from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -92,13 +93,15 @@ def plan(
     open_end: bool = False,
     progress: Callable[[int, int], None] | None = None,
     before: ThermalLoad | None = None,
+    arches: Arches | None = None,
 ) -> Planned:
     """Plan and check every move of a program for a robot that stands at ``position_m``.
 
     With ``returning`` the first move may begin beyond limits, if it leads back (see ``checks``). With ``open_end``
     other moves may follow later: the last one may have a blend, and ends exactly as long as none does. ``progress`` is
     called before each statement that is planned with the number of those done and of all. ``before`` is what moves ask
-    of the motors behind which the program is driven; their rms current counts with its own.
+    of the motors behind which the program is driven; their rms current counts with its own. ``arches`` are the shapes
+    that are known of this robot; new ones are added.
 
     Raises
     ------
@@ -108,10 +111,10 @@ def plan(
     """
     require_start(program, position_m)
 
-    arches: Arches = {}
+    shapes: Arches = {} if arches is None else arches
 
     def rounds(heat: float) -> _Rounds:
-        return _rounds(program, position_m, parameters, returning, open_end, progress, heat, arches)
+        return _rounds(program, position_m, parameters, returning, open_end, progress, heat, shapes)
 
     found = rounds(0.0)
     if any(isinstance(one, PathMove) and one.time_optimal for one in program.statements):
@@ -256,8 +259,7 @@ def capped(program: Program, caps: tuple[float, float, float]) -> Program:
     statements: list[Statement] = []
     for n, one in enumerate(program.statements):
         if isinstance(one, Cubic | Joints):
-            kind = 'cubic' if isinstance(one, Cubic) else 'joints'
-            raise ProgramError(f'moves[{n}].{kind}: its duration is fixed, it takes no cap of speed')
+            raise ProgramError(f'{program.name_of(n)}: its duration is fixed, it takes no cap of speed')
         if isinstance(one, PathMove):
             statements.append(replace(one, limits=one.limits.lower(most)))
         else:
@@ -290,6 +292,7 @@ def _whole(
     while override_max > 1.0 and load.rms(rate, override_max).max() > nominal:
         override_max = max(1.0, override_max - 0.01)
     rms = load.rms(rate).tolist()
+    moves = [with_timed(move, one.timed) for move, one in zip(moves, planned, strict=True)]
     plan_ = Plan.of(moves, order)
     notices += [
         f'{fault.text} is due {fault.after_s:g} s after the start, the program takes {plan_.duration_s:.4g} s at 100 %'
@@ -334,6 +337,6 @@ def _rate_for_rms(load: ThermalLoad | LoadBehind, nominal: float, program: Progr
 
 
 def _slower(move: Move, factor: float) -> Move:
-    if move.kind == MoveKind.DWELL:
+    if move.kind in STANDING:
         return move
     return replace(move, master=time_parametrization.slowed(move.master, factor))

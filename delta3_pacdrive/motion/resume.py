@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.plan import STANDING_M, Move, MoveKind, Plan
+from delta3_pacdrive.motion.plan import STANDING, STANDING_M, Move, Plan
 from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.virtual_master import (
     State,
@@ -44,7 +44,7 @@ def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
     """
     now = timeline.at(cycle)
     move = timeline.plan.move(now.number)
-    if move.kind == MoveKind.DWELL:
+    if move.kind in STANDING:
         left = max(timeline.left_of_move_s(cycle), 0.0)
         return MotionProfile(cycle, now.number, rest(left / override), override)
     held = timeline.profile is not None and timeline.profile.held
@@ -189,7 +189,7 @@ def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
     place = float(profile.table[0, 1])
     here = np.asarray(move.sample([place])[0, 0])
     if len(profile.table) > 1:
-        ahead = move.events[move.events[:, 0] > place] if move.kind != MoveKind.DWELL else move.events
+        ahead = move.events[move.events[:, 0] > place] if move.kind not in STANDING else move.events
         later.insert(0, replace(move, master=profile.table, events=ahead))
     if not later:
         raise ProgramError('the program was at its end')

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.arch import Clearances, best_arch
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
+from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
-from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind
+from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.planned_move import (
     Event,
     PlannedMove,
@@ -29,76 +31,22 @@ from delta3_pacdrive.motion.program import (
     Cubic,
     Dwell,
     Joints,
-    MoveC,
-    MoveL,
-    MoveSB,
     Output,
     PathMove,
     Program,
     Statement,
-    Target,
     point_text,
 )
+from delta3_pacdrive.motion.program_parts import Part, whole
+from delta3_pacdrive.motion.statement_curves import curve_of, end_of, resolve
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 # shapes of arches that are known: by statement, start, end and payload
 Arches = dict[tuple[Arch, tuple[float, ...], tuple[float, ...], float], Curve]
 POINT_DECIMALS = 9  # of points [m] that are one
-JOINED_MAX = 300  # moves that blends may join to one over several rounds
+OPEN_CORNER = 'blend_m waits for a move that follows; without one it ends exactly'  # as a notice says it
 BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
-
-
-@dataclass(frozen=True)
-class Part:
-    """Statements of a program that are planned together, by their numbers; a blend at their end may be left out."""
-
-    numbers: tuple[int, ...]
-    ends_exactly: bool = False
-
-
-def whole(program: Program) -> Part:
-    """Return all statements of a program."""
-    return Part(tuple(range(len(program.statements))))
-
-
-def parts(program: Program) -> list[Part]:
-    """Return what is planned one after the other to drive all rounds of a program.
-
-    That is each round by itself, unless a blend joins the end of each round to the begin of the next: then it is what
-    comes before the first stop, what lies between two stops of neighbouring rounds, and what follows the last one.
-
-    Raises
-    ------
-    ProgramError
-        It stops nowhere, and is too long to be one move.
-
-    """
-    statements, rounds = program.statements, program.repeat
-    numbers = tuple(range(len(statements)))
-    moving = [n for n in numbers if not isinstance(statements[n], Output)]
-    if rounds == 1 or not moving or not _goes_on(statements[moving[-1]]):
-        return [whole(program)] * rounds
-    if not isinstance(statements[moving[0]], PathMove):
-        return [whole(program)] * rounds  # which is refused: nothing follows that blend
-    stops = [n for n in moving if not _goes_on(statements[n])]
-    if not stops:
-        if len(moving) * rounds > JOINED_MAX:
-            raise ProgramError(
-                f'the program rounds every corner: {len(moving)} moves in {rounds} rounds would be one move, '
-                f'the limit is {JOINED_MAX}; let one of them end exactly'
-            )
-        return [Part(numbers * rounds, ends_exactly=True)]
-    first = stops[0] + 1
-    while first < len(statements) and isinstance(statements[first], Output):
-        first += 1
-    before, behind = numbers[:first], numbers[first:]
-    return [Part(before), *[Part(behind + before)] * (rounds - 1), Part(behind, ends_exactly=True)]
-
-
-def _goes_on(statement: Statement) -> bool:
-    """Whether a statement ends in a blend."""
-    return isinstance(statement, PathMove) and statement.blend_m > 0.0
 
 
 class RoundPlanner:
@@ -118,7 +66,7 @@ class RoundPlanner:
         part: Part | None = None,
     ) -> None:
         self._part = whole(program) if part is None else part
-        self._statements, self._places = program.statements, program.places
+        self._program, self._statements = program, program.statements
         self._errors = Errors(program.source)
         self._failed = False  # whether anything could not be planned
         self._broken = False  # whether that was the last move
@@ -131,7 +79,8 @@ class RoundPlanner:
         self.here, self.payload = here, payload_kg
         self._planned: list[PlannedMove] = []
         self._segments: list[PathSegment] = []
-        self._pending: list[tuple[int, Output]] = []  # outputs, with the number of segments before them
+        self._dues = DueOutputs()
+        self._dwelt: _Dwelt | None = None  # the dwell with which what is planned so far ends
         self._cubics: list[tuple[Curve, int, str]] = []
         self._cubic_velocity: Floats = np.zeros(3)
         self.open_from: int | None = None  # first statement of a last move that a blend keeps open
@@ -146,7 +95,7 @@ class RoundPlanner:
                 statement = self._statements[n]
                 if self._progress is not None:
                     self._progress(done, len(self._part.numbers))
-                where = f'moves[{n}].{_name(statement)}'
+                where = self._program.name_of(n)
                 with self._noted(n, where):
                     self._end_before(statement)
                 end = self._end_of(statement)
@@ -165,11 +114,11 @@ class RoundPlanner:
             with blamed_on(number, where):
                 yield
         except StatementError as error:
-            self._segments, self._pending, self._cubics = [], [], []
+            self._segments, self._cubics, self._dwelt = [], [], None
+            self._dues.clear()
             self._cubic_velocity = np.zeros(3)
             self._broken = self._failed = True
-            place = self._places[error.number] if self._places else None
-            self._errors.add(Refusal(str(error)), place)
+            self._errors.add(Refusal(str(error)), self._program.place_of(error.number))
 
     def _end_before(self, statement: Statement) -> None:
         """End the move before a statement, if that does not go on with it."""
@@ -189,19 +138,27 @@ class RoundPlanner:
         if self._segments and self._segments[-1].blend_m > 0.0:
             last = self._segments[-1]
             if self._open_end:
-                self.notices.append(
-                    f'{last.name}: blend_m waits for a move that follows; without one it ends exactly'
-                )
-                self.open_from = self._segments[0].number - sum(1 for count, _ in self._pending if not count)
+                self._keep_open(last)
             elif not self._part.ends_exactly:
                 raise StatementError(last.number, f'{last.name}: blend_m needs a move that follows')
         self._end_move()
-        if self._pending and not self._failed:
+        if len(self._dues) and not self._failed:
+            self._dues.require_none_later()
             self._attach_behind_the_last()
+
+    def _keep_open(self, last: PathSegment) -> None:
+        """Keep the last move open for a move that may follow, unless outputs on it would get other places by that."""
+        if self._dues.any_shifted:
+            self.notices.append(
+                f'{last.name}: blend_m is left out, as after_m, before_s or after_s of an output counts on its end'
+            )
+            return
+        self.notices.append(f'{last.name}: {OPEN_CORNER}')
+        self.open_from = self._segments[0].number - self._dues.before_the_first
 
     def _take(self, statement: Statement, number: int, where: str) -> None:
         if isinstance(statement, Output):
-            self._take_output(statement)
+            self._take_output(statement, number, where)
             return
         self._broken = False
         if isinstance(statement, Dwell):
@@ -213,20 +170,42 @@ class RoundPlanner:
         else:
             self._take_segment(statement, number, where)
 
-    def _take_output(self, output: Output) -> None:
+    def _take_output(self, output: Output, number: int, name: str) -> None:
         if np.abs(self._cubic_velocity).max() > 0.0:
             raise ProgramError('an output cannot stand between the cubics of a sequence')
         self._end_cubics()
-        if not self._broken:
-            self._pending.append((len(self._segments), output))
-        elif output.payload_kg is not None:  # there is no move that it could belong to
-            self.payload = output.payload_kg
+        due = Due(output, number, name, len(self._segments), output.after_s)
+        if self._broken:  # there is no move that it could belong to
+            if output.payload_kg is not None:
+                self.payload = output.payload_kg
+        elif output.before_s > 0.0 and not self._segments:
+            self._take_lead(due)
+        else:
+            self._dues.add(due)
+
+    def _take_lead(self, due: Due) -> None:
+        """Let an output change before the end of the dwell, or of the path over time, that is planned already."""
+        if not self._planned:
+            raise ProgramError('before_s of an output needs a move or a dwell right before it')
+        if self._dwelt is not None:
+            time_s = self._dwelt.time_s - due.output.before_s
+            if time_s < 0.0:
+                raise ProgramError(
+                    f'{due.output.before_s:g} s before the end of the dwell before it lies before its start, it takes '
+                    f'{self._dwelt.time_s:g} s'
+                )
+            self._dwelt = replace(self._dwelt, changes=(*self._dwelt.changes, (time_s, due.at(0.0))))
+            self._plan_dwelt(self._dwelt)
+            return
+        last = self._planned[-1]
+        event = due.timed(last, last.move.length_m)
+        self._planned[-1] = replace(last, timed=(*last.timed, event))
 
     def _take_segment(self, statement: PathMove, number: int, name: str) -> None:
         if isinstance(statement, Arch):
             curve, kind = self._arch(statement, number, name), MoveKind.SPLINE
         else:
-            curve, kind = _curve_of(self.here, statement)
+            curve, kind = curve_of(self.here, statement)
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
         self._segments.append(
@@ -246,7 +225,7 @@ class RoundPlanner:
 
     def _arch(self, statement: Arch, number: int, name: str) -> Curve:
         """Return the best arch from here on for the payload that is carried."""
-        end = _resolve(statement.to, self.here)
+        end = resolve(statement.to, self.here)
         key = (
             statement,
             tuple(np.round(self.here, POINT_DECIMALS)),
@@ -276,7 +255,7 @@ class RoundPlanner:
         return self._arches[key]
 
     def _take_cubic(self, statement: Cubic, number: int, name: str) -> None:
-        end = _resolve(statement.to, self.here)
+        end = resolve(statement.to, self.here)
         velocity = np.array(statement.end_velocity_m_s)
         curve = curves.timed_cubic(self.here, end, self._cubic_velocity, velocity, statement.duration_s)
         self._cubics.append((curve, number, name))
@@ -284,13 +263,15 @@ class RoundPlanner:
 
     def _take_joints(self, statement: Joints, number: int, name: str) -> None:
         events = self._take_outputs(0.0)
+        later = self._dues.in_time()
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(number, name):
             planned = plan_joints(
                 statement.points, self.here, self.payload, name, self._parameters, returning
             )
+        timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)
-        self._append(replace(planned, statements=places), events)
+        self._append(replace(planned, statements=places, timed=timed), events)
         self.here = planned.move.end_m()
 
     def _end_of(self, statement: Statement) -> Floats:
@@ -299,7 +280,7 @@ class RoundPlanner:
             angles = np.array(statement.points[-1].angles_rad)
             end = kinematics.forward(angles, self._parameters.kinematics, unreachable='nan')
             return self.here if np.isnan(end).any() else end
-        return _end_of(statement, self.here)
+        return end_of(statement, self.here)
 
     def _end_cubics(self) -> None:
         """Time and check a sequence of cubics, which begins and ends at rest."""
@@ -312,16 +293,30 @@ class RoundPlanner:
                 raise ProgramError('the last cubic of a sequence must end with end_velocity_m_s [0, 0, 0]')
             curve = curves.joined([one for one, _, _ in sequence])
         events = self._take_outputs(0.0)
+        later = self._dues.in_time()
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(number, name):
             planned = plan_cubic(curve, self.payload, name, self._parameters, returning)
+        timed = tuple(due.timed(planned, 0.0) for due in later)
         places = tuple((one, planned.move.length_m) for _, one, _ in sequence)
-        self._append(replace(planned, statements=places), events)
+        self._append(replace(planned, statements=places, timed=timed), events)
 
     def _dwell(self, time_s: float, number: int, name: str) -> None:
         events = self._take_outputs(0.0)
-        planned = plan_dwell(self.here, time_s, self.payload, name, self._parameters)
-        self._append(replace(planned, statements=((number, 0.0),)), events)
+        changes = tuple((at_s, due.at(0.0)) for at_s, due in self._dues.in_dwell(time_s))
+        self._plan_dwelt(_Dwelt(len(self._planned), time_s, number, name, events, changes))
+
+    def _plan_dwelt(self, dwelt: '_Dwelt') -> None:
+        """Plan a dwell; it is as many moves as outputs change in it, because who stands passes no place."""
+        del self._planned[dwelt.first :]
+        for begin, end in pairwise((*sorted({0.0, *(time_s for time_s, _ in dwelt.changes)}), dwelt.time_s)):
+            planned = plan_dwell(self.here, end - begin, self.payload, dwelt.name, self._parameters)
+            events = event_rows([event for time_s, event in dwelt.changes if time_s == begin])
+            if begin == 0.0:
+                events = np.vstack([dwelt.events, events])
+            places = ((dwelt.number, 0.0),) if end == dwelt.time_s else ()
+            self._append(replace(planned, statements=places), events)
+        self._dwelt = dwelt
 
     def _end_move(self) -> None:
         """Join the segments with their blends, and time and check the move that they make."""
@@ -329,9 +324,9 @@ class RoundPlanner:
         if not segments:
             return
         curve, ends, stretches = blended(segments)
-        outputs, self._pending = self._pending, []
+        waits = self._waits_behind(segments[-1])
         payload = self.payload
-        events = [self._event(output, count, ends, curve, segments) for count, output in outputs]
+        events, timed = self._dues.on_path(segments, ends, curve, waits)
         for event in sorted(events, key=lambda event: event.distance_m):
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
@@ -341,20 +336,28 @@ class RoundPlanner:
                 segments, curve, stretches, events, payload, self._parameters, returning, self._heat
             )
         places = tuple((one.number, end) for one, end in zip(segments, ends, strict=True))
-        self._planned.append(replace(planned, statements=places))
+        planned = replace(
+            planned,
+            statements=places[:-1] if waits else places,
+            timed=tuple(due.timed(planned, anchor_m) for due, anchor_m in timed),
+        )
+        self._planned.append(planned)
+        self._dwelt = None
+        if waits:
+            self._wait(segments[-1])
 
-    def _event(
-        self, output: Output, count: int, ends: list[float], curve: Curve, segments: list[PathSegment]
-    ) -> Event:
-        distance = (ends[count - 1] if count else 0.0) - output.before_m
-        if not -COINCIDENT_M <= distance <= curve.length_m:
-            before = segments[max(count - 1, 0)]
-            raise StatementError(
-                before.number,
-                f'{before.name}: an output {output.before_m:g} m before its end would lie before the '
-                f'start of the move, which is {curve.length_m:.4g} m long',
+    def _waits_behind(self, segment: PathSegment) -> bool:
+        statement = self._statements[segment.number]
+        return isinstance(statement, PathMove) and statement.in_position
+
+    def _wait(self, segment: PathSegment) -> None:
+        """Let the robot stand until it is in position; that takes at least what the controller needs to see it."""
+        time_s = self._parameters.shortest_wait_s
+        with blamed_on(segment.number, segment.name):
+            planned = plan_dwell(
+                self.here, time_s, self.payload, segment.name, self._parameters, MoveKind.IN_POSITION
             )
-        return Event(max(distance, 0.0), OUTPUTS.index(output.name), output.value, output.payload_kg)
+        self._planned.append(replace(planned, statements=((segment.number, 0.0),)))
 
     def _attach_behind_the_last(self) -> None:
         """Give outputs at the end of the program to the end of its last move."""
@@ -365,50 +368,26 @@ class RoundPlanner:
 
     def _take_outputs(self, distance: float) -> Floats:
         """Return outputs that wait for a move as events at a distance on it; their payload is carried from now on."""
-        outputs, self._pending = [output for _, output in self._pending], []
-        if any(output.before_m > 0.0 for output in outputs):
-            raise ProgramError('before_m of an output needs a move right before it')
-        for output in outputs:
-            if output.payload_kg is not None:
-                self.payload = output.payload_kg
-        return event_rows([Event(distance, OUTPUTS.index(o.name), o.value, o.payload_kg) for o in outputs])
+        dues = self._dues.now()
+        for due in dues:
+            if due.output.payload_kg is not None:
+                self.payload = due.output.payload_kg
+        return event_rows([due.at(distance) for due in dues])
 
     def _append(self, planned: PlannedMove, events: Floats) -> None:
         """Append a move with more events behind those that it has."""
         move = replace(planned.move, events=np.vstack([planned.move.events, events]))
         self._planned.append(replace(planned, move=move))
+        self._dwelt = None
 
 
-def _name(statement: Statement) -> str:
-    return {
-        MoveL: 'move_l', MoveC: 'move_c', MoveSB: 'move_sb', Arch: 'arch', Cubic: 'cubic', Joints: 'joints',
-        Dwell: 'dwell', Output: 'output'
-    }[type(statement)]  # fmt: skip
+@dataclass(frozen=True)
+class _Dwelt:
+    """A dwell that is planned: its first move, its time [s], its statement, and what changes at its begin and in it."""
 
-
-def _end_of(statement: Statement, here: Floats) -> Floats:
-    """Return where a robot stands behind a statement."""
-    if isinstance(statement, MoveSB):
-        for target in statement.through:
-            here = _resolve(target, here)
-        return here
-    return here if isinstance(statement, Dwell | Joints | Output) else _resolve(statement.to, here)
-
-
-def _resolve(target: Target, here: Floats) -> Floats:
-    return here + np.array(target.point_m) if target.relative else np.array(target.point_m)
-
-
-def _curve_of(here: Floats, statement: PathMove) -> tuple[Curve, MoveKind]:
-    """Return the path of a statement from a point [m] on, and what kind of move it is."""
-    match statement:
-        case MoveL(to=to):
-            return curves.line(here, _resolve(to, here)), MoveKind.LINE
-        case MoveC(via=via, to=to):
-            return curves.arc(here, _resolve(via, here), _resolve(to, here)), MoveKind.ARC
-        case MoveSB(through=through):
-            points = [here]
-            for target in through:
-                points.append(_resolve(target, points[-1]))
-            return curves.spline(np.array(points)), MoveKind.SPLINE
-    raise TypeError(f'{type(statement).__name__} has no path')
+    first: int
+    time_s: float
+    number: int
+    name: str
+    events: Floats
+    changes: tuple[tuple[float, Event], ...]

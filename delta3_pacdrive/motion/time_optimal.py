@@ -36,8 +36,8 @@ Arguments of the kernels here:
     Take the gradient, shape (n + 2,), and the Hessian's diagonal and two below it, shape (3, n + 2).
 ``warm``
     Whether the coefficients are those for limits that were nearly the same.
-``local``
-    Takes gradient and Hessian by y, y', y'' at a grid point: shape (4, 3), the gradient in the last row.
+``slant``, ``bend``
+    Gradient (3 numbers) and Hessian (6, by rows of its lower half) by y, y', y'' at a grid point.
 """
 
 from typing import NamedTuple
@@ -60,6 +60,9 @@ SLOPE, SHORTER = 0.1, 0.6
 START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
 
 
+BROKEN = np.inf, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # what a grid point tells beyond a limit
+
+
 class Demand(NamedTuple):
     """What a motion asks for at the grid points in terms of y, y', y'', each in shares of its limit.
 
@@ -77,69 +80,75 @@ class Demand(NamedTuple):
 
 
 @kernel
-def _add_square(weight, a, b, c, local):
-    """Add the square of a row to the Hessian."""
-    local[0, 0] += weight * a * a
-    local[1, 0] += weight * a * b
-    local[1, 1] += weight * b * b
-    local[2, 0] += weight * a * c
-    local[2, 1] += weight * b * c
-    local[2, 2] += weight * c * c
+def _with_square(bend, weight, a, b):
+    """Return the Hessian with the square of a row without y''."""
+    h00, h10, h11, h20, h21, h22 = bend
+    return h00 + weight * a * a, h10 + weight * a * b, h11 + weight * b * b, h20, h21, h22
 
 
 @kernel
-def _add_slope(weight, a, b, c, local):
-    """Add a row to the gradient."""
-    local[3, 0] += weight * a
-    local[3, 1] += weight * b
-    local[3, 2] += weight * c
+def _with_whole_square(bend, weight, a, b, c):
+    """Return the Hessian with the square of a row."""
+    h00, h10, h11, h20, h21, h22 = _with_square(bend, weight, a, b)
+    return h00, h10, h11, h20 + weight * a * c, h21 + weight * b * c, h22 + weight * c * c
 
 
 @kernel
-def _at_point(n, y, d, e, time, heat, demand, local):
-    """Barrier, time and heat at a grid point: fills ``local`` and returns the value, inf beyond a limit."""
-    local[:] = 0.0
+def _with_slope(slant, weight, a, b):
+    """Return the gradient with a row without y''."""
+    return slant[0] + weight * a, slant[1] + weight * b, slant[2]
+
+
+@kernel
+def _with_whole_slope(slant, weight, a, b, c):
+    """Return the gradient with a row."""
+    return slant[0] + weight * a, slant[1] + weight * b, slant[2] + weight * c
+
+
+@kernel
+def _at_point(n, y, d, e, time, heat, demand):
+    """Barrier, time and heat at a grid point: value, inf beyond a limit, gradient and Hessian."""
     if not 0.0 < y < demand.square_max[n]:
-        return np.inf
+        return BROKEN
     root = np.sqrt(y)
     value = time / root
-    local[3, 0] -= 0.5 * time / (root * y)
-    local[0, 0] += 0.75 * time / (root * y * y)
+    slant = (-0.5 * time / (root * y), 0.0, 0.0)
+    bend = (0.75 * time / (root * y * y), 0.0, 0.0, 0.0, 0.0, 0.0)
     room = 1.0 - y / demand.square_max[n]
     product = room
     inverse = 1.0 / (demand.square_max[n] - y)
-    local[3, 0] += inverse
-    local[0, 0] += inverse * inverse
+    slant = _with_slope(slant, inverse, 1.0, 0.0)
+    bend = _with_square(bend, inverse * inverse, 1.0, 0.0)
     for i in range(demand.bounded.shape[1]):
         p, q = demand.bounded[n, i, 0], demand.bounded[n, i, 1]
         k = demand.bounded[n, i, 3]
         f = p * y + q * d + demand.bounded[n, i, 2] + k * root
         if not -1.0 < f < 1.0:
-            return np.inf
+            return BROKEN
         p += 0.5 * k / root
         up, down = 1.0 / (1.0 - f), 1.0 / (1.0 + f)
         product *= (1.0 - f) * (1.0 + f)
-        _add_slope(up - down, p, q, 0.0, local)
-        _add_square(up * up + down * down, p, q, 0.0, local)
+        slant = _with_slope(slant, up - down, p, q)
+        bend = _with_square(bend, up * up + down * down, p, q)
         if heat > 0.0 and i < 3:
             # f^2 / sqrt(y) is convex
             h = heat * time / root
             value += h * f * f
-            _add_slope(2.0 * h * f, p, q, 0.0, local)
-            local[3, 0] -= 0.5 * h * f * f / y
-            _add_square(2.0 * h, p - 0.5 * f / y, q, 0.0, local)
-            local[0, 0] += 0.25 * h * f * f / (y * y)
+            slant = _with_slope(slant, 2.0 * h * f, p, q)
+            slant = _with_slope(slant, -0.5 * h * f * f / y, 1.0, 0.0)
+            bend = _with_square(bend, 2.0 * h, p - 0.5 * f / y, q)
+            bend = _with_square(bend, 0.25 * h * f * f / (y * y), 1.0, 0.0)
     # between two grid points y changes little: else it would jump where no limit is looked at
     even = demand.change_max[n]
     up, down = 1.0 / (even * y - d), 1.0 / (even * y + d)
     if not (up > 0.0 and down > 0.0):
-        return np.inf
+        return BROKEN
     product *= (even - d / y) * (even + d / y) / (even * even)
     value -= 2.0 * np.log(y)
-    _add_slope(-up, even, -1.0, 0.0, local)
-    _add_slope(-down, even, 1.0, 0.0, local)
-    _add_square(up * up, even, -1.0, 0.0, local)
-    _add_square(down * down, even, 1.0, 0.0, local)
+    slant = _with_slope(slant, -up, even, -1.0)
+    slant = _with_slope(slant, -down, even, 1.0)
+    bend = _with_square(bend, up * up, even, -1.0)
+    bend = _with_square(bend, down * down, even, 1.0)
     value -= np.log(product)
     for _ in range(demand.accelerated.shape[1] // 2):
         p, q = demand.accelerated[n, 0, 0], demand.accelerated[n, 0, 1]
@@ -147,13 +156,13 @@ def _at_point(n, y, d, e, time, heat, demand, local):
         along, across = p * y + q * d, r * y
         left = 1.0 - along * along - across * across
         if not left > 0.0:
-            return np.inf
+            return BROKEN
         value -= np.log(left)
         a, b = 2.0 * (along * p + across * r) / left, 2.0 * along * q / left
-        _add_slope(1.0, a, b, 0.0, local)
-        _add_square(1.0, a, b, 0.0, local)
-        _add_square(2.0 / left, p, q, 0.0, local)
-        _add_square(2.0 / left, r, 0.0, 0.0, local)
+        slant = _with_slope(slant, 1.0, a, b)
+        bend = _with_square(bend, 1.0, a, b)
+        bend = _with_square(bend, 2.0 / left, p, q)
+        bend = _with_square(bend, 2.0 / left, r, 0.0)
     bound, slope = 1.0 / root, -0.5 / (root * y)
     for first in range(0, demand.jerked.shape[1], 3):
         left, a, b, c = bound * bound, bound * slope, 0.0, 0.0
@@ -163,30 +172,30 @@ def _at_point(n, y, d, e, time, heat, demand, local):
             left -= f * f
             a, b, c = a - f * p, b - f * q, c - f * r
         if not left > 0.0:
-            return np.inf
+            return BROKEN
         value -= np.log(left)
-        _add_slope(-2.0 / left, a, b, c, local)
-        _add_square(4.0 / (left * left), a, b, c, local)
-        local[0, 0] -= 2.0 * slope * slope / left
+        slant = _with_whole_slope(slant, -2.0 / left, a, b, c)
+        bend = _with_whole_square(bend, 4.0 / (left * left), a, b, c)
+        bend = _with_square(bend, -2.0 * slope * slope / left, 1.0, 0.0)
         for i in range(first, first + 3):
             p, q, r = demand.jerked[n, i, 0], demand.jerked[n, i, 1], demand.jerked[n, i, 2]
-            _add_square(2.0 / left, p, q, r, local)
+            bend = _with_whole_square(bend, 2.0 / left, p, q, r)
     for i in range(demand.rated.shape[1]):
         p, q, r = demand.rated[n, i, 0], demand.rated[n, i, 1], demand.rated[n, i, 2]
         f = p * y + q * d + r * e + demand.rated[n, i, 3]
         if not -bound < f < bound:
-            return np.inf
+            return BROKEN
         up, down = 1.0 / (bound - f), 1.0 / (bound + f)
         value -= np.log((bound - f) * (bound + f))
-        _add_slope(up, p - slope, q, r, local)
-        _add_slope(down, -p - slope, -q, -r, local)
-        _add_square(up * up, p - slope, q, r, local)
-        _add_square(down * down, p + slope, q, r, local)
-    return value
+        slant = _with_whole_slope(slant, up, p - slope, q, r)
+        slant = _with_whole_slope(slant, down, -p - slope, -q, -r)
+        bend = _with_whole_square(bend, up * up, p - slope, q, r)
+        bend = _with_whole_square(bend, down * down, p + slope, q, r)
+    return value, slant, bend
 
 
 @kernel
-def _evaluate(c, demand, sharpness, heat, gradient, band, local):
+def _evaluate(c, demand, sharpness, heat, gradient, band):
     """Barrier and weighted time of a spline; inf if it breaks a limit."""
     count = demand.square_max.shape[0]
     h = 1.0 / (count - 1)
@@ -195,34 +204,33 @@ def _evaluate(c, demand, sharpness, heat, gradient, band, local):
     total = 0.0
     gradient[:] = 0.0
     band[:] = 0.0
-    g = np.empty(3)
     for n in range(count):
         y = y0 * (c[n] + c[n + 2]) + y1 * c[n + 1]
         d = d0 * (c[n + 2] - c[n])
         e = e0 * (c[n] - 2.0 * c[n + 1] + c[n + 2])
         weight = 0.5 if n == 0 or n == count - 1 else 1.0
-        value = _at_point(n, y, d, e, sharpness * weight * h, heat, demand, local)
+        value, (g0, g1, g2), bend = _at_point(n, y, d, e, sharpness * weight * h, heat, demand)
         if not value < np.inf:
             return np.inf
         total += value
-        local[0, 1], local[0, 2], local[1, 2] = local[1, 0], local[2, 0], local[2, 1]
-        g[0], g[1], g[2] = local[3, 0], local[3, 1], local[3, 2]
-        gradient[n] += y0 * g[0] - d0 * g[1] + e0 * g[2]
-        gradient[n + 1] += y1 * g[0] - 2.0 * e0 * g[2]
-        gradient[n + 2] += y0 * g[0] + d0 * g[1] + e0 * g[2]
+        gradient[n] += y0 * g0 - d0 * g1 + e0 * g2
+        gradient[n + 1] += y1 * g0 - 2.0 * e0 * g2
+        gradient[n + 2] += y0 * g0 + d0 * g1 + e0 * g2
         # B^T H B for the three columns of B
+        h00, h10, h11, h20, h21, h22 = bend
         for j in range(3):
             b0 = y1 if j == 1 else y0
             b1 = (j - 1) * d0
             b2 = -2.0 * e0 if j == 1 else e0
-            for i in range(3):
-                g[i] = local[i, 0] * b0 + local[i, 1] * b1 + local[i, 2] * b2
-            band[0, n + j] += b0 * g[0] + b1 * g[1] + b2 * g[2]
+            g0 = h00 * b0 + h10 * b1 + h20 * b2
+            g1 = h10 * b0 + h11 * b1 + h21 * b2
+            g2 = h20 * b0 + h21 * b1 + h22 * b2
+            band[0, n + j] += b0 * g0 + b1 * g1 + b2 * g2
             if j == 0:
-                band[1, n] += y1 * g[0] - 2.0 * e0 * g[2]
-                band[2, n] += y0 * g[0] + d0 * g[1] + e0 * g[2]
+                band[1, n] += y1 * g0 - 2.0 * e0 * g2
+                band[2, n] += y0 * g0 + d0 * g1 + e0 * g2
             elif j == 1:
-                band[1, n + 1] += y0 * g[0] + d0 * g[1] + e0 * g[2]
+                band[1, n + 1] += y0 * g0 + d0 * g1 + e0 * g2
     return total
 
 
@@ -265,12 +273,12 @@ def _newton_step(gradient, band, step):
 def _minimise(c, demand, heat, warm):
     """Set the coefficients to those of the fastest motion; return the number of Newton's steps, -1 if none is legal."""
     count, value, steps = c.shape[0], np.inf, 0
-    gradient, band, local = np.empty(count), np.empty((3, count)), np.empty((4, 3))
+    gradient, band = np.empty(count), np.empty((3, count))
     step, other = np.empty(count), np.empty(count)
     if not warm:
         c[:] = START
     for _ in range(START_HALVINGS):
-        value = _evaluate(c, demand, 1.0, 0.0, gradient, band, local)
+        value = _evaluate(c, demand, 1.0, 0.0, gradient, band)
         if value < np.inf:
             break
         c *= WARM_STEP if warm else 0.5
@@ -291,7 +299,7 @@ def _minimise(c, demand, heat, warm):
     if warm:
         sharpness *= SHARPER ** (STAGES - WARM_STAGES)
     for _ in range(WARM_STAGES if warm else STAGES):
-        value = _evaluate(c, demand, sharpness, heat, gradient, band, local)
+        value = _evaluate(c, demand, sharpness, heat, gradient, band)
         for _ in range(NEWTON_MAX):
             if not _newton_step(gradient, band, step):
                 break
@@ -305,7 +313,7 @@ def _minimise(c, demand, heat, warm):
             for _ in range(SEARCH_MAX):
                 for n in range(count):
                     other[n] = c[n] + share * step[n]
-                found = _evaluate(other, demand, sharpness, heat, gradient, band, local)
+                found = _evaluate(other, demand, sharpness, heat, gradient, band)
                 if found <= value - SLOPE * share * decrement:
                     break
                 share *= SHORTER

@@ -12,9 +12,11 @@ LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
 EXACT, DECOUPLED = ARM_COUPLINGS = ('exact', 'decoupled')
 # the first one is no `off`: readers of YAML take that word for a switch
 INERTIA, MODEL = FEED_FORWARDS = ('inertia', 'model')
+UNSHAPED, ZV, ZVD, SMOOTH = SHAPINGS = ('none', 'zv', 'zvd', 'smooth')
 # Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
 PAYLOAD_MAX_KG = 10.0
+RATED_PAYLOAD_KG = 2.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,26 @@ class Drive:
     stop_deceleration_rad_s2: float = positive('ramp of reaction BD2, motor side', 1e6)
     stop_time_max_s: float = positive('longest controlled stop before the brake is applied', 10.0)
     interpolation: str = choice('fine interpolation of set points within a bus cycle', INTERPOLATIONS)
+    notch_1_frequency_hz: float = quantity(
+        'centre of notch filter 1 of the current reference; 0: off', 0.0, 4e3, default=0.0
+    )
+    notch_1_damping: float = quantity('D of notch filter 1, which makes it wide', 0.01, 2.0, default=0.5)
+    notch_1_depth: float = quantity(
+        'share of the amplitude that passes at the centre of notch filter 1', 1e-3, 1.0, default=0.1
+    )
+    notch_2_frequency_hz: float = quantity(
+        'centre of notch filter 2, behind filter 1; 0: off', 0.0, 4e3, default=0.0
+    )
+    notch_2_damping: float = quantity('D of notch filter 2', 0.01, 2.0, default=0.5)
+    notch_2_depth: float = quantity(
+        'share of the amplitude that passes at the centre of notch filter 2', 1e-3, 1.0, default=0.1
+    )
+    position_window_rad: float = quantity(
+        'position window (S-0-0057), motor side: a drive this close to its command is in position',
+        1e-6,
+        1e3,
+        default=0.01,
+    )
 
 
 @dataclass(frozen=True)
@@ -70,6 +92,16 @@ class Control:
         0.0,
         0.1,
         default=0.0,
+    )
+    shaping: str = choice('input shaping of moves, against vibration after a stop', SHAPINGS)
+    shaping_frequency_hz: float = quantity(
+        'vibration that shaped moves do not excite; 0: computed for the end of each move',
+        0.0,
+        500.0,
+        default=0.0,
+    )
+    shaping_damping: float = quantity(
+        'damping ratio of the vibration, with its frequency', 0.0, 0.9, default=0.35
     )
 
 
@@ -253,3 +285,12 @@ class Motion:
     )
     enable_cycle: int = quantity('bus cycle at which the drives are enabled, -1 on request', -1, 10**9)
     start_cycle: int = quantity('bus cycle at which a loaded program starts, -1 on request', -1, 10**9)
+    in_position_time_s: float = quantity(
+        'time that every drive must be within its position window to be in position', 0.0, 10.0, default=0.01
+    )
+    in_position_timeout_s: float = quantity(
+        'longest time from the end of a program, or an exact stop, until the robot is in position',
+        0.0,
+        60.0,
+        default=0.5,
+    )

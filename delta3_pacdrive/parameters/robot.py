@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,9 +11,11 @@ from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.checked import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.geometry import Kinematics
+from delta3_pacdrive.parameters.notch import notches
 from delta3_pacdrive.parameters.records import (
     LINEAR,
     MODEL,
+    UNSHAPED,
     Bus,
     Control,
     Drive,
@@ -71,6 +74,8 @@ class Parameters:
         words = [f'torque of {torque}', f'{self.drive.interpolation} set points']
         if self.gear_gives:
             words.append('gears that give')
+        if self.control.shaping != UNSHAPED:
+            words.append(f'shaped moves ({self.control.shaping})')
         of_thesis = self.control == Control() and self.drive.interpolation == LINEAR
         return f'{", ".join(words)}{" (of the thesis)" * of_thesis}'
 
@@ -85,13 +90,14 @@ class Parameters:
         """Dead time [s] of the drive from an additive torque command to the torque of its motor.
 
         A reference passes its low-pass late by F_currRef. The current follows late by the velocity error of its loop:
-        R over K_Icurr of a phase, or L over R + K_Pcurr where the integrator is slower.
+        R over K_Icurr of a phase, or L over R + K_Pcurr where the integrator is slower. Notch filters are late as well.
         """
         drive, motor = self.drive, self.motor
         lag_s = motor.winding_inductance_h / (motor.winding_resistance_ohm + 2.0 * drive.current_gain_v_a)
         if drive.current_integral_gain_v_a_s > 0.0:
             lag_s = min(lag_s, motor.winding_resistance_ohm / (2.0 * drive.current_integral_gain_v_a_s))
-        return drive.current_reference_filter_s + lag_s
+        notch_s = sum(notch.dead_time_s(drive.velocity_period_s) for notch in notches(drive))
+        return drive.current_reference_filter_s + lag_s + notch_s
 
     @property
     def torque_max_n_m(self) -> float:
@@ -104,6 +110,30 @@ class Parameters:
         """Dead time of the following error [cycles]: feedback and set point, unless it was prescribed."""
         prescribed = self.motion.following_error_delay_cycles
         return prescribed if prescribed >= 0.0 else 1.0 + self.set_point_delay_cycles
+
+    @property
+    def in_position_cycles(self) -> int:
+        """Bus cycles in a row in which every drive must be within its position window to be in position."""
+        return max(math.ceil(self.motion.in_position_time_s / self.bus.cycle_time_s - 1e-9), 1)
+
+    @property
+    def shortest_wait_s(self) -> float:
+        """Time [s] from the last set point of an exact stop until the program can go on, if the robot is there at once.
+
+        The drives must be in position for their time, a dead time after the set point, and what their answers bring
+        about takes effect when no outstanding cycle can know less.
+        """
+        cycles = self.in_position_cycles + math.ceil(self.following_error_delay_cycles)
+        return (cycles + self.bus.outstanding_cycles_max) * self.bus.cycle_time_s
+
+    @property
+    def decision_cycles(self) -> int:
+        """Bus cycles from the answers that a script decides on to the command in which its decision takes effect.
+
+        When the answers are known, the commands of as many cycles as may be outstanding are out already, and what
+        begins at a cycle is told as many cycles before.
+        """
+        return 2 * self.bus.outstanding_cycles_max + 2
 
     @functools.cached_property
     def checksum(self) -> str:

@@ -5,13 +5,17 @@ from typing import Any
 
 from delta3_pacdrive.errors import shown
 from delta3_pacdrive.parameters.geometry import Kinematics
-from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Drive, Dynamics, Motor, Rich
+from delta3_pacdrive.parameters.notch import NUMBERS, notches
+from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, Dynamics, Motor, Rich
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # With older coupling torques the drives oscillate.
 EXCHANGE_PERIODS_S = (125.0e-6, 250.0e-6, 500.0e-6, 1.0e-3)
 # Behind an elastic gear a rotor escapes an observer that takes it for the whole arm.
 ELASTIC_EXCHANGE_S = 250.0e-6
+# Below, a notch filter is as slow as the loops; above, its sampling leaves nothing of it.
+NOTCH_MIN_HZ, NOTCH_SHARE = 10.0, 0.4
+SHAPED_MIN_HZ = 1.0  # below it a shaped move would take seconds more
 
 Rules = Iterator[tuple[str, str]]  # the name of a value, and which rule it breaks with others
 
@@ -22,13 +26,22 @@ def _is_multiple(value: float, unit: float) -> bool:
 
 
 def broken_rules(
-    kinematics: Kinematics, dynamics: Dynamics, drive: Drive, bus: Bus, rich: Rich, motor: Motor, **_: Any
+    kinematics: Kinematics,
+    dynamics: Dynamics,
+    drive: Drive,
+    bus: Bus,
+    rich: Rich,
+    motor: Motor,
+    control: Control,
+    **_: Any,
 ) -> Rules:
     """Tell which rules that join several values are broken."""
     yield from _broken_timing(bus, drive)
+    yield from _broken_notches(drive)
     yield from _broken_geometry(kinematics, dynamics)
     yield from _broken_effects(rich, bus, motor)
     yield from _broken_decoupling(dynamics, rich)
+    yield from _broken_shaping(control)
 
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:
@@ -53,6 +66,18 @@ def _broken_timing(bus: Bus, drive: Drive) -> Rules:
     ):
         if not _is_multiple(value, unit):
             yield name, f'{name} is {value}, but must be a whole multiple of {unit_name} ({unit})'
+
+
+def _broken_notches(drive: Drive) -> Rules:
+    high = NOTCH_SHARE / drive.velocity_period_s
+    for number, notch in zip(NUMBERS, notches(drive), strict=True):
+        name, frequency = f'drive.notch_{number}_frequency_hz', notch.frequency_hz
+        if frequency != 0.0 and not NOTCH_MIN_HZ <= frequency <= high:
+            yield (
+                name,
+                f'{name} is {frequency:g} Hz, but must be 0 (off) or between {NOTCH_MIN_HZ:g} Hz and {high:g} Hz, '
+                f'{NOTCH_SHARE:g} of the rate of the velocity loop',
+            )
 
 
 def _broken_geometry(kinematics: Kinematics, dynamics: Dynamics) -> Rules:
@@ -98,6 +123,15 @@ def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
         yield (
             'bus.exchange_period_s',
             f'rich.gear needs a bus.exchange_period_s of at most {ELASTIC_EXCHANGE_S}, not {bus.exchange_period_s}',
+        )
+
+
+def _broken_shaping(control: Control) -> Rules:
+    frequency = control.shaping_frequency_hz
+    if 0.0 < frequency < SHAPED_MIN_HZ:
+        yield (
+            'control.shaping_frequency_hz',
+            f'control.shaping_frequency_hz is {frequency}, but must be 0 (computed) or at least {SHAPED_MIN_HZ}',
         )
 
 

@@ -27,8 +27,8 @@ PROGRAM_MISTAKES = [
     '2:9: repeat is 0, but must be a whole number between 1 and 10000',
     "4:18: moves[0].move_l.to_m: unknown point 'abov', the points are: 'above': did you mean above?",
     '4:35: moves[0].move_l.speed_m_s is -1.0, but must be a positive number',
-    "5:3: moves[1]: unknown key 'dwel', expected one of move_l, move_c, move_sb, arch, cubic, joints, dwell, output: "
-    'did you mean dwell?',
+    "5:3: moves[1]: unknown key 'dwel', expected one of move_l, move_c, move_sb, arch, cubic, joints, dwell, "
+    'output, for_each: did you mean dwell?',
     "6:18: moves[2].output.name is 'griper', but must be one of ",
     '6:33: moves[2].output.value must be true or false, not 1',
     "8:11: faults[0].fault is 'drop_a', but must be one of ",

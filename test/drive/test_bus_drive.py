@@ -36,6 +36,7 @@ class Rig:
         self.announced: list[tuple[bytes, Occasion]] = []
         self.answers: list[int] = []
         self.currents: list[int] = []
+        self.repeated = 0  # currents
         self.refused: list[str] = []
         self.losses: list[str] = []
         self.on_bus = BusDrive(ROBOT, 1, Schedule(), self, LOOK_S, lambda: self.now_s)
@@ -56,6 +57,9 @@ class Rig:
 
     def send_current(self, exchange: int, _: bool) -> None:
         self.currents.append(exchange)
+
+    def repeat_current(self) -> None:
+        self.repeated += 1
 
     def refuse(self, reason: str) -> None:
         self.refused.append(reason)
@@ -208,3 +212,20 @@ def test_whatever_happens_it_is_cyclic_as_long_as_bus_time_goes_on(events: list[
         assert on_bus.slave.cyclic or not on_bus.drive.powered
         assert rig.answers == sorted(set(rig.answers))
         assert rig.currents == sorted(set(rig.currents))
+
+
+def test_a_drive_whose_bus_waits_hears_the_mdt_again_and_repeats_its_current(rig: Rig) -> None:
+    rig.run(5)
+    rig.on_bus.clock.take_shaft(rig.on_bus.clock.exchange, (0.0, 0.0, 0.0))
+    for _ in range(20):
+        rig.wait(MASTER_SILENT_S / 2)
+        rig.on_bus.take_command(4, OFF)
+    assert rig.repeated == 20
+    assert rig.losses == []
+    assert len(rig.currents) == 5 * PER_CYCLE
+
+
+def test_a_repeated_mdt_repeats_no_current_while_the_drive_waits_for_a_shaft(rig: Rig) -> None:
+    rig.run(5)
+    rig.on_bus.take_command(4, OFF)
+    assert rig.repeated == 0

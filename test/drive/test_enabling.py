@@ -17,7 +17,17 @@ FILTERS = {
     'drive__velocity_filter_s': 2e-4,
     'drive__current_filter_s': 4e-5,
     'drive__current_reference_filter_s': 2e-4,
+    'drive__notch_1_frequency_hz': 200.0,
+    'drive__notch_2_frequency_hz': 450.0,
 }
+NOTCHED = (
+    'current_asked',
+    'current_asked_before',
+    'notched_once',
+    'notched_once_before',
+    'notched_twice',
+    'notched_twice_before',
+)
 # of the loops; the rest of a drive's record are counters, and what the telegrams said
 LOOPS = (
     'velocity_integral',
@@ -29,6 +39,7 @@ LOOPS = (
     'speed_reference',
     'voltage',
     'reference',
+    *NOTCHED,
 )
 
 
@@ -94,6 +105,7 @@ def test_a_drive_begins_with_the_current_of_its_load_and_an_empty_current_loop(r
         'speed_reference': 0.0,
         'voltage': 0.0,
         'reference': 0.0,
+        **dict.fromkeys(NOTCHED, hold),
     }
 
 

@@ -28,6 +28,12 @@ ROBOT = {
     'drive.velocity_filter_s': 1.1e-4,
     'drive.current_reference_filter_s': 2.1e-4,
     'drive.current_filter_s': 3.1e-4,
+    'drive.notch_1_frequency_hz': 230.0,
+    'drive.notch_1_damping': 0.64,
+    'drive.notch_1_depth': 0.14,
+    'drive.notch_2_frequency_hz': 410.0,
+    'drive.notch_2_damping': 0.53,
+    'drive.notch_2_depth': 0.15,
     'drive.commutation_offset_rad': 0.07,
     'drive.dc_link_voltage_v': 580.0,
     'drive.following_error_limit_rad': 0.41,
@@ -39,6 +45,7 @@ ROBOT = {
     'drive.stop_deceleration_rad_s2': 2900.0,
     'drive.stop_time_max_s': 0.62,
     'drive.interpolation': 'cubic',
+    'drive.position_window_rad': 0.016,
     'drive.position_period_s': 500e-6,
     'drive.velocity_period_s': 250e-6,
     'drive.current_period_s': 125e-6,
@@ -116,6 +123,7 @@ EXPECTED = {
     'S-0-0049': ('rad', 108.0 / 180.0 * math.pi * GEAR, NEVER),
     'S-0-0050': ('rad', -56.0 / 180.0 * math.pi * GEAR, NEVER),
     'S-0-0051': ('rad', 14.0, NEVER),
+    'S-0-0057': ('rad', 0.016, NEVER),
     'S-0-0079': ('increments', 262144, NEVER),
     'S-0-0080': ('N m', 0.79 * 15.5, NEVER),
     'S-0-0081': ('N m', 1.25, NEVER),
@@ -150,6 +158,7 @@ EXPECTED = {
     'S-0-0296': ('1', 0.9, ALWAYS),
     'S-0-0300': ('1', 20, NEVER),
     'S-0-0302': ('1', 30, NEVER),
+    'S-0-0336': ('1', 0, NEVER),  # 0.017 rad off
     'S-0-0348': ('1', 0.8, ALWAYS),
     'S-0-0380': ('V', 555.0, NEVER),
     'S-0-0389': ('A', 2.75, NEVER),
@@ -168,6 +177,12 @@ EXPECTED = {
     'P-0-0022': ('kg m2', 0.95, EARLY),
     'P-0-0031': ('s', 2.1e-4, ALWAYS),
     'P-0-0032': ('s', 3.1e-4, ALWAYS),
+    'P-0-0033': ('Hz', 230.0, ALWAYS),
+    'P-0-0034': ('1', 0.64, ALWAYS),
+    'P-0-0035': ('1', 0.14, ALWAYS),
+    'P-0-0036': ('Hz', 410.0, ALWAYS),
+    'P-0-0037': ('1', 0.53, ALWAYS),
+    'P-0-0038': ('1', 0.15, ALWAYS),
     'P-0-0041': ('1', 1.15, ALWAYS),
     'P-0-0042': ('s', 4.5, ALWAYS),
     'P-0-0051': ('rad', 0.07, NEVER),
@@ -211,6 +226,12 @@ HOLDS = {
     'P-0-0022': 'drive.observer_arm_inertia_kg_m2',
     'P-0-0031': 'drive.current_reference_filter_s',
     'P-0-0032': 'drive.current_filter_s',
+    'P-0-0033': 'drive.notch_1_frequency_hz',
+    'P-0-0034': 'drive.notch_1_damping',
+    'P-0-0035': 'drive.notch_1_depth',
+    'P-0-0036': 'drive.notch_2_frequency_hz',
+    'P-0-0037': 'drive.notch_2_damping',
+    'P-0-0038': 'drive.notch_2_depth',
     'P-0-0041': 'drive.overspeed_factor',
     'P-0-0042': 'drive.overload_time_s',
 }
@@ -246,6 +267,14 @@ def test_the_values_of_the_strange_robot_differ_from_each_other_and_from_the_def
 
 def test_the_drive_knows_these_idn_and_no_other():
     assert {format_idn(idn) for idn in TABLE} == set(EXPECTED)
+
+
+@pytest.mark.parametrize(('error_rad', 'told'), [(0.016, 1), (-0.016, 1), (0.0161, 0), (-0.0161, 0)])
+def test_a_drive_is_in_position_within_its_window(error_rad, told, strange):
+    record = np.zeros(1, STATE)
+    record['following_error'] = error_rad
+    register = Register(strange, lambda name: float(record[name][0]), lambda _: None, lambda: True)
+    assert serve(register, 'S-0-0336', Operation.READ, CP4).value == told
 
 
 @pytest.mark.parametrize('text', EXPECTED)

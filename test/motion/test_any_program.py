@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind, sample_plan
+from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, sample_plan
 from programs_read import checked, parse
 
 HOME = (0.0, 0.0, -0.75)
@@ -20,7 +20,9 @@ KEYS = st.sampled_from(
         'name', 'start_m', 'repeat', 'limits', 'points', 'payload_kg', 'moves', 'move_l', 'move_c', 'move_sb', 'cubic',
         'dwell', 'output', 'to_m', 'via_m', 'through_m', 'by_m', 'point', 'time_s', 'duration_s', 'speed_m_s',
         'blend_m', 'strict', 'value', 'before_m', 'time_optimal', 'torque_rate_n_m_s', 'arch', 'up_m', 'down_m',
-        'keep_out', 'height_m', 'margin_m', 'aim',
+        'keep_out', 'height_m', 'margin_m', 'aim', 'in_position', 'frames', 'frame', 'tools', 'tool', 'patterns',
+        'origin_m', 'yaw_rad', 'taught_m', 'offset_m', 'mass_kg', 'rows', 'columns', 'pitch_m', 'layers', 'for_each',
+        'place_of', 'at_m', 'base', 'after_m', 'before_s', 'after_s',
     ]
 )  # fmt: skip
 SCALARS = st.one_of(
@@ -54,6 +56,7 @@ def statements(points, limits, numbers, flags):
         'blend_m': numbers,
         'strict': flags,
         'time_optimal': flags,
+        'in_position': flags,
         'torque_rate_n_m_s': limits,
     }
     return st.one_of(
@@ -73,7 +76,13 @@ def statements(points, limits, numbers, flags):
                 (
                     'output',
                     {'name': st.one_of(st.sampled_from(OUTPUTS), points), 'value': flags},
-                    {'before_m': numbers, 'payload_kg': numbers},
+                    {
+                        'before_m': numbers,
+                        'after_m': numbers,
+                        'before_s': numbers,
+                        'after_s': numbers,
+                        'payload_kg': numbers,
+                    },
                 ),
             )
         ]
@@ -131,7 +140,7 @@ SOME_STATEMENT = st.one_of(
     *[
         st.fixed_dictionaries({kind: st.fixed_dictionaries(required, optional=optional)})
         for kind, required, optional in (
-            ('move_l', {'to_m': PLACES}, SOME_OPTIONS),
+            ('move_l', {'to_m': PLACES}, {**SOME_OPTIONS, 'in_position': st.booleans()}),
             ('move_l', {'to_m': PLACES, 'blend_m': st.floats(0.0, 0.03)}, SOME_OPTIONS),
             ('move_c', {'via_m': PLACES, 'to_m': PLACES}, SOME_OPTIONS),
             ('move_sb', {'through_m': st.lists(PLACES, min_size=1, max_size=5)}, SOME_OPTIONS),
@@ -142,6 +151,14 @@ SOME_STATEMENT = st.one_of(
                 'output',
                 {'name': st.sampled_from(OUTPUTS), 'value': st.booleans()},
                 {'payload_kg': st.floats(0.0, 10.0)},
+            ),
+            *(
+                (
+                    'output',
+                    {'name': st.just('output1'), 'value': st.booleans(), shift: st.floats(0.0, 0.3)},
+                    {},
+                )
+                for shift in ('after_m', 'before_s', 'after_s')
             ),
         )
     ]
@@ -172,6 +189,8 @@ def test_whatever_is_read_is_planned_within_the_workspace_or_refused_with_one_se
     assert max(planned.rms_current_a) <= robot.motor.nominal_current_a * (1.0 + 1e-6)
     lengths = np.array([plan.move(n).length_m for n in numbers])
     assert (master[:, 0] <= lengths * (1.0 + 1e-9)).all()
+    for number, move in enumerate(plan.moves):
+        assert Move.from_array(move.to_array(number, len(plan.moves)), robot.kinematics)[1] == number
     ends = [plan.move(n).end_m() for n in range(len(plan))]
     for n in range(1, len(plan)):
         assert np.abs(plan.move(n).segments[0, 1::6] - ends[n - 1]).max() < 1e-6

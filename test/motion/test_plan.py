@@ -18,9 +18,9 @@ from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, sample_path
 from delta3_pacdrive.motion.plan import (
     CONTINUOUS,
     EVENT_COLUMNS,
+    EVENT_NAMES,
     HEADER,
     MOVES_MAX,
-    OUTPUTS,
     ROWS_MAX,
     VERSION,
     Move,
@@ -81,12 +81,14 @@ def refusal(function, *arguments):
 
 
 def test_a_move_of_any_kind_survives_its_message_to_the_last_bit(robot):
-    plan = planned(robot)
-    assert {move.kind for move in plan.moves} == set(MoveKind)
-    for number, move in enumerate(plan.moves):
-        back, n, count = Move.from_array(move.to_array(number, len(plan.moves)).tolist(), robot.kinematics)
+    wait = {'moves': [{'move_l': {'to_m': [0.0, -0.1, -0.8], 'in_position': True}}]}
+    waiting = program_planner.plan(programs.parse(wait, robot.motion), HOME, robot).plan
+    moves = [*planned(robot).moves, *waiting.moves]
+    assert {move.kind for move in moves} == set(MoveKind)
+    for number, move in enumerate(moves):
+        back, n, count = Move.from_array(move.to_array(number, len(moves)).tolist(), robot.kinematics)
         assert back.end_m().tobytes() == move.end_m().tobytes()
-        assert (n, count, back.kind) == (number, len(plan.moves), move.kind)
+        assert (n, count, back.kind) == (number, len(moves), move.kind)
         assert back.master.tobytes() == move.master.tobytes()
         assert back.segments.tobytes() == move.segments.tobytes()
         assert back.events.tobytes() == move.events.tobytes()
@@ -158,7 +160,7 @@ def moved(row, index, by):
         (lambda row: moved(row, PHASES + 7 * 5 + 1, 1e-5), 'its master jumps'),
         (lambda row: spoilt(row, PHASES + 8 * 5, 0.1), 'does not start at 0'),
         (lambda row: spoilt(row, EVENTS, 0.3), 'its events are out of order'),
-        (lambda row: spoilt(row, EVENTS + 1, float(len(OUTPUTS))), 'for an unknown output'),
+        (lambda row: spoilt(row, EVENTS + 1, float(len(EVENT_NAMES))), 'for an unknown output'),
         (lambda row: spoilt(row, EVENTS + 1, -2.0), 'for an unknown output'),
     ],
 )

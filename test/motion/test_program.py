@@ -124,7 +124,8 @@ def only(**kind):
         ({}, 'the program: missing key moves'),
         (
             changed(speed=1),
-            "unknown key 'speed', expected one of faults, limits, moves, name, payload_kg, points, repeat, start_m",
+            "unknown key 'speed', expected one of faults, frame, frames, in_position, limits, moves, name, patterns, "
+            'payload_kg, points, points_mm, repeat, start_m',
         ),
         (changed(**{'': 1}), "unknown key ''"),
         ({**GOOD, 1: 2}, 'unknown key 1'),
@@ -149,7 +150,7 @@ def only(**kind):
         (changed(moves=['go']), "moves[0] must be a mapping, not 'go'"),
         (
             changed(moves=[to(0, 0, -0.8), {}]),
-            'moves[1] must hold exactly one of move_l, move_c, move_sb, arch, cubic, joints, dwell, output',
+            'moves[1] must hold exactly one of move_l, move_c, move_sb, arch, cubic, joints, dwell, output, for_each',
         ),
         (changed(moves=[{'dwell': {'time_s': 1}, 'move_l': {}}]), 'moves[0] must hold exactly one of '),
         (only(jump=1), "moves[0]: unknown key 'jump'"),
@@ -179,7 +180,10 @@ def only(**kind):
         (changed(moves=[to(0, 0, -0.8, strict=1)]), 'moves[0].move_l.strict must be true or false, not 1'),
         (only(move_l={'to_m': {}}), 'moves[0].move_l.to_m: missing key by_m'),
         (only(move_l={'to_m': {'by': [0, 0, 0]}}), "moves[0].move_l.to_m: unknown key 'by'"),
-        (only(move_l={'to_m': {'by_m': 'x'}}), "moves[0].move_l.to_m.by_m: unknown point 'x'"),
+        (
+            only(move_l={'to_m': {'by_m': 'x'}}),
+            "moves[0].move_l.to_m.by_m must be a list of 3 numbers [m], not 'x'",
+        ),
         (
             only(move_l={'to_m': {'by_m': [0, 0, 50]}}),
             'moves[0].move_l.to_m.by_m is [0, 0, 50] m, farther than 10 m',
@@ -382,8 +386,8 @@ MISTAKES = [
     "8:26: moves[0].move_l.to_m[1] must be a number, not 'abc'",
     '8:46: moves[0].move_l.strict must be true or false, not 1',
     "9:20: moves[1].move_l.to_m: unknown point 'palce', the points are: 'pick', 'place': did you mean place?",
-    "11:5: moves[3]: unknown key 'movel', expected one of move_l, move_c, move_sb, arch, cubic, joints, dwell, output: "
-    'did you mean move_l?',
+    "11:5: moves[3]: unknown key 'movel', expected one of move_l, move_c, move_sb, arch, cubic, joints, dwell, "
+    'output, for_each: did you mean move_l?',
     '12:12: moves[4].cubic: missing key duration_s',
     f"13:20: moves[5].output.name is 'griper', but must be one of {', '.join(OUTPUTS)}: did you mean gripper?",
 ]

@@ -12,6 +12,8 @@ from planned import dwell, only, plan, to
 casadi = pytest.importorskip('casadi', reason='CasADi is not installed: there is no optimum to compare with')
 
 ABOVE = 1.03  # of the optimum
+# of time: the optimum breaks limits between two of them, and so is some 0.5 % too short with the first number
+STEPS = (500, 1000)
 PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '2'))  # 200 take half an hour
 LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
 
@@ -30,17 +32,25 @@ def test_random_picks_are_at_most_3_percent_slower_than_the_optimum(number, robo
     limits = LIMITS[number % len(LIMITS)]
     planned = plan(robot, moves, pick, payload_kg=payload, time_optimal=True, limits=limits)
     move = only(planned).move(0)
-    try:
-        best = shortest_time(
-            casadi,
-            Curve(move.segments, move.length_m),
-            move.master,
-            robot,
-            move.payload_kg,
-            limits.get('jerk_m_s3', np.inf),
-            limits.get('torque_rate_n_m_s', np.inf),
+    for steps in STEPS:
+        try:
+            best = shortest_time(
+                casadi,
+                Curve(move.segments, move.length_m),
+                move.master,
+                robot,
+                move.payload_kg,
+                limits.get('jerk_m_s3', np.inf),
+                limits.get('torque_rate_n_m_s', np.inf),
+                steps,
+            )
+        except RuntimeError as error:
+            if steps == STEPS[0]:
+                pytest.skip(f'IPOPT finds no optimum: {error}')
+            break
+        print(
+            f'pick {number}: {move.duration_s:.5f} s, {move.duration_s / best:.4f} of the optimum in {steps} steps'
         )
-    except RuntimeError as error:
-        pytest.skip(f'IPOPT finds no optimum: {error}')
-    print(f'pick {number}: {move.duration_s:.5f} s, {move.duration_s / best:.4f} of the optimum')
+        if move.duration_s < ABOVE * best:
+            break
     assert best < move.duration_s < ABOVE * best

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 import delta3_pacdrive
-from delta3_pacdrive import simulation
 from delta3_pacdrive.numerics import kernel
 
 LIMIT_S = 400.0  # for a compilation on a busy machine
@@ -30,19 +29,6 @@ saved = []
 with kernel.watched(lambda: saved.append(1)):
     p = kinematics.forward(np.array([0.3, 0.35, 0.4]), parameters.load().kinematics)
 print(json.dumps({'package': kernel.__file__, 'compiled': len(saved), 'p': p.tolist()}))
-"""
-COMPILE = """
-import json
-from delta3_pacdrive import simulation
-from delta3_pacdrive.numerics import kernel
-from delta3_pacdrive.simulation import warm_up
-shown, saved = [], []
-kernel_watched = kernel.watched
-def watched(tell):
-    return kernel_watched(lambda: (saved.append(1), tell()))
-warm_up.watched = watched
-simulation.compile_kernels(lambda done, total: shown.append((done, total)))
-print(json.dumps({'saved': len(saved), 'shown': shown, 'all': kernel.all_compiled(), 'compiled': kernel.compiled()}))
 """
 
 
@@ -140,7 +126,6 @@ def test_a_kernel_of_another_module_is_not_kept_because_nobody_knows_what_it_cal
 PRODUCT = """
 import json, sys
 import numpy as np
-from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import run_comparison
 from delta3_pacdrive.numerics import kernel
 idle = [name for name in ('scipy.linalg', 'scipy.signal', 'scipy.stats') if name in sys.modules]
@@ -174,35 +159,6 @@ def test_a_folder_of_somebody_else_is_not_used(monkeypatch, tmp_path):
     )  # what lies there belongs to the one who runs this test
     with pytest.raises(kernel.KernelError, match='no folder for compiled kernels can be written: tried'):
         kernel.cache_directory()
-
-
-def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(tmp_path):
-    command = [sys.executable, '-P', '-c', COMPILE]
-    options = {'env': environment(tmp_path / 'cache'), 'stdout': subprocess.PIPE}
-    answers = []
-    with started(command, **options) as first, started(command, **options) as second:
-        results = [(process, *process.communicate(timeout=LIMIT_S)) for process in (first, second)]
-    for process, output, errors in results:
-        assert process.returncode == 0, errors
-        answers.append(json.loads(output))
-    assert min(answer['saved'] for answer in answers) == 0
-    for answer in answers:
-        assert answer['all']
-        assert answer['compiled'] == simulation.KERNELS
-        assert {total for _, total in answer['shown']} == {simulation.KERNELS}
-        done = [count for count, _ in answer['shown']]
-        assert done == sorted(done)
-        assert len(set(done)) > 10  # also who waits sees how far the other one is
-    binaries = len(list((tmp_path / 'cache').rglob('*.nbc')))
-    # this process compiled some of them, its helpers the others, and none was compiled by both
-    assert max(answer['saved'] for answer in answers) <= binaries
-    if len(os.sched_getaffinity(0)) > 1:
-        assert max(answer['saved'] for answer in answers) < binaries
-    # nothing is compiled in the middle of a run
-    run = 'import json; from delta3_pacdrive import parameters, simulation; saved = []\n'
-    run += 'from delta3_pacdrive.numerics import kernel\n'
-    run += 'with kernel.watched(lambda: saved.append(1)): simulation.rehearse(parameters.load())\n'
-    assert output_of(run + 'print(json.dumps(len(saved)))', tmp_path / 'cache') == 0
 
 
 NODE = [

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 PER_EXPERIMENT = 8
 ATTRIBUTION = 'attribution.png'
+MARGIN = 5.0  # beside the bars of the shares [%]
 # panels of the figure of effects
 SHARED_OUT = ('tcp_error_norm', 'current', 'arm_angle', 'tcp_error_norm_true')
 MAGNIFIED = 0.06  # of the longest side of the path: how far magnified deviations reach
@@ -241,9 +242,11 @@ def effects(attribution: Attribution, title: str) -> Figure:
         rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
         text = textwrap.fill(quantity.text, 16)
         axes.axvline(0.0, color=MUTED, linewidth=0.8)
-        axes.set_xlim(right=max(105.0, axes.get_xlim()[1]))
         dress(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', xlabel='share (%)')
         axes.grid(visible=False, axis='y')
+    # effects may cancel one another: shares lie below 0 and above 100 % then
+    row[0].set_xlim(right=max(105.0, *(axes.dataLim.xmax + MARGIN for axes in row)))
+    row[0].set_xlim(left=min(-12.0, *(axes.dataLim.xmin - MARGIN for axes in row)))
     row[0].set_yticks(places, labels)
     row[0].invert_yaxis()
     row[0].legend(

@@ -22,7 +22,7 @@ from delta3_pacdrive.motion.path_dynamics import (
     path_coefficients,
     timed_dynamics,
 )
-from delta3_pacdrive.motion.plan import TIMED, UNCHANGED, Move, MoveKind, Plan
+from delta3_pacdrive.motion.plan import STANDING, TIMED, UNCHANGED, Move, Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.virtual_master import sample_master
@@ -125,7 +125,7 @@ def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
 
 def _stretches(move: Move) -> Stretches:
     """Return the limits of the TCP that a move tells itself; none where the program tells the time."""
-    if move.kind in (MoveKind.DWELL, *TIMED):
+    if move.kind in (*STANDING, *TIMED):
         return ()
     acceleration = np.abs(move.master[:, 3])
     even = (move.master[:, 4] == 0.0) & (acceleration <= CRUISING * acceleration.max())
@@ -276,7 +276,7 @@ def _merged(uses: list[Use]) -> Iterable[Use]:
 
 def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Parameters) -> Use:
     """Return what keeps a move from being faster."""
-    if move.kind == MoveKind.DWELL:
+    if move.kind in STANDING:
         return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
     if planned.rate < 1.0:
         axis, nominal = int(np.argmax(planned.rms_current_a)), parameters.motor.nominal_current_a
@@ -393,7 +393,7 @@ def _used(part: _Part, quantity: Quantity) -> Floats:
 def _leading(part: _Part, planned: Planned) -> NDArray[np.int64]:
     """Return the number of the quantity that leads at each sample."""
     shape = part.times.shape
-    if part.move.kind == MoveKind.DWELL:
+    if part.move.kind in STANDING:
         return np.full(shape, QUANTITIES.index(Quantity.TIME))
     if planned.rate < 1.0:
         return np.full(shape, QUANTITIES.index(Quantity.RMS_CURRENT))

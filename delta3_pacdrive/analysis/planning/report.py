@@ -34,7 +34,7 @@ def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False
         'time_s': planned.plan.duration_s,
         'repeat': planned.repeat,
         'length_m': float(sum(row.length_m for row in found.rows)),
-        'moves': [_move(row, with_limits) for row in found.rows],
+        'moves': [move_document(row, with_limits) for row in found.rows],
         'rms_current_a': list(planned.rms_current_a),
         'rms_current_used': max(planned.rms_current_a) / nominal,
         'energy': asdict(found.energy),
@@ -59,7 +59,8 @@ def used_max(found: PlanStudy) -> dict[Quantity, float]:
     return largest
 
 
-def _move(row: MoveRow, with_limits: bool) -> dict[str, Any]:
+def move_document(row: MoveRow, with_limits: bool) -> dict[str, Any]:
+    """Return a move ready for JSON; ``with_limits`` how much of every limit it uses."""
     limits = {'limits': [_use(use) for use in row.uses]} if with_limits else {}
     return {
         'number': row.number,
@@ -106,17 +107,21 @@ def nearest(found: PlanStudy) -> dict[str, float]:
     return {key: min(row.distances[key] for row in found.rows) for key in found.rows[0].distances}
 
 
-def text(found: PlanStudy, parameters: Parameters) -> list[str]:
-    """Return a plan as lines for people: a table of the moves, then what holds for all of it."""
-    planned = found.planned
-    lines = [
-        f'{planned.name}: {len(found.rows)} moves',
+def table_of_moves(rows: Sequence[MoveRow]) -> list[str]:
+    """Return the table of the moves as lines for people."""
+    return [
         f'{"":>5} {"statements":<{NAME_LENGTH}} {"kind":<8} {"length":>9} {"time":>8} {"speed":>7} {"accel.":>7} '
         f'{"jerk":>8} {"motor":>6} {"torque":>7}  limited by',
         f'{"":>5} {"":<{NAME_LENGTH}} {"":<8} {"mm":>9} {"s":>8} {"m/s":>7} {"m/s2":>7} '
         f'{"m/s3":>8} {"rpm":>6} {"N m":>7}  (share of its time)',
+        *(_line(row) for row in rows),
     ]
-    lines += [_line(row) for row in found.rows]
+
+
+def text(found: PlanStudy, parameters: Parameters) -> list[str]:
+    """Return a plan as lines for people: a table of the moves, then what holds for all of it."""
+    planned = found.planned
+    lines = [f'{planned.name}: {len(found.rows)} moves', *table_of_moves(found.rows)]
     rounds = f' in {planned.repeat} rounds' if planned.repeat > 1 else ''
     currents = ' / '.join(f'{value:.2f}' for value in planned.rms_current_a)
     used = sorted(((share, quantity) for quantity, share in used_max(found).items()), reverse=True)
@@ -154,8 +159,15 @@ def _distance_rows(least: dict[str, float]) -> list[tuple[str, str]]:
     ]
 
 
+def _shortened(name: str) -> str:
+    """Return a name that fits; of a move at a place of a pattern its end stays, which tells the place."""
+    if len(name) <= NAME_LENGTH:
+        return name
+    return f'... {name[4 - NAME_LENGTH :]}' if ' at place ' in name else f'{name[: NAME_LENGTH - 4]} ...'
+
+
 def _line(row: MoveRow) -> str:
-    name = row.name if len(row.name) <= NAME_LENGTH else row.name[: NAME_LENGTH - 4] + ' ...'
+    name = _shortened(row.name)
     length = '' if row.kind == 'dwell' else f'{MM * row.length_m:.3f}'
     return (
         f'{row.number:>5} {name:<{NAME_LENGTH}} {row.kind:<8} {length:>9} {row.duration_s:8.3f} '

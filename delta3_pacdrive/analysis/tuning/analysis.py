@@ -10,7 +10,7 @@ from delta3_pacdrive.analysis.tuning import identification
 from delta3_pacdrive.analysis.tuning.bench import Bench, Place, Run
 from delta3_pacdrive.analysis.tuning.excitation import multisine, step
 from delta3_pacdrive.analysis.tuning.identification import Measured
-from delta3_pacdrive.analysis.tuning.load import Load, friction_slope
+from delta3_pacdrive.analysis.tuning.load import Load, friction_slope, gear_of
 from delta3_pacdrive.analysis.tuning.loops import OUTPUTS, Entry, Shaft, linear_cascade
 from delta3_pacdrive.analysis.tuning.response import (
     Complex,
@@ -180,6 +180,12 @@ def exact_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> Shaft
     """Return the shaft of a drive that sees its load all the time, as on a bench."""
     if not math.isfinite(load.inertia_kg_m2):
         return Shaft(load.inertia_kg_m2, 0.0, parameters.drive.velocity_period_s)
+    if gear_of(parameters) is not None:
+        # what the drive takes for its load is the same, however often it looks
+        return replace(
+            exchanged_shaft(parameters, load, speed_rad_s),
+            exchange_period_s=parameters.drive.velocity_period_s,
+        )
     slope = friction_slope(speed_rad_s, parameters)
     return Shaft(load.inertia_kg_m2, slope, parameters.drive.velocity_period_s)
 
@@ -188,7 +194,7 @@ def exchanged_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> S
     """Return the shaft of a drive that exchanges with its plant as the robot's parameters say."""
     believed = parameters.drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2
     slope = friction_slope(speed_rad_s, parameters)
-    return Shaft(load.inertia_kg_m2, slope, parameters.bus.exchange_period_s, believed)
+    return Shaft(load.inertia_kg_m2, slope, parameters.bus.exchange_period_s, believed, gear_of(parameters))
 
 
 def linear_loop(
@@ -214,7 +220,7 @@ def linear_cascade_loop(
     steps = round(parameters.drive.velocity_period_s / parameters.drive.current_period_s)
     frequencies = grid_hz(parameters.drive.velocity_period_s, points)
     closed = linear_cascade(parameters, shaft, Entry.CURRENT)
-    opened = 1.0 / closed.respond(frequencies, 'current_reference', steps) - 1.0
+    opened = 1.0 / closed.respond(frequencies, 'current_asked', steps) - 1.0
     return LoopResult(name, closed.is_stable(), margins(frequencies, opened), None, frequencies, opened, None)
 
 
@@ -303,7 +309,7 @@ def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: Op
     except RunError as error:
         return replace(cascade, fault=str(error))
     n = excitation.samples
-    added, asked = run.added[n::steps], run['current_reference'][n::steps]
+    added, asked = run.added[n::steps], run['current_asked'][n::steps]
     sensitivity = identification.response(added, asked, steps * period, n // steps, lines=excitation.lines)
     return replace(cascade, measured_open=identification.opened(sensitivity))
 

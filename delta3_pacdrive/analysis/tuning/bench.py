@@ -2,6 +2,7 @@
 
 Between two exchanges with the plant a drive turns a shaft of its own, with its own motor model (``drive.observer``).
 Given the inertia of the load and never exchanged, that shaft is the bench: nothing of drive or motor is written twice.
+An elastic gear of a built robot is part of the bench: its drive turns the rotor, and the gear the load.
 The bench turns at a constant speed, for at standstill friction is as steep as F_s/w_s and hides the load.
 
 Set points are added where the drive keeps them between two periods:
@@ -19,13 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.tuning.load import Load
+from delta3_pacdrive.analysis.tuning.load import Load, gear_of
 from delta3_pacdrive.drive.arrays import STATE, DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import INERTIA, Parameters
+from delta3_pacdrive.parameters.notch import NUMBERS
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
 SETTLING_S = 0.25  # after the drive is in torque: 15 time constants of the position loop
@@ -77,11 +79,14 @@ def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> P
     values: dict[str, Any] = {'bus__exchange_period_s': max(125e-6, drive.velocity_period_s)}
     values['control__feed_forward'] = INERTIA  # no task is there to command a torque
     if math.isfinite(load.inertia_kg_m2):
-        inertia = load.inertia_kg_m2 * parameters.dynamics.gear_ratio**2
+        gear = gear_of(parameters)
+        own = load.inertia_kg_m2 if gear is None else gear.rotor_kg_m2
+        inertia = own * parameters.dynamics.gear_ratio**2
         values['drive__observer_arm_inertia_kg_m2'] = inertia
     if place == Place.CURRENT:
         values |= {'drive__velocity_gain_a_s_rad': 0.0, 'drive__velocity_integral_gain_a_rad': 0.0}
         values |= {'drive__current_feedforward': 0.0}
+        values |= {f'drive__notch_{number}_frequency_hz': 0.0 for number in NUMBERS}  # of the velocity loop
     elif place == Place.SPEED:
         values |= {'drive__position_gain_rad_s_rad': 0.0, 'drive__velocity_feedforward': 1.0}
         # set points of the speed in every period of its loop
@@ -123,11 +128,15 @@ class Bench:
         self.speed_rad_s = 0.0 if self._held else speed_rad_s
         self._cycle_time = own.bus.cycle_time_s
         self._period = own.drive.current_period_s
-        self._coupling = load.gravity_n_m
+        self._load_n_m = load.gravity_n_m
+        self._gear = None if self._held else gear_of(parameters)
+        self._arm_kg_m2 = load.inertia_kg_m2 - (self._gear.rotor_kg_m2 if self._gear else 0.0)
         self._steps = round(self._cycle_time / self._period)
         # as far from the end of the travel as it gets, which leads along it
         self._position = self._command = float(self._drive.constants['travel_min'][0]) + MARGIN_RAD
-        self._shaft_speed = self.speed_rad_s
+        self._shaft_speed = self._arm_speed = self.speed_rad_s
+        twist = self._load_n_m / self._gear.stiffness_n_m_rad if self._gear else 0.0
+        self._arm = self._position - twist
         self._step = 0
         self._come_into_torque()
 
@@ -152,21 +161,39 @@ class Bench:
         states = np.empty(len(added), dtype=STATE)
         drive, row = self._drive, self._drive.state[0]
         for k, value in enumerate(added.tolist()):
+            shaft = self._position, self._shaft_speed, self._passed_on()
             if self._step % self._steps == 0:
-                shaft = self._position, self._shaft_speed, self._coupling
                 drive.begin_cycle(self._command, CONTROL_ENABLE, *shaft)
                 self._command += self.speed_rad_s * self._cycle_time
                 if drive.fault:
                     raise RunError(self._why())
             undo = add_set_point(self._place, value, row, self._cycle_time)
-            drive.run_sample(0, self._position, self._shaft_speed, self._coupling)
+            drive.run_sample(0, *shaft)
             for name, before in undo:
                 row[name] -= before
             states[k] = row
             self._step += 1
+            self._move_arm(shaft[2])
             if not self._held:
                 self._position, self._shaft_speed = float(row['position']), float(row['speed'])
         return Run(self._period, added, states)
+
+    def add_load(self, torque_n_m: float) -> None:
+        """Let a torque act on the arm from now on, motor side."""
+        self._load_n_m -= torque_n_m
+
+    def _passed_on(self) -> float:
+        """Torque that the motor feels of what it turns, of an elastic gear that in the middle of the next period."""
+        if self._gear is None:
+            return self._load_n_m
+        rate = self._shaft_speed - self._arm_speed
+        return float(self._gear.torque(self._position - self._arm + 0.5 * self._period * rate, rate))
+
+    def _move_arm(self, passed: float) -> None:
+        if self._gear is not None:
+            acceleration = (passed - self._load_n_m) / self._arm_kg_m2
+            self._arm += self._period * (self._arm_speed + 0.5 * self._period * acceleration)
+            self._arm_speed += self._period * acceleration
 
 
 def add_set_point(place: Place, value: float, row: Any, cycle_time_s: float) -> tuple[tuple[str, float], ...]:

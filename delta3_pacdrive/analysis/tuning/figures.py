@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from delta3_pacdrive.analysis.figure_style import (
 )
 from delta3_pacdrive.analysis.report_folder import Drawings
 from delta3_pacdrive.analysis.tuning.analysis import LoopResult
+from delta3_pacdrive.analysis.tuning.disturbance import LOAD_N_M
+from delta3_pacdrive.analysis.tuning.effect import Effect
 from delta3_pacdrive.analysis.tuning.identification import Measured
 from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
 from delta3_pacdrive.analysis.tuning.response import Complex, decibels, degrees
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Item = TypeVar('Item')
 WAYS = (COLOURS[0], COLOURS[1])  # before, after
 DECIBELS = (-60.0, 60.0)  # of what is shown of an open loop
 SHOWN = 1.5  # of the longest settling time, of a step response
@@ -53,6 +56,8 @@ def by_name(found: Results) -> Drawings:
     for name, results in by_loop.items():
         drawings[f'bode_{name}.png'] = partial(bode, results)
     drawings['effect.png'] = partial(effects, variants)
+    if any(variant.rejection for variant in variants.values()):
+        drawings['load_step.png'] = partial(load_step, variants)
     if found.points:
         drawings['sweep.png'] = partial(sweep, found.points, found.swept)
     for one in found.measured:
@@ -67,10 +72,10 @@ def steps(variants: dict[str, Variant]) -> Figure:
     panels, names = figure.subplots(1, 3), list(variants)
     for number, axes in enumerate(panels):
         lowest, highest, shown = 0.0, 1.2, 0.0
-        for (name, variant), colour in zip(variants.items(), WAYS, strict=False):
-            loop = variant.loops[number]
+        loops = merged({name: variant.loops[number] for name, variant in variants.items()}, _same_step)
+        for (name, loop), colour in zip(loops.items(), WAYS, strict=False):
             if loop.step is None:
-                axes.text(0.5, 0.35 - 0.08 * names.index(name), f'{name}: the drive trips', color=colour,
+                axes.text(0.5, 0.35 - 0.08 * list(loops).index(name), f'{name}: the drive trips', color=colour,
                           transform=axes.transAxes, ha='center', fontsize=9)  # fmt: skip
                 continue
             label = f'drive, {name}' + ('' if loop.stable else ': unstable')
@@ -79,7 +84,7 @@ def steps(variants: dict[str, Variant]) -> Figure:
             axes.plot(time_ms, loop.step.drive, color=colour, linewidth=1.8, zorder=front, label=label)
             if loop.stable:
                 axes.plot(time_ms, loop.step.linear, color='#111111', linewidth=0.9, zorder=4,
-                          linestyle=DASHED, label='linear' if name == names[-1] else None)  # fmt: skip
+                          linestyle=DASHED, label='linear' if name == list(loops)[-1] else None)  # fmt: skip
             lowest = min(lowest, max(float(loop.step.drive.min()), -2.0))
             highest = max(highest, min(1.1 * float(loop.step.drive.max()), 4.0))
             settling = loop.step.figures.settling_time_s
@@ -89,14 +94,19 @@ def steps(variants: dict[str, Variant]) -> Figure:
         dress(axes, TITLES[variants[names[0]].loops[number].name], ylim=(1.1 * lowest - 0.05, highest),
               xlabel='time (ms)', xlim=(0.0, 1e3 * shown if shown > 0.0 else None))  # fmt: skip
     panels[0].set_ylabel('actual value, share of the step (1)')
-    # a loop that is not stable is told in the label: the last panel has them all
-    handles, labels = panels[-1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside upper right', ncols=len(labels), **LEGEND)
+    # a loop that is not stable, or the same before and after, is told in the label
+    told = dict(
+        pair for axes in panels for pair in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
+    )
+    figure.legend(
+        told.values(), told.keys(), loc='outside upper right', ncols=3 if len(told) == 3 else 2, **LEGEND
+    )
     return figure
 
 
 def bode(results: dict[str, LoopResult]) -> Figure:
     """Open loop with its margins and closed loop: linear lines, points of the drive on the bench."""
+    results = merged(results, _same_loop)
     first = next(iter(results.values()))
     closed = first.closed_loop is not None
     figure = titled_figure(TITLES[first.name], 6.0)
@@ -167,8 +177,8 @@ def effects(variants: dict[str, Variant]) -> Figure:
     """Following error of the arms and TCP error over a program."""
     figure = titled_figure('Following error of the program', 6.6)
     panels = figure.subplots(4, 1, sharex=True)
-    for (name, variant), colour in zip(variants.items(), WAYS, strict=False):
-        effect = variant.effect
+    shown = merged({name: variant.effect for name, variant in variants.items()}, _same_effect)
+    for (name, effect), colour in zip(shown.items(), WAYS, strict=False):
         if not len(effect.time_s):
             panel_title(panels[0], f'{name}: {effect.fault}', color=colour)
             continue
@@ -180,6 +190,23 @@ def effects(variants: dict[str, Variant]) -> Figure:
     finish_over_time(panels, labels, 'time from the start of the program (s)')
     if panels[0].get_legend_handles_labels()[0]:
         figure.legend(loc='outside upper right', ncols=2, **LEGEND)
+    return figure
+
+
+def load_step(variants: dict[str, Variant]) -> Figure:
+    """Deviation of the motor shaft after a step of its load."""
+    figure = titled_figure(f'Step of the load by {LOAD_N_M:g} N m at the arm, motor side', 4.2)
+    axes = figure.subplots()
+    borne = {name: variant.rejection for name, variant in variants.items() if variant.rejection}
+    drawn = merged(borne, lambda one, other: np.array_equal(one.deviation_rad, other.deviation_rad))
+    latest = 0.0
+    for (name, one), colour in zip(drawn.items(), WAYS, strict=False):
+        label = f'{name}; current by noise of the encoder {1e3 * one.noise_a:.1f} mA rms'
+        axes.plot(1e3 * one.time_s, np.degrees(one.deviation_rad), color=colour, linewidth=1.6, label=label)
+        latest = max(latest, one.back_s or float(one.time_s[-1]))
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    dress(axes, xlabel='time (ms)', ylabel='deviation of the shaft (deg)', xlim=(0.0, 1.3e3 * latest))
+    axes.legend(loc='upper right', **LEGEND)
     return figure
 
 
@@ -221,6 +248,28 @@ def sweep(points: list[SweepPoint], swept: str) -> Figure:
     for axes in (top, middle):
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), **LEGEND)
     return figure
+
+
+def merged(items: dict[str, Item], alike: Callable[[Item, Item], bool]) -> dict[str, Item]:
+    """Return items by name, those that are alike once, under their names together: `before and after`."""
+    names = list(items)
+    if len(names) == 2 and alike(items[names[0]], items[names[1]]):
+        return {' and '.join(names): items[names[0]]}
+    return items
+
+
+def _same_loop(one: LoopResult, other: LoopResult) -> bool:
+    return np.array_equal(one.open_loop, other.open_loop) and one.fault == other.fault
+
+
+def _same_step(one: LoopResult, other: LoopResult) -> bool:
+    if one.step is None or other.step is None:
+        return False
+    return np.array_equal(one.step.drive, other.step.drive)
+
+
+def _same_effect(one: Effect, other: Effect) -> bool:
+    return len(one.time_s) > 0 and np.array_equal(one.following_error_rad, other.following_error_rad)
 
 
 def _curve(

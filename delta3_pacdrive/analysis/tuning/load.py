@@ -7,6 +7,7 @@ single drive with the inertia lambda / k_r^2. An axis that moves while the other
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,40 @@ class Load:
     name: str
     inertia_kg_m2: float
     gravity_n_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gear:
+    """A gear that gives, as the linear loops see it: flanks that touch, motor side.
+
+    Attributes
+    ----------
+    rotor_kg_m2
+        Inertia in front of it: rotor and brake.
+    stiffness_n_m_rad, damping_n_m_s_rad
+        Of the spring between rotor and arm.
+
+    """
+
+    rotor_kg_m2: float
+    stiffness_n_m_rad: float
+    damping_n_m_s_rad: float
+
+    def torque(self, twist: Any, rate: Any) -> Any:
+        """Torque [N m] that it passes on to the arm, from twist [rad] and its rate [rad/s]."""
+        return self.stiffness_n_m_rad * twist + self.damping_n_m_s_rad * rate
+
+
+def gear_of(parameters: Parameters) -> Gear | None:
+    """Return the elastic gear of a built robot; None for a rigid one."""
+    effects, ratio = parameters.rich.effects, parameters.dynamics.gear_ratio
+    if not effects.gear:
+        return None
+    return Gear(
+        dynamics.rotor_inertia(parameters) / ratio**2,
+        effects.gear_stiffness_n_m_rad / ratio**2,
+        effects.gear_damping_n_m_s_rad / ratio**2,
+    )
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@
     current    v = (K_Pcurr + K_Icurr T_cur / (1 - z^-1)) (F_currRef i_ref - i)                 every T_cur, one later
     winding    i = phi i + (1 - phi) (v - K_m/3 w) / (R/2),  phi = exp(-T_cur R/L)              (8.2)
     shaft      J dw/dt = K_m i - b w,  b the slope of the friction
+    gear       J_m dw/dt = K_m i - b w - t,  (J - J_m) dw_a/dt = t,  t = c (theta - theta_a) + d (w - w_a), if it gives
 
 The limits are left out. What is sampled, held and delayed is as in the drive: the speed is the difference of two
 encoder readings, set points are interpolated over a bus cycle, and between exchanges with the plant the loops are
@@ -14,18 +15,25 @@ closed on the drive's own shaft, whose inertia may be wrong.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from types import SimpleNamespace
 
 import numpy as np
+from scipy import linalg
 
+from delta3_pacdrive.analysis.tuning.load import Gear
 from delta3_pacdrive.analysis.tuning.periodic import Periodic
-from delta3_pacdrive.drive import cascade
+from delta3_pacdrive.analysis.tuning.response import Complex
+from delta3_pacdrive.drive import cascade, notch
+from delta3_pacdrive.drive.arrays import NOTCH_CONSTANTS, drive_constants
 from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import CUBIC, Parameters
+from delta3_pacdrive.parameters.notch import notches
 
 cubic_way, cubic_slope, cubic_bend = (
     interpreted(kernel) for kernel in (cascade.cubic_way, cascade.cubic_slope, cascade.cubic_bend)
 )
+notched = interpreted(notch.notched)
 
 
 class Entry(StrEnum):
@@ -41,6 +49,8 @@ class Entry(StrEnum):
     CURRENT = 'current'
     POSITION = 'position'
     COMMAND = 'command'  # of the bus
+    LOAD = 'load'  # torque at the arm, motor side
+    ENCODER = 'encoder'  # noise of a reading
 
 
 # in the order in which a period computes them
@@ -49,9 +59,15 @@ _STATES = (
     'velocity_integral', 'current_reference', 'reference_filtered', 'current_filtered', 'current_integral', 'voltage',
     'current', 'own_position', 'own_speed', 'coupling', 'position', 'speed', 'acceleration',
 )  # fmt: skip
+# of a drive with a notch filter: what its kernel keeps
+_NOTCH_STATES = (
+    'current_asked', 'current_asked_before', 'notched_once', 'notched_once_before', 'notched_twice',
+    'notched_twice_before',
+)  # fmt: skip
+_GEAR_STATES = ('arm_position', 'arm_speed')
 OUTPUTS = (
-    'position_error', 'read', 'speed_reference', 'speed_error', 'speed_filtered', 'current_reference',
-    'current_error', 'current_filtered', 'controller', 'current', 'speed', 'position',
+    'position_error', 'read', 'speed_reference', 'speed_error', 'speed_filtered', 'current_asked',
+    'current_reference', 'current_error', 'current_filtered', 'controller', 'current', 'speed', 'position',
 )  # fmt: skip
 
 
@@ -68,7 +84,9 @@ class Shaft:
     exchange_period_s
         Between drive and plant.
     believed_kg_m2
-        Inertia of the drive's own shaft between exchanges; None: the right one.
+        Inertia of the drive's own shaft between exchanges; None: the right one. A shaft with a gear has one.
+    gear
+        That gives, between rotor and arm; None: a rigid one.
 
     """
 
@@ -76,6 +94,24 @@ class Shaft:
     friction_n_m_s_rad: float
     exchange_period_s: float
     believed_kg_m2: float | None = None
+    gear: Gear | None = None
+
+    def motion_over(self, period_s: float) -> tuple[Floats, Floats]:
+        """Return how position, speed, and behind a gear those of the arm, go on over a period, and what a torque adds.
+
+        Shapes (states, states) and (states,); the torque [N m] at the shaft stands still meanwhile.
+        """
+        gear = self.gear
+        if gear is None:
+            raise ValueError('a rigid shaft needs no exponential')
+        rotor, arm = gear.rotor_kg_m2, self.inertia_kg_m2 - gear.rotor_kg_m2
+        c, d = gear.stiffness_n_m_rad, gear.damping_n_m_s_rad
+        system = np.zeros((5, 5))
+        system[0, 1] = system[2, 3] = 1.0
+        system[1] = np.array([-c, -d - self.friction_n_m_s_rad, c, d, 1.0]) / rotor
+        system[3] = np.array([c, d, -c, -d, 0.0]) / arm
+        whole = linalg.expm(system * period_s)
+        return whole[:4, :4], whole[:4, 4]
 
 
 def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Periodic:
@@ -85,9 +121,16 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
     current that the loops ask for.
     """
     steps = round(parameters.bus.cycle_time_s / parameters.drive.current_period_s)
-    periods = [_Period(parameters, shaft, entry, n) for n in range(steps)]
-    states = len(_STATES)
-    rows = np.array([[p.signals[name] for name in _STATES] for p in periods])
+    constants = drive_constants(parameters)[0]
+    filters = SimpleNamespace(**{name: float(constants[name]) for name in NOTCH_CONSTANTS})
+    names = (
+        *_STATES,
+        *(_NOTCH_STATES if constants['notches'] else ()),
+        *(_GEAR_STATES if shaft.gear is not None else ()),
+    )
+    periods = [_Period(parameters, shaft, entry, n, names, filters) for n in range(steps)]
+    states = len(names)
+    rows = np.array([[p.signals[name] for name in names] for p in periods])
     outputs = np.array([[p.outputs[name] for name in OUTPUTS] for p in periods])
     return Periodic(
         parameters.drive.current_period_s,
@@ -99,12 +142,33 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
     )
 
 
+def notch_response(frequencies_hz: Floats, parameters: Parameters) -> Complex:
+    """Frequency response of both notch filters of a drive, from what its loops ask for to its current reference."""
+    period, total = parameters.drive.velocity_period_s, np.ones(len(frequencies_hz), dtype=np.complex128)
+    back = np.exp(-2j * np.pi * frequencies_hz * period)  # by one period
+    for each in notches(parameters.drive):
+        b0, b1, b2, a1, a2 = notch.coefficients(each, period)
+        total *= (b0 + b1 * back + b2 * back**2) / (1.0 + a1 * back + a2 * back**2)
+    return total
+
+
 class _Period:
     """In a current-loop period every signal is a row: its weights on the states at the start, and on the input."""
 
-    def __init__(self, parameters: Parameters, shaft: Shaft, entry: Entry, n: int) -> None:
-        identity = np.eye(len(_STATES) + 1)
-        self.signals: dict[str, Floats] = dict(zip(_STATES, identity, strict=False))
+    def __init__(
+        self,
+        parameters: Parameters,
+        shaft: Shaft,
+        entry: Entry,
+        n: int,
+        names: tuple[str, ...],
+        filters: SimpleNamespace,
+    ) -> None:
+        identity = np.eye(len(names) + 1)
+        self.signals: dict[str, Floats] = dict(zip(names, identity, strict=False))
+        self._filters = filters
+        if shaft.gear is not None:
+            self._motion = shaft.motion_over(parameters.drive.current_period_s)
         self.outputs: dict[str, Floats] = {}
         self._input, self._zero = identity[-1], np.zeros(len(identity))
         self._parameters, self._shaft, self._entry, self._n = parameters, shaft, entry, n
@@ -140,7 +204,11 @@ class _Period:
         x, shaft = self.signals, self._shaft
         x['own_position'], x['own_speed'] = x['position'], x['speed']
         if shaft.believed_kg_m2 is not None:
-            x['coupling'] = (shaft.inertia_kg_m2 - shaft.believed_kg_m2) * x['acceleration']
+            felt = shaft.inertia_kg_m2 * x['acceleration'] - self._given(Entry.LOAD)
+            if (gear := shaft.gear) is not None:
+                twist, rate = x['position'] - x['arm_position'], x['speed'] - x['arm_speed']
+                felt = gear.rotor_kg_m2 * x['acceleration'] + gear.torque(twist, rate)
+            x['coupling'] = felt - shaft.believed_kg_m2 * x['acceleration']
 
     def _set_point_steps(self) -> tuple[Floats, Floats, Floats]:
         x = self.signals
@@ -168,7 +236,7 @@ class _Period:
         """Form the current set point; return what the loops ask for without what is added from outside."""
         x, drive, entry = self.signals, self._parameters.drive, self._entry
         before = x['read']
-        x['read'] = x['own_position']
+        x['read'] = x['own_position'] + self._given(Entry.ENCODER)
         speed = (x['read'] - before) / drive.velocity_period_s
         if exchange and round(self._shaft.exchange_period_s / drive.velocity_period_s) != 1:
             speed = x['own_speed']
@@ -194,10 +262,20 @@ class _Period:
         acceleration = second / self._parameters.bus.cycle_time_s**2
         feedforward = torque / self._parameters.motor.torque_constant_n_m_a * acceleration
         asked = drive.velocity_gain_a_s_rad * error + x['velocity_integral'] + feedforward
-        x['current_reference'] = asked + self._given(Entry.CURRENT)
+        x['current_reference'] = self._notched(asked + self._given(Entry.CURRENT))
         if entry == Entry.CURRENT_SET_POINT:
             x['current_reference'] = self._input
         return asked
+
+    def _notched(self, asked: Floats) -> Floats:
+        x = self.signals
+        if 'notched_twice' not in x:
+            x['current_asked'] = asked
+            return asked
+        kept = SimpleNamespace(**{name: x[name] for name in _NOTCH_STATES})
+        behind: Floats = notched(asked, kept, self._filters)
+        x.update(vars(kept))
+        return behind
 
     def _current_loop(self) -> None:
         x, drive = self.signals, self._parameters.drive
@@ -226,14 +304,35 @@ class _Period:
         mean = 0.5 * (before + x['current'])
         own = shaft.inertia_kg_m2 if shaft.believed_kg_m2 is None else shaft.believed_kg_m2
         torque = motor.torque_constant_n_m_a * mean
-        acceleration = (torque - shaft.friction_n_m_s_rad * x['own_speed'] - x['coupling']) / own
+        load = self._given(Entry.LOAD)
+        pushed = torque - shaft.friction_n_m_s_rad * x['own_speed'] - x['coupling']
+        if shaft.believed_kg_m2 is None:
+            pushed = pushed + load
+        acceleration = pushed / own
         x['own_position'] = x['own_position'] + period * (x['own_speed'] + 0.5 * period * acceleration)
         x['own_speed'] = x['own_speed'] + period * acceleration
         in_truth = torque * math.cos(drive.commutation_offset_rad)
+        if shaft.gear is not None:
+            self._move_elastic(shaft.gear, in_truth, load)
+            return
+        in_truth = in_truth + load
         middle = x['speed'] + 0.5 * period * x['acceleration']
         x['acceleration'] = (in_truth - shaft.friction_n_m_s_rad * middle) / shaft.inertia_kg_m2
         x['position'] = x['position'] + period * (x['speed'] + 0.5 * period * x['acceleration'])
         x['speed'] = x['speed'] + period * x['acceleration']
+
+    def _move_elastic(self, gear: Gear, torque: Floats, load: Floats) -> None:
+        x, shaft, period = self.signals, self._shaft, self._parameters.drive.current_period_s
+        names = ('position', 'speed', 'arm_position', 'arm_speed')
+        over, added = self._motion
+        before = np.array([x[name] for name in names])
+        behind = over @ before + np.outer(added, torque)
+        arm = shaft.inertia_kg_m2 - gear.rotor_kg_m2
+        behind[2] += 0.5 * period**2 / arm * load
+        behind[3] += period / arm * load
+        x.update(zip(names, behind, strict=True))
+        passed = gear.torque(behind[0] - behind[2], behind[1] - behind[3])
+        x['acceleration'] = (torque - shaft.friction_n_m_s_rad * behind[1] - passed) / gear.rotor_kg_m2
 
 
 def _smoothing(period_s: float, time_constant_s: float) -> float:

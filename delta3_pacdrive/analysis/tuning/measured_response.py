@@ -6,7 +6,7 @@ the motion of a program, which has little above some ten hertz: both signals are
 so that what leaks from the large slow motion does not pass for a response, and the coherence tells where the rest ends.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from delta3_pacdrive.analysis.tuning.analysis import (
 )
 from delta3_pacdrive.analysis.tuning.identification import Measured
 from delta3_pacdrive.analysis.tuning.load import Load, modes_at
-from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
+from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade, notch_response
 from delta3_pacdrive.analysis.tuning.response import Complex
 from delta3_pacdrive.errors import TuningError
 from delta3_pacdrive.numerics.types import Floats
@@ -163,11 +163,15 @@ def _opened(
     """
     drive = parameters.drive
     output, period_s = {
-        Entry.CURRENT: ('current_reference', drive.velocity_period_s),
+        Entry.CURRENT: ('current_asked', drive.velocity_period_s),
         Entry.POSITION: ('position_error', drive.position_period_s),
     }[entry]
     every = _steps(period_s, parameters)
     sensitivity = _estimate(trace, added[:, axis - 1], seen[:, axis - 1], every)
+    if entry == Entry.CURRENT:
+        # the loop is cut in front of the notch filters, the reference is told behind them
+        behind = notch_response(sensitivity.frequencies_hz, parameters)
+        sensitivity = replace(sensitivity, values=sensitivity.values / behind)
     modes = modes_at(_pose(trace, parameters), parameters)
     speed = float(trace.meta.get('speed_rad_s', operation.speed_rad_s))
     linear: Any = 0.0

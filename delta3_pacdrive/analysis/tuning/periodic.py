@@ -12,6 +12,7 @@ import numpy as np
 from delta3_pacdrive.analysis.tuning.response import Complex
 from delta3_pacdrive.numerics.types import Floats
 
+DOUBLINGS = 16  # of the cycles that noise is remembered for: a minute
 MARGINAL = 1e-6  # over 1: what an integrator that nothing feeds back may show by rounding
 
 
@@ -47,6 +48,28 @@ class Periodic:
     def spectral_radius(self) -> float:
         """Largest magnitude of the eigenvalues over one cycle: 1 or more does not decay."""
         return float(np.abs(np.linalg.eigvals(self.over_cycle())).max())
+
+    def variance(self, output: str, every: int = 1) -> float:
+        """Mean variance of an output under white noise of variance 1 at the input, of a stable system.
+
+        The output is looked at in every so many steps; noise enters where ``b`` lets it.
+        """
+        row, steps = self.outputs.index(output), len(self.a)
+        gained = np.zeros(self.a.shape[1:])
+        for a, b in zip(self.a, self.b, strict=True):
+            gained = a @ gained @ a.T + np.outer(b, b)
+        # spread of all cycles before: what is gained in twice as many of them comes from what half of them leaves
+        spread, over = gained, self.over_cycle()
+        for _ in range(DOUBLINGS):
+            spread = spread + over @ spread @ over.T
+            over = over @ over
+        total = 0.0
+        for n in range(steps):
+            c = self.c[n, row]
+            if n % every == 0:
+                total += float(c @ spread @ c + self.d[n, row] ** 2)
+            spread = self.a[n] @ spread @ self.a[n].T + np.outer(self.b[n], self.b[n])
+        return total / len(range(0, steps, every))
 
     def is_stable(self) -> bool:
         """Whether nothing grows."""

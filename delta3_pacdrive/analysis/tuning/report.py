@@ -9,11 +9,14 @@ import numpy as np
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
 from delta3_pacdrive.analysis.tuning import settings
 from delta3_pacdrive.analysis.tuning.analysis import LoopResult, Step, deviation
+from delta3_pacdrive.analysis.tuning.disturbance import LOAD_N_M
 from delta3_pacdrive.analysis.tuning.effect import Effect
 from delta3_pacdrive.analysis.tuning.identification import Measured
 from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
+from delta3_pacdrive.analysis.tuning.proposal import Proposal
 from delta3_pacdrive.analysis.tuning.response import Complex, decibels, degrees, margins
 from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
+from delta3_pacdrive.analysis.tuning.words import changes_in_words, proposal_lines, rejection_line
 from delta3_pacdrive.numerics.types import Floats
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
@@ -22,7 +25,7 @@ OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 def summary(found: Results) -> dict[str, Any]:
     """Return the report of a tuning, ready for JSON."""
     robots = [variant.robot for variant in found.variants.values()]
-    return {
+    document: dict[str, Any] = {
         'load': asdict(found.operation.load),
         'speed_rad_s': found.operation.speed_rad_s,
         'amplitude': found.operation.amplitude,
@@ -37,6 +40,7 @@ def summary(found: Results) -> dict[str, Any]:
                     for load, loops in variant.workspace
                 ],
                 'effect': variant.effect.figures(),
+                'rejection': None if variant.rejection is None else variant.rejection.figures(),
                 'instability': instability(variant),
             }
             for name, variant in found.variants.items()
@@ -63,6 +67,21 @@ def summary(found: Results) -> dict[str, Any]:
             }
             for one in found.measured
         ],
+    }
+    document['proposal'] = None if found.proposal is None else _proposal(found.proposal)
+    both = list(document['variants'].values())
+    document['changed'] = changes_in_words(*both) if len(both) == 2 else []
+    return document
+
+
+def _proposal(proposal: Proposal) -> dict[str, Any]:
+    return {
+        'targets': asdict(proposal.targets),
+        'payload_kg': proposal.payload_kg,
+        'gains': {f'drive.{name}': value for name, value in proposal.gains.values().items()},
+        'stiffness': proposal.gains.stiffness,
+        'before': asdict(proposal.before),
+        'kept': asdict(proposal.kept),
     }
 
 
@@ -137,10 +156,16 @@ def text(document: dict[str, Any]) -> list[str]:
         f'{load["name"]}: {1e4 * load["inertia_kg_m2"]:.3f}e-4 kg m2 and {load["gravity_n_m"]:.3f} N m at the shaft, '
         f'which turns at {document["speed_rad_s"]:g} rad/s'
     ]
+    if proposal := document['proposal']:
+        lines += proposal_lines(proposal)
     for change in document['changes']:
         lines.append(f'{change["parameter"]}: {change["before"]:g} before, {change["after"]:g} after')
     lines += [*_loop_lines(variants), *_workspace_lines(variants), '', f'  {document["program"]}']
     lines += [_effect_line(name, variant['effect']) for name, variant in variants.items()]
+    lines += ['', f'  {LOAD_N_M:g} N m more at the arm, motor side, and noise of the encoder']
+    lines += [rejection_line(name, variant['rejection']) for name, variant in variants.items()]
+    if document['changed']:
+        lines += ['', '  what has changed', *(f'  - {sentence}' for sentence in document['changed'])]
     lines += [_measured_line(one) for one in document['recorded']]
     return lines + (_sweep_lines(document['sweep']) if document['sweep'] else [])
 
@@ -261,7 +286,7 @@ def tables(found: Results) -> list[Table]:
             made.append(_steps(name, steps))
         for which, result in results.items():
             made += _bode(name if len(results) == 1 else f'{name}_{which}', result)
-    made += [_workspace(found.variants), *_effects(found.variants)]
+    made += [_workspace(found.variants), *_effects(found.variants), *_rejections(found.variants)]
     if found.points:
         made.append(_sweep(found.points))
     for one in found.measured:
@@ -343,6 +368,15 @@ def _effects(variants: dict[str, Variant]) -> list[Table]:
             columns[f'{which}: TCP error [m]'] = effect.tcp_error_m
         made.append(Table.of_columns('following_error.csv', columns))
     return made
+
+
+def _rejections(variants: dict[str, Variant]) -> list[Table]:
+    borne = {which: variant.rejection for which, variant in variants.items() if variant.rejection}
+    if not borne:
+        return []
+    columns = {'time [s]': next(iter(borne.values())).time_s}
+    columns |= {f'{which}: deviation [rad]': one.deviation_rad for which, one in borne.items()}
+    return [Table.of_columns('load_step.csv', columns)]
 
 
 def _sweep(points: list[SweepPoint]) -> Table:

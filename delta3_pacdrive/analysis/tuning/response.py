@@ -27,7 +27,7 @@ class Margins:
         Negative factor at which |L| > 1 crosses -180 degrees: a stable loop bears no gain below, one that is
         unstable has too much gain by it.
     phase_margin_deg, crossover_hz
-        Phase over -180 degrees where |L| = 1, the smallest of all crossings, and where that is.
+        Phase over -180 degrees where |L| = 1, of all crossings that nearest to -1, and where that is.
     delay_margin_s
         Additional dead time that the loop bears.
     sensitivity_peak, sensitivity_peak_hz
@@ -84,7 +84,7 @@ def margins(frequencies_hz: Floats, loop: Complex) -> Margins:
     decibel = 20.0 / math.log(10.0)
     gain = min((g for g in gains if g[0] > 0.0), default=None)
     less = max((g[0] for g in gains if g[0] <= 0.0), default=None)
-    least = min(phases, default=None)
+    least = min(phases, key=lambda crossing: abs(crossing[0]), default=None)
     delays = [(over % math.tau) / (math.tau * f) for over, f in phases]
     sensitivity = 1.0 / np.maximum(np.abs(1.0 + loop), 1e-12)
     peak = int(np.argmax(sensitivity))

@@ -8,7 +8,7 @@ from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
-from delta3_pacdrive.analysis.tuning import effect, figures, measured_response, report, settings
+from delta3_pacdrive.analysis.tuning import effect, figures, gains, measured_response, report, settings
 from delta3_pacdrive.analysis.tuning.analysis import (
     EXCHANGED,
     LOOPS,
@@ -21,9 +21,11 @@ from delta3_pacdrive.analysis.tuning.analysis import (
     linear_loop,
     step_on_bench,
 )
+from delta3_pacdrive.analysis.tuning.disturbance import rejection
 from delta3_pacdrive.analysis.tuning.load import extremes, load_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
 from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
+from delta3_pacdrive.analysis.tuning.proposal import Targets, propose
 from delta3_pacdrive.analysis.tuning.settings import Setting
 from delta3_pacdrive.analysis.tuning.study import Results, Settings, SweepPoint, Variant
 from delta3_pacdrive.errors import RunError, TuningError
@@ -61,6 +63,7 @@ class Study(studies.Study):
             chosen.speed_rad_s,
             chosen.amplitude,
         )
+        self._targets = Targets(chosen.phase_margin_deg, chosen.gain_margin_db) if chosen.auto else None
         self._changes = [settings.parse(text) for text in chosen.changes]
         self._changed = settings.apply(self._changes, self.robot)
         self._sweep = settings.parse_sweep(chosen.sweep) if chosen.sweep else ()
@@ -76,10 +79,17 @@ class Study(studies.Study):
         folder = ReportFolder(self.folder, Provenance.of(self.command, self.robot, chosen.parameters, inputs))
         folder.make()
         measured = self.measured()
-        robots = {'before': self.robot, 'after': self._changed} if self._changes else {'now': self.robot}
-        variants = {
-            name: self.variant(robot, name if self._changes else '') for name, robot in robots.items()
-        }
+        proposal = None
+        if self._targets is not None:
+            proposal = propose(
+                self.robot, self._targets, chosen.speed_rad_s, chosen.payload_kg, self.on_progress
+            )
+            self._changed = proposal.robot
+            gains.write(proposal, folder.path / gains.FILE, folder.provenance)
+            folder.add(folder.path / gains.FILE)
+        compared = bool(self._changes or proposal)
+        robots = {'before': self.robot, 'after': self._changed} if compared else {'now': self.robot}
+        variants = {name: self.variant(robot, name if compared else '') for name, robot in robots.items()}
         points = [self.sweep_point(setting, number) for number, setting in enumerate(self._sweep)]
         self.on_progress('tables and figures', 0, 0)
         swept = self._sweep[0].name if self._sweep else ''
@@ -87,7 +97,9 @@ class Study(studies.Study):
         for name, variant in variants.items():
             for loop in variant.loops:
                 by_loop.setdefault(loop.name, {})[name] = loop
-        found = Results(self.operation, self.program.name, variants, by_loop, swept, points, measured)
+        found = Results(
+            self.operation, self.program.name, variants, by_loop, swept, points, measured, proposal
+        )
         document, drawings = report.summary(found), figures.by_name(found)
         text, tables = report.text(document), report.tables(found)
         return folder.results('Tuning of the drives', document, text, tables, drawings)
@@ -110,7 +122,8 @@ class Study(studies.Study):
             ]
             workspace.append((load, loops_there))
         self.on_progress(f'{label}program {self.program.name}', 0, 0)
-        return Variant(robot, loops, workspace, effect.run(self.program, robot))
+        borne = rejection(robot, exchanged_shaft(robot, self.operation.load, speed))
+        return Variant(robot, loops, workspace, effect.run(self.program, robot), borne)
 
     def sweep_point(self, setting: Setting, number: int) -> SweepPoint:
         """Return one value of the sweep."""

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 from delta3_pacdrive.analysis.tuning.analysis import LoopResult, OperatingPoint
+from delta3_pacdrive.analysis.tuning.disturbance import Rejection
 from delta3_pacdrive.analysis.tuning.effect import Effect
 from delta3_pacdrive.analysis.tuning.load import Load
 from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
+from delta3_pacdrive.analysis.tuning.proposal import Proposal
 from delta3_pacdrive.parameters import Parameters
 
 
@@ -37,6 +39,10 @@ class Settings:
         Trace or bag; None without.
     exchange_period_s
         Between drives and plant in simulated programs; None: as the parameters say.
+    auto
+        Whether gains are looked for, with payloads up to ``payload_kg``; None: up to the rated one.
+    phase_margin_deg, gain_margin_db
+        That they keep.
 
     """
 
@@ -51,6 +57,9 @@ class Settings:
     program: str = 'experiment1'
     recording: str | None = None
     exchange_period_s: float | None = None
+    auto: bool = False
+    phase_margin_deg: float = 45.0
+    gain_margin_db: float = 6.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,8 @@ class Variant:
         Velocity loop, position loop, cascade, and cascade that exchanges with its plant as simulations do, by load.
     effect
         On the program.
+    rejection
+        Of disturbances, with the load of the operating point; None where the loops are not stable.
 
     """
 
@@ -74,6 +85,7 @@ class Variant:
     loops: list[LoopResult]
     workspace: list[tuple[Load, list[LoopResult]]]
     effect: Effect
+    rejection: Rejection | None
 
 
 @dataclass(frozen=True)
@@ -120,6 +132,8 @@ class Results:
         Name of the parameter that was swept, and its values; empty without a sweep.
     measured
         Responses of a recording.
+    proposal
+        Gains that were looked for; None: none were.
 
     """
 
@@ -130,3 +144,4 @@ class Results:
     swept: str
     points: list[SweepPoint]
     measured: list[MeasuredResponse]
+    proposal: Proposal | None = None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.analysis.experiments import report
+from delta3_pacdrive.analysis.experiments import figures, report
 from delta3_pacdrive.analysis.experiments.attribution import (
     EFFECTS,
     attribute,
@@ -444,3 +444,19 @@ def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
         assert parameters.load(folder / 'model.yaml').checksum == parameters.load().checksum
     assert seeds == [5, 6, 5]
     assert bits[0] == bits[2] != bits[1]
+
+
+def test_effects_that_cancel_one_another_are_shown_whole(robot, rich, short_program):
+    """The tilt of the plate takes back a part of what geometric errors do to the true TCP."""
+    tilted = with_effects(rich.replace(rich__parallelogram=True), ['geometry', 'parallelogram'])
+    found = attribute(short_program, Run.of(run(short_program, robot), robot), robot, tilted, lambda *_: None)
+    outcome = found.outcomes['tcp_error_norm_true', 'deviation']
+    assert outcome.percent(outcome.share['geometry']) > 100.0
+    assert outcome.percent(outcome.share['parallelogram']) < 0.0
+    for axes in figures.effects(found, 'robot').axes:
+        left, right = axes.get_xlim()
+        assert all(
+            left < value < right
+            for bar in axes.patches
+            for value in (bar.get_x(), bar.get_x() + bar.get_width())
+        )

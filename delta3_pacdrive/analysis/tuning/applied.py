@@ -1,0 +1,208 @@
+"""Gains in the drives of a robot that is up, through their service channels: all of them, or none; and back again.
+
+What was there before is kept in a file before anything is written, so that an end in the middle leaves nothing that
+cannot be undone. Values that fall are written before values that rise, and a notch filter's frequency last: a drive is
+never stiffer meanwhile than before or after.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from delta3_pacdrive import whole_file
+from delta3_pacdrive.analysis.provenance import excused
+from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE
+from delta3_pacdrive.errors import Delta3Error, TuningError
+from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.service_channel import format_idn
+
+FILE = 'applied.json'
+SAME = 1e-11  # of a value: it comes with twelve digits
+LAST = ('notch_1_frequency_hz', 'notch_2_frequency_hz')
+
+Values = dict[str, dict[str, float]]  # by axis, and by name of the group drive
+
+
+class _LeftError(TuningError):
+    """A drive has refused, and another one, or the same, to take back what it had taken."""
+
+
+class Channel(Protocol):
+    """Whoever reads and writes values of drives; raises Delta3Error where a drive refuses."""
+
+    def read(self, axis: str, idn: str) -> float:
+        """Return a value."""
+
+    def write(self, axis: str, idn: str, value: float) -> None:
+        """Write a value."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record says what was applied to the robot of a namespace, and what was there before."""
+
+    namespace: str
+    before: Values
+    after: Values
+
+    def save(self, folder: Path) -> None:
+        """Keep it in a folder; raises ReportError."""
+        with excused(f'cannot write to {folder}'):
+            folder.mkdir(parents=True, exist_ok=True)
+            whole_file.write_text(json.dumps({'robot': asdict(self)}, indent=2) + '\n', folder / FILE)
+
+
+def idn_of(name: str) -> str:
+    """IDN of a value of the group drive."""
+    return format_idn(OF_PARAMETER[f'drive.{name}'])
+
+
+def apply(gains: Mapping[str, float], channel: Channel, namespace: str, folder: Path) -> Record:
+    """Write gains into all drives, and keep what was there before.
+
+    Parameters
+    ----------
+    gains
+        By name of the group drive.
+    channel
+        To the drives.
+    namespace
+        Of the robot.
+    folder
+        Takes the record. One of the same robot, which still has what it says, keeps what was before it.
+
+    Raises
+    ------
+    TuningError
+        A drive refuses; says which, and that all of them have what they had.
+    ReportError
+        The record cannot be written; nothing has been applied.
+
+    """
+    present = _present(gains, channel)
+    after: Values = {axis: dict(gains) for axis in DRIVES}
+    before = present
+    old = _kept(folder)
+    if old is not None and old.namespace == namespace and _same(present, old.after):
+        before = {axis: present[axis] | old.before[axis] for axis in DRIVES}
+        after = {axis: old.after[axis] | after[axis] for axis in DRIVES}
+    record = Record(namespace, before, after)
+    record.save(folder)
+    try:
+        _write(present, {axis: dict(gains) for axis in DRIVES}, channel)
+    except _LeftError:
+        raise  # the record is what is left to take the rest back
+    except TuningError:
+        if old is None:
+            (folder / FILE).unlink()
+        else:
+            old.save(folder)
+        raise
+    return record
+
+
+def undo(channel: Channel, folder: Path) -> Record:
+    """Write back what was there before; raises TuningError, as ``apply`` does, or if there is nothing to be undone."""
+    record = _undoable(folder)
+    present = {axis: _present(record.after[axis], channel, (axis,))[axis] for axis in DRIVES}
+    for axis, values in present.items():
+        for name, value in values.items():
+            ours = record.before[axis][name], record.after[axis][name]
+            if not any(math.isclose(value, one, rel_tol=SAME) for one in ours):
+                raise TuningError(
+                    f'{axis} has {idn_of(name)} {_name(name)} = {value:g}, and not {ours[1]:g}, which was applied: '
+                    'somebody else has changed it, or the robot is another one; nothing is undone'
+                )
+    _write(present, record.before, channel)
+    (folder / FILE).unlink()
+    return record
+
+
+def namespace_in(folder: Path) -> str:
+    """Return the namespace of the robot that has the gains of a folder; raises TuningError if none has."""
+    return _undoable(folder).namespace
+
+
+def _undoable(folder: Path) -> Record:
+    record = _kept(folder)
+    if record is None:
+        raise TuningError(f'there is nothing to be undone: no gains of {folder} are applied')
+    return record
+
+
+def _present(gains: Mapping[str, float], channel: Channel, axes: tuple[str, ...] = tuple(DRIVES)) -> Values:
+    return {axis: {name: channel.read(axis, idn_of(name)) for name in gains} for axis in axes}
+
+
+def _same(one: Values, other: Values) -> bool:
+    return all(
+        name in other.get(axis, {}) and math.isclose(value, other[axis][name], rel_tol=SAME)
+        for axis, values in one.items()
+        for name, value in values.items()
+    )
+
+
+def _write(present: Values, wanted: Values, channel: Channel) -> None:
+    """Write values, or leave all as they are; raises TuningError."""
+    written: list[tuple[str, str, float]] = []
+    for axis in DRIVES:
+        for name in _in_order(present[axis], wanted[axis]):
+            before, value = present[axis][name], wanted[axis][name]
+            try:
+                channel.write(axis, idn_of(name), value)
+            except Delta3Error as error:
+                left = _taken_back(written, channel)
+                if left:
+                    told = f'these could not be taken back, but --undo may later: {", ".join(left)}'
+                    raise _LeftError(f'{error}; {told}') from error
+                raise TuningError(f'{error}; all drives have what they had before') from error
+            written.append((axis, name, before))
+
+
+def _in_order(present: Mapping[str, float], wanted: Mapping[str, float]) -> list[str]:
+    changed = [name for name, value in wanted.items() if not math.isclose(present[name], value, rel_tol=SAME)]
+    return sorted(changed, key=lambda name: (name in LAST, wanted[name] > present[name]))
+
+
+def _taken_back(written: list[tuple[str, str, float]], channel: Channel) -> list[str]:
+    """Write back what was there before; return what could not be."""
+    left = []
+    for axis, name, before in reversed(written):
+        try:
+            channel.write(axis, idn_of(name), before)
+        except Delta3Error:
+            left.append(f'{axis} {idn_of(name)} (was {before:g})')
+    return left
+
+
+def _name(name: str) -> str:
+    return TABLE[OF_PARAMETER[f'drive.{name}']].name
+
+
+def _kept(folder: Path) -> Record | None:
+    """Return the record of a folder; None without one; raises TuningError if it is damaged."""
+    path = folder / FILE
+    try:
+        text = path.read_text(encoding='utf-8')
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise TuningError(f'cannot read {path}: {error}') from None
+    try:
+        content: Any = json.loads(text)['robot']
+        before, after = (
+            {
+                axis: {str(name): float(value) for name, value in content[side][axis].items()}
+                for axis in DRIVES
+            }
+            for side in ('before', 'after')
+        )
+        known = all(f'drive.{name}' in OF_PARAMETER for axis in DRIVES for name in after[axis])
+        if not known or any(before[axis].keys() != after[axis].keys() for axis in DRIVES):
+            raise ValueError
+        return Record(str(content['namespace']), before, after)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise TuningError(f'{path} is no record of applied gains') from None

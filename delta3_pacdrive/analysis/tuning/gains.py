@@ -1,0 +1,39 @@
+"""Proposed gains as a parameter file of differences, to be joined with the file of a robot."""
+
+from pathlib import Path
+
+from delta3_pacdrive.analysis.provenance import Provenance, excused
+from delta3_pacdrive.analysis.tuning.proposal import Proposal
+from delta3_pacdrive.configuration import parameter_file
+from delta3_pacdrive.drive.operation_data import OF_PARAMETER
+from delta3_pacdrive.errors import ParameterError, TuningError
+
+FILE = 'gains.yaml'
+
+
+def write(proposal: Proposal, path: Path, provenance: Provenance) -> None:
+    """Write the gains of a proposal; raises ReportError."""
+    kept = proposal.kept
+    head = [
+        f'Gains that keep {kept.phase_deg:.1f} deg and {kept.gain_db:.1f} dB over the workspace with 0 to '
+        f'{proposal.payload_kg:g} kg.',
+        f'delta3 takes them with --parameters ROBOT+{path.name}, nodes with --params-file behind that of the robot.',
+        *(f'{name}: {text}' for name, text in provenance.lines().items()),
+    ]
+    with excused(f'cannot write {path}'):
+        parameter_file.write({'drive': proposal.gains.values()}, path, head)
+
+
+def read(folder: Path) -> dict[str, float]:
+    """Return the gains that a proposal has left in a folder; raises TuningError."""
+    path = folder / FILE
+    if not path.is_file():
+        raise TuningError(f'there are no gains to be applied: {path} is what --auto leaves')
+    try:
+        tree = parameter_file.read(path)
+        values = {str(name): float(value) for name, value in tree['drive'].items()}
+    except (ParameterError, KeyError, AttributeError, TypeError, ValueError):
+        raise TuningError(f'{path} holds no gains of --auto') from None
+    if unknown := [name for name in values if f'drive.{name}' not in OF_PARAMETER]:
+        raise TuningError(f'{path} holds {unknown[0]}, which no drive takes')
+    return values

@@ -1,0 +1,51 @@
+"""Units that keys may say: millimetres for metres, degrees for radians, and what is derived from them by time."""
+
+import math
+import re
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from delta3_pacdrive.configuration.located import Items
+
+_KEY = re.compile(r'(?P<name>.+)_(?P<unit>mm|deg)(?P<per>(_s[23]?)?)')
+_BASE = {'mm': 'm', 'deg': 'rad'}
+# a division rounds as the decimal point of a number in metres does
+_CONVERSIONS: dict[str, Callable[[float], float]] = {'mm': lambda value: value / 1000.0, 'deg': math.radians}
+
+
+def base_key(key: Any, allowed: Iterable[str]) -> str:
+    """Return the key in metres or radians that one in millimetres or degrees stands for; empty if there is none."""
+    found = _KEY.fullmatch(key) if isinstance(key, str) else None
+    if found is None:
+        return ''
+    base = f'{found["name"]}_{_BASE[found["unit"]]}{found["per"]}'
+    return base if base in allowed else ''
+
+
+def base_unit(key: str) -> str:
+    """Return the unit that the values of a key are read in."""
+    found = _KEY.fullmatch(key)
+    return _BASE[found['unit']] if found else ''
+
+
+def in_base_unit(key: str, value: Any) -> Any:
+    """Return numbers, and lists of them, in metres or radians; names and mappings, which say their own units, stay."""
+    found = _KEY.fullmatch(key)
+    return value if found is None else _converted(value, _CONVERSIONS[found['unit']])
+
+
+def _converted(value: Any, convert: Callable[[float], float]) -> Any:
+    if isinstance(value, bool) or not isinstance(value, (int, float, list)):
+        return value
+    if not isinstance(value, list):
+        try:
+            return convert(value)
+        except OverflowError:
+            return value
+    items = [_converted(item, convert) for item in value]
+    if isinstance(value, Items):
+        kept = Items(value.place)
+        kept.extend(items)
+        kept.source, kept.places = value.source, value.places
+        return kept
+    return items

@@ -1,0 +1,46 @@
+"""Limits of moves in program files."""
+
+import math
+from typing import Any
+
+from delta3_pacdrive.configuration.checked import Section, refuse
+from delta3_pacdrive.configuration.readers import number, number_between
+from delta3_pacdrive.motion.limits import Limits
+
+BLEND_MIN_M, BLEND_MAX_M = 1e-4, 1.0
+LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
+TCP_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
+LIMIT_KEYS = (*TCP_LIMIT_KEYS, 'torque_rate_n_m_s')
+
+
+def given_limits(fields: Section) -> dict[str, float]:
+    """Return the limits that are given, by their keys."""
+    return {key: fields.read(key, _limit) for key in LIMIT_KEYS if key in fields}
+
+
+def limits_of(given: dict[str, float], defaults: Limits, time_optimal: bool) -> Limits:
+    """Return the limits of the TCP; the motors alone limit a time-optimal move where none are given.
+
+    Without a torque rate its jerk is limited all the same.
+    """
+    if time_optimal:
+        jerk = math.inf if 'torque_rate_n_m_s' in given else defaults.jerk_m_s3
+        defaults = Limits(math.inf, math.inf, jerk)
+    return Limits(*(given.get(key, getattr(defaults, key)) for key in TCP_LIMIT_KEYS))
+
+
+def blend(value: Any, where: str) -> float:
+    """Read how far before a corner a blend begins [m]; 0: none."""
+    found = number_between(0.0, BLEND_MAX_M)(value, where)
+    if 0.0 < found < BLEND_MIN_M:
+        refuse(f'{where} is {found:g}, but must be 0 or at least {BLEND_MIN_M:g}')
+    return found
+
+
+def _limit(value: Any, where: str) -> float:
+    limit = number(value, where)
+    if not limit > 0.0 or (math.isinf(limit) and 'jerk_' not in where.rpartition('.')[2]):
+        refuse(f'{where} is {limit}, but must be a positive number')
+    if not LIMIT_MIN <= limit <= LIMIT_MAX and not math.isinf(limit):
+        refuse(f'{where} is {limit:g}, but must be between {LIMIT_MIN:g} and {LIMIT_MAX:g}')
+    return limit

@@ -1,0 +1,82 @@
+"""Input shaping: a master that starts and stops so that a vibration of the robot cancels itself.
+
+The distance over time becomes a weighted sum of itself, delayed by up to a period of the vibration. The TCP stays on
+its path, and its speed, acceleration and jerk along it are nowhere larger than they were. For a vibration of frequency
+f and damping ratio D, of damped period T, and with K = exp(-pi D / sqrt(1 - D^2)), the sums are (Singer and Seering
+1990)
+
+    zero vibration (zv)                  1, K            at 0, T/2
+    zero vibration and derivative (zvd)  1, 2 K, K^2     at 0, T/2, T
+    smooth                               zv after a moving average over half a period that fades like the vibration
+
+zvd and smooth take one period T, zv half of one.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import SMOOTH, ZVD
+
+SMOOTH_PARTS = 8  # of the moving average over half a period
+SAME_S = 1e-9  # between two ends of phases that are one
+
+
+@dataclass(frozen=True)
+class Shaper:
+    """A shaper sums a motion with itself: weights, of sum 1, and delays from 0 on [s]."""
+
+    weights: Floats
+    delays_s: Floats
+
+    @staticmethod
+    def of(kind: str, frequency_hz: float, damping: float) -> 'Shaper':
+        """Return the shaper for a vibration."""
+        rest = math.sqrt(1.0 - damping * damping)
+        half_s = 0.5 / (frequency_hz * rest)
+        fades = math.exp(-math.pi * damping / rest)
+        if kind == ZVD:
+            weights, delays = np.array([1.0, 2.0 * fades, fades * fades]), half_s * np.arange(3)
+        else:
+            weights, delays = np.array([1.0, fades]), half_s * np.arange(2)
+        if kind == SMOOTH:
+            part = np.arange(SMOOTH_PARTS) / SMOOTH_PARTS
+            weights = np.outer(weights, fades**part).ravel()
+            delays = np.add.outer(delays, half_s * part).ravel()
+        return Shaper(np.asarray(weights / weights.sum()), np.asarray(delays, dtype=np.float64))
+
+    @property
+    def duration_s(self) -> float:
+        """By how much a motion becomes longer [s]."""
+        return float(self.delays_s[-1])
+
+    def residual(self, frequency_hz: float, damping: float) -> float:
+        """Return what is left of a vibration that a motion excites, 1: as much as without shaping."""
+        decay = math.tau * frequency_hz * damping
+        turn = math.tau * frequency_hz * math.sqrt(1.0 - damping * damping)
+        grown = self.weights * np.exp((decay + 1j * turn) * self.delays_s)
+        return float(abs(grown.sum()) * math.exp(-decay * self.duration_s))
+
+    def shaped(self, phases: Floats) -> Floats:
+        """Return the phases of the shaped master, shape (n, 5) -> (m, 5): exactly the sum, from rest to rest."""
+        edges = np.sort(np.add.outer(phases[:, 0], self.delays_s).ravel())
+        times = edges[np.concatenate([[True], np.diff(edges) > SAME_S])]
+        inside = np.append(0.5 * (times[1:] + times[:-1]), times[-1] + 1.0)
+        shaped = np.zeros((len(times), PHASE_COLUMNS))
+        for weight, delay in zip(self.weights, self.delays_s, strict=True):
+            # phases are told apart in their middle: where they meet rounding would decide
+            row = np.searchsorted(phases[:, 0], inside - delay, side='right') - 1
+            there = phases[row.clip(0)]
+            t = np.where(row < 0, 0.0, times - delay - there[:, 0])
+            _, s, v, a, j = there.T * np.where(row < 0, 0.0, 1.0)
+            shaped[:, 1] += weight * (s + t * (v + t * (a / 2.0 + t * j / 6.0)))
+            shaped[:, 2] += weight * (v + t * (a + t * j / 2.0))
+            shaped[:, 3] += weight * (a + t * j)
+            shaped[:, 4] += weight * j
+        shaped[:, 0] = times
+        shaped[0, 1:3] = 0.0
+        shaped[-1, 1:] = phases[-1, 1], 0.0, 0.0, 0.0
+        return shaped

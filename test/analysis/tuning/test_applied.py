@@ -1,0 +1,191 @@
+"""Facts about gains that are applied to drives: all of them or none, and back again; no robot is needed to show it."""
+
+import itertools
+import json
+
+import pytest
+
+from delta3_pacdrive.analysis.tuning import applied, gains
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.errors import ProgramError, TuningError
+
+AXES = ('axis1', 'axis2', 'axis3')
+DEFAULT = {
+    'velocity_gain_a_s_rad': 0.35,
+    'velocity_integral_gain_a_rad': 20.0,
+    'position_gain_rad_s_rad': 60.0,
+    'notch_1_frequency_hz': 0.0,
+    'notch_1_damping': 0.5,
+    'notch_1_depth': 0.1,
+}
+GAINS = {
+    'velocity_gain_a_s_rad': 0.4,
+    'velocity_integral_gain_a_rad': 12.0,
+    'position_gain_rad_s_rad': 30.0,
+    'notch_1_frequency_hz': 232.0,
+    'notch_1_damping': 0.87,
+    'notch_1_depth': 0.1,
+}
+IDN = {applied.idn_of(name): name for name in DEFAULT}
+
+
+class Drives:
+    """Three drives that may refuse from some access on, or end whoever writes."""
+
+    def __init__(self):
+        self.has = {axis: dict(DEFAULT) for axis in AXES}
+        self.written = []
+        self.refuses = lambda axis, name, number: False
+
+    def read(self, axis, idn):
+        return float(f'{self.has[axis][IDN[idn]]:.12g}')
+
+    def write(self, axis, idn, value):
+        name = IDN[idn]
+        if self.refuses(axis, name, len(self.written)):
+            raise ProgramError(f'{axis}: 8503: {idn}: refused')
+        self.written.append((axis, name, value))
+        self.has[axis][name] = value
+
+
+@pytest.fixture
+def drives():
+    return Drives()
+
+
+def test_all_drives_take_the_gains_and_get_back_what_they_had(drives, tmp_path):
+    applied.apply(GAINS, drives, '/', tmp_path)
+    assert drives.has == dict.fromkeys(AXES, GAINS)
+    applied.undo(drives, tmp_path)
+    assert drives.has == dict.fromkeys(AXES, DEFAULT)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_falls_is_written_before_what_rises_and_a_filter_works_at_last(drives, tmp_path):
+    applied.apply(GAINS, drives, '/', tmp_path)
+    names = [name for axis, name, _ in drives.written if axis == 'axis2']
+    assert names[:2] == ['velocity_integral_gain_a_rad', 'position_gain_rad_s_rad']
+    assert names[-1] == 'notch_1_frequency_hz'
+    assert 'notch_1_depth' not in names  # it has its value
+
+
+@pytest.mark.parametrize('number', range(15))
+def test_a_refusal_at_any_write_leaves_all_drives_as_they_were_and_says_so(number, drives, tmp_path):
+    once = itertools.count()
+    drives.refuses = lambda axis, name, done: done == number and next(once) == 0
+    with pytest.raises(TuningError, match=r'8503: .*refused; all drives have what they had before'):
+        applied.apply(GAINS, drives, '/', tmp_path)
+    assert drives.has == dict.fromkeys(AXES, DEFAULT)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_taken_back_is_named_with_what_it_was(drives, tmp_path):
+    drives.refuses = lambda axis, name, done: done >= 6
+    with pytest.raises(TuningError, match=r'could not be taken back, .*: axis2 P-0-0011 \(was 20\)'):
+        applied.apply(GAINS, drives, '/', tmp_path)
+    drives.refuses = lambda *_: False
+    applied.undo(drives, tmp_path)
+    assert drives.has == dict.fromkeys(AXES, DEFAULT)
+
+
+def test_who_is_ended_in_the_middle_can_undo_what_was_written(drives, tmp_path):
+    def end(axis, name, done):
+        if done == 7:
+            raise KeyboardInterrupt
+        return False
+
+    drives.refuses = end
+    with pytest.raises(KeyboardInterrupt):
+        applied.apply(GAINS, drives, '/', tmp_path)
+    drives.refuses = lambda *_: False
+    assert drives.has['axis1'] == GAINS
+    assert drives.has['axis3'] == DEFAULT
+    applied.undo(drives, tmp_path)
+    assert drives.has == dict.fromkeys(AXES, DEFAULT)
+
+
+def test_gains_that_are_applied_twice_are_undone_to_what_was_first(drives, tmp_path):
+    applied.apply(GAINS, drives, '/', tmp_path)
+    applied.apply(GAINS | {'position_gain_rad_s_rad': 33.0}, drives, '/', tmp_path)
+    assert drives.has['axis3']['position_gain_rad_s_rad'] == 33.0
+    applied.undo(drives, tmp_path)
+    assert drives.has == dict.fromkeys(AXES, DEFAULT)
+
+
+def test_a_robot_that_was_started_anew_gives_a_new_before(drives, tmp_path):
+    applied.apply(GAINS, drives, '/', tmp_path)
+    anew = Drives()
+    for values in anew.has.values():
+        values['position_gain_rad_s_rad'] = 55.0
+    applied.apply(GAINS, anew, '/', tmp_path)
+    applied.undo(anew, tmp_path)
+    assert {values['position_gain_rad_s_rad'] for values in anew.has.values()} == {55.0}
+
+
+def test_what_somebody_else_has_changed_is_not_undone(drives, tmp_path):
+    applied.apply(GAINS, drives, '/', tmp_path)
+    drives.has['axis2']['position_gain_rad_s_rad'] = 41.0
+    with pytest.raises(TuningError, match=r'axis2 has S-0-0104 .* = 41, and not 30, .* nothing is undone'):
+        applied.undo(drives, tmp_path)
+    assert drives.has['axis1'] == GAINS
+
+
+@pytest.mark.parametrize(
+    'content', ['', '{}', '[1]', '{"robot": {"before": {}, "after": {}}}', '{"robot": 3}']
+)
+def test_a_record_that_is_damaged_is_refused(content, drives, tmp_path):
+    (tmp_path / applied.FILE).write_text(content)
+    with pytest.raises(TuningError, match='is no record of applied gains'):
+        applied.undo(drives, tmp_path)
+    with pytest.raises(TuningError, match='is no record of applied gains'):
+        applied.apply(GAINS, drives, '/', tmp_path)
+    assert not drives.written
+
+
+def test_a_record_of_names_that_no_drive_has_is_refused(drives, tmp_path):
+    values = {axis: {'gravity': 1.0} for axis in AXES}
+    record = {'robot': {'namespace': '/', 'before': values, 'after': values}}
+    (tmp_path / applied.FILE).write_text(json.dumps(record))
+    with pytest.raises(TuningError, match='is no record'):
+        applied.undo(drives, tmp_path)
+
+
+def test_nothing_applied_is_nothing_undone_and_no_gains_are_nothing_to_apply(tmp_path, capsys):
+    folder = str(tmp_path / 'tuning')
+    assert main(['tune', '--undo', '--output', folder]) == 1
+    assert 'there is nothing to be undone' in capsys.readouterr().err
+    assert main(['tune', '--apply', '--output', folder]) == 1
+    assert 'there are no gains to be applied' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('text', ['a: 1\n', '/**:\n  ros__parameters:\n    drive: {gravity: 1.0}\n', '- 1\n'])
+def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
+    (tmp_path / gains.FILE).write_text(text)
+    with pytest.raises(TuningError, match=r'gains of --auto|which no drive takes'):
+        gains.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'told'),
+    [
+        (('--undo', '--auto'), '--undo takes back what was applied'),
+        (('--undo', '--namespace', '/a'), '--undo takes back what was applied'),
+        (
+            ('--apply', '--set', 'K_Ppos=80'),
+            '--apply without --auto writes the gains that stand in the folder',
+        ),
+        (('--apply', '--payload', '1'), 'it takes no --payload'),
+        (('--apply', '--auto', '--set', 'K_Ppos=80'), '--auto looks for the gains itself'),
+        (
+            ('--apply', '--auto', '--recording', 'x.npz'),
+            '--apply writes the gains of --auto: it takes no --recording',
+        ),
+        (('--apply', 'x.yaml', '--namespace', '/a'), '--namespace is for --apply without a file'),
+        (('--namespace', '/a'), '--namespace is for --apply without a file'),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(arguments, told, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(['tune', *arguments])
+    assert caught.value.code == 2
+    assert told in capsys.readouterr().err
