@@ -125,7 +125,10 @@ def load_trace(path: str | Path) -> Trace:
 
 
 def simulate(
-    program: Program | str | Path, parameters: Parameters | None = None, signals: Sequence[str] = ()
+    program: Program | str | Path,
+    parameters: Parameters | None = None,
+    signals: Sequence[str] = (),
+    cell: str | Path | Mapping[str, Any] | None = None,
 ) -> Trace:
     """Run a program on a robot, without ROS and without a clock: the same control and plant code as the nodes.
 
@@ -138,6 +141,9 @@ def simulate(
         packaged programs, else with the one that knows the model.
     signals
         What is told on request only, by names and patterns: ``payload``, ``outputs``, ``tcp_speed``, ``drive_*``.
+    cell
+        What stands around the robot: a cell file, ``'cell'`` for the packaged one, or what such a file would hold. Its
+        gripper takes real parts then; ``trace.meta['cell']`` tells what has happened to them.
 
     Returns
     -------
@@ -149,6 +155,8 @@ def simulate(
     ------
     ProgramError
         The program cannot be read, or a move breaks a limit; says which, where and by how much.
+    CellError
+        The cell cannot be read; names up to ten places and the rules.
     RunError
         A drive cannot be enabled.
     TraceError
@@ -163,12 +171,19 @@ def simulate(
         named = program.source if isinstance(program, Program) else program
         parameters = load_parameters(of_run(None, named or None))
     read = program if isinstance(program, Program) else load_program(program, parameters)
+    around = None
+    if cell is not None:
+        from delta3_pacdrive.peripherals import cell_file
+
+        around = cell_file.load(cell) if isinstance(cell, (str, PathLike)) else cell_file.parse(cell)
     if not signals:
-        return run(read, parameters)
+        return run(read, parameters, cell=around)
     from delta3_pacdrive.analysis import trace_export
 
     trace_export.require_known(signals)
-    return trace_export.completed(run(read, parameters, signals=trace_export.on_request(signals)), signals)
+    return trace_export.completed(
+        run(read, parameters, signals=trace_export.on_request(signals), cell=around), signals
+    )
 
 
 def __getattr__(name: str) -> Any:

@@ -320,11 +320,18 @@ def forward(
     return out.reshape(*shape, 3)
 
 
-def mass_matrix(theta: ArrayLike, parameters: Parameters) -> Floats:
-    """Mass matrix A(theta) [kg m^2], arm side, motor inertia included; shape (..., 3) -> (..., 3, 3)."""
+def mass_matrix(
+    theta: ArrayLike, parameters: Parameters, *, rods: bool = False, rotors: bool = True
+) -> Floats:
+    """Mass matrix A(theta) [kg m^2], arm side; shape (..., 3) -> (..., 3, 3).
+
+    With ``rods`` the forearms are uniform rods instead of the thesis' split masses; ``rotors`` says whether the rotors
+    turn with the arms.
+    """
     angles, shape = rows(theta, 'theta')
     out = np.empty((len(angles), 3, 3))
-    _mass_matrix(angles, out, geometry(parameters.kinematics), inertia(parameters))
+    lengths = geometry(parameters.kinematics)
+    _mass_matrix(angles, out, lengths, inertia(parameters, rods=rods, rotors=rotors))
     return out.reshape(*shape, 3, 3)
 
 

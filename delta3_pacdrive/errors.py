@@ -26,6 +26,10 @@ class ProgramError(Delta3Error, ValueError):
     """A motion program is malformed, or a move in it is refused."""
 
 
+class CellError(Delta3Error, ValueError):
+    """A cell file breaks a rule; the message names the place and the rule."""
+
+
 class TelegramError(Delta3Error, ValueError):
     """A message on a cyclic topic has the wrong shape, a number that is not finite, or a bad stamp."""
 
@@ -83,6 +87,8 @@ class Code(StrEnum):
     FOREIGN = 'foreign'  # of another session, a second time, or from nobody who is there
     WITHDRAWN = 'withdrawn'  # given up by whoever asked for it
     SILENT = 'silent'  # somebody who should have answered did not
+    TIMEOUT = 'timeout'  # what was waited for has not come in time
+    BELT = 'belt'  # a part on a belt cannot be met, or the robot could not stay on the belt
 
     @classmethod
     def of(cls, text: str) -> 'Code':
@@ -103,6 +109,7 @@ class FaultCode(StrEnum):
     PLACE = 'place'  # the motors stand where the arms cannot be
     PLANNER_SILENT = 'planner_silent'
     PLANNER_RESTARTED = 'planner_restarted'
+    NOT_IN_POSITION = 'not_in_position'  # the robot has not come to the end of a program, or to an exact stop
     EMERGENCY_STOP = 'emergency_stop'
     DISABLED = 'disabled'  # by the operator, in motion
 
@@ -196,6 +203,35 @@ class RefusedError(ProgramError):
     def __init__(self, reason: Reason) -> None:
         super().__init__(reason.sentence)
         self.reason = reason
+
+
+class ScriptError(RefusedError):
+    """A call of a script that is refused, or a script that cannot go on; the message begins with its file and line.
+
+    Parameters
+    ----------
+    reason
+        Why, with its code.
+    place
+        File and line of the script, such as ``pick.py:12``; empty if nobody knows it.
+
+    """
+
+    def __init__(self, reason: Reason, place: str = '') -> None:
+        known = not place or reason.sentence.startswith(place.rpartition(':')[0] + ':')
+        super().__init__(
+            reason if known else Reason(reason.code, f'{place}: {reason.sentence}', reason.fault)
+        )
+        self.place = place
+
+    @property
+    def code(self) -> Code:
+        """What kind of refusal it is."""
+        return self.reason.code
+
+
+class WaitTimeoutError(ScriptError, TimeoutError):
+    """What a script has waited for has not come in time."""
 
 
 def shown(value: object) -> str:

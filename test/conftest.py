@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-    # shells start what runs in the background so; the programs that are tested would ignore Ctrl-C, too
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# Shells start what runs in the background without Ctrl-C, and nohup without SIGHUP; the programs that are tested would
+# ignore them, too.
+for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, handler)
 
 # The matrices are small: threads of the linear algebra would wait for each other, on processors that others need.
 # Read when numpy is imported, which is later.

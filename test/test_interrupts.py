@@ -14,10 +14,11 @@ import pytest
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.errors import RunInterruptedError
+from delta3_pacdrive.recording import trace_file
 
 COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
-MOMENTS = 7
-REACH_S = 2.0  # of processor: until then a command has loaded all it needs, and works
+MOMENTS = 5
+REACH_S = 1.2  # of processor: until then a command has loaded all it needs, and works
 LIMIT_S = 900.0  # of one command on a machine whose cores are all busy
 LOOK_S = 1e-3  # between two looks
 # each offline command in the shortest way that goes through all of its stages
@@ -289,6 +290,26 @@ def test_a_full_disk_behind_the_output_is_told(arguments):
     assert_one_sentence(done.stderr, 'No space left on device')
 
 
+def test_streams_that_are_closed_lead_nowhere_and_no_file_takes_their_place(tmp_path):
+    """What is printed would be written into the file that has got the number of the closed stream."""
+    trace = tmp_path / 'run.npz'
+    done = ended(
+        [
+            'sh',
+            '-c',
+            'exec "$@" <&- >&- 2>&-',
+            'sh',
+            *COMMAND,
+            'simulate',
+            'experiment1',
+            '--trace',
+            str(trace),
+        ]
+    )
+    assert done.returncode == 0
+    assert trace_file.load(trace).meta['stopped'] == ''
+
+
 @pytest.mark.parametrize('domain', ['abc', '999', '-1', ' '])
 @pytest.mark.parametrize(
     'command', [['move', 'state'], ['run'], ['drive', '1', 'S-0-0104'], ['experiment', '1', '--graph']]
@@ -335,7 +356,8 @@ def test_names_that_are_no_text_are_names(tmp_path):
 
 
 def test_no_home_is_no_obstacle(tmp_path):
-    environment = {key: value for key, value in os.environ.items() if key not in ('HOME', 'XDG_CACHE_HOME')}
+    caches = ('HOME', 'XDG_CACHE_HOME', 'NUMBA_CACHE_DIR')
+    environment = {key: value for key, value in os.environ.items() if key not in caches}
     for home in ({}, {'HOME': '/proc'}):  # none, and one in which nothing can be written
         done = ended(
             [*COMMAND, 'arm'],

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.kinematics import Unreachable
@@ -98,9 +97,11 @@ def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable 
     tcp = kinematics.forward(angles, parameters, unreachable=unreachable)
     at = joints(angles, parameters, unreachable='nan')
     hip, joint = frames(parameters)
-    turned = _turned(angles, parameters)
-    arm = np.array([[length, 0.0, 0.0] for length in parameters.kinematics.upper_arm_lengths_m])
-    elbow = hip + turned.apply(np.tile(arm, (len(angles), 1))).reshape(-1, 3, 3)
+    azimuth = np.array(parameters.kinematics.arm_azimuth_rad)
+    along = np.stack(
+        [np.cos(angles) * np.cos(azimuth), np.cos(angles) * np.sin(azimuth), -np.sin(angles)], axis=-1
+    )
+    elbow = hip + np.array(parameters.kinematics.upper_arm_lengths_m)[:, None] * along
     position = np.zeros((len(angles), len(NAMES), 3))
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (len(angles), len(NAMES), 1))
     motors, arms = ([NAMES.index(f'{kind}{arm}') for arm in ARMS] for kind in ('motor', 'arm'))
@@ -111,19 +112,26 @@ def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable 
         -1, len(RODS), 3
     )
     position[:, in_tcp] = tcp[:, None]
-    quaternion[:, motors] = _quaternions(_turned(0.0 * angles, parameters))
-    quaternion[:, arms] = _quaternions(turned)
-    forearms = _quaternions(_turned(angles + at[:, PITCH], parameters, at[:, SWING]))
+    quaternion[:, motors] = _turned(azimuth, 0.0 * angles)
+    quaternion[:, arms] = _turned(azimuth, angles)
+    forearms = _turned(azimuth, angles + at[:, PITCH], at[:, SWING])
     quaternion[:, rods] = np.repeat(forearms, 2, axis=1)
     return Poses(position.reshape(*shape, len(NAMES), 3), quaternion.reshape(*shape, len(NAMES), 4))
 
 
-def _turned(about_y: Floats, parameters: Parameters, about_z: Floats | None = None) -> Rotation:
-    """Return the 3 n rotations R_z(alpha_i) R_y R_z for angles of shape (n, 3)."""
-    azimuth = np.broadcast_to(parameters.kinematics.arm_azimuth_rad, about_y.shape)
-    angles = [azimuth, about_y] if about_z is None else [azimuth, about_y, about_z]
-    return Rotation.from_euler('ZYZ'[: len(angles)], np.stack(angles, axis=-1).reshape(-1, len(angles)))
+def _turned(azimuth: Floats, pitch: Floats, swing: Floats | float = 0.0) -> Floats:
+    """Return the rotations R_z(azimuth) R_y(pitch) R_z(swing) as unit quaternions, shape (n, 3, 4).
 
-
-def _quaternions(rotations: Rotation) -> Floats:
-    return np.asarray(rotations.as_quat(canonical=True)).reshape(-1, 3, 4)
+    The closed form spares everybody who looks at the robot scipy.spatial, which takes longer to load than to see it.
+    """
+    more, less, half = 0.5 * (azimuth + swing), 0.5 * (azimuth - swing), 0.5 * pitch
+    found = np.stack(
+        [
+            -np.sin(half) * np.sin(less),
+            np.sin(half) * np.cos(less),
+            np.cos(half) * np.sin(more),
+            np.cos(half) * np.cos(more),
+        ],
+        axis=-1,
+    )
+    return np.where(found[..., 3:] < 0.0, -found, found)

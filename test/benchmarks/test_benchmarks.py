@@ -91,7 +91,10 @@ def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
-        (['kinematics', '--seconds', '3'], '--seconds is for graph, motion and simulate, not for kinematics'),
+        (
+            ['kinematics', '--seconds', '3'],
+            '--seconds is for graph, motion, simulate and cell, not for kinematics',
+        ),
         (['motion', '--case', 'bare'], '--case is for graph, not for motion'),
         (['simulate', '--scheduling', 'ordinary'], '--scheduling is for graph, not for simulate'),
         (['graph', '--no-graph'], '--no-graph is for motion, not for graph'),

@@ -44,6 +44,13 @@ def test_every_example_is_shown_in_the_documentation():
     assert sorted(shown) == sorted(path.stem for path in EXAMPLES.glob('*.py'))
 
 
+def test_fill_a_box(run):
+    _, ((parts, seconds), (apart,)) = run('fill_a_box')
+    assert parts == 8
+    assert 0.5 < seconds / parts < 2.0
+    assert apart < 0.01  # mm: what the encoders and the model leave where the robot turns round
+
+
 def test_parts_in_motion(run):
     _, ((cycles, rods), (low, high), (radius,), (swing, limit)) = run('parts_in_motion')
     assert (rods, limit) == (6, 45.0)
@@ -53,6 +60,61 @@ def test_parts_in_motion(run):
     assert 0.1 < radius < 0.6
     # the largest swing of a rod is that of the farthest place beside its arm
     assert 0.0 < np.sin(np.radians(swing)) <= (radius + 1e-3) / robot.kinematics.forearm_length_m
+
+
+def test_parts_in_a_cell(run):
+    text, numbers = run('parts_in_a_cell')
+    rows = [row for row in numbers if len(row) == 4]
+    assert [row[0] for row in rows] == [45, 50, 55, 60]
+    uses = [row[3] for row in rows]
+    assert uses == sorted(uses, reverse=True)
+    # who needs more than all of the force is lost
+    assert [(row[1], row[2]) for row in rows] == [(0, 10) if use > 100 else (10, 0) for use in uses]
+    assert uses[0] > 100 > uses[-1]
+    assert 'the first one: it slid off: it needed' in text
+
+
+def test_script_with_decisions(run):
+    text, numbers = run('script_with_decisions')
+    *parts, (count, first_s) = numbers
+    assert [line.split(' part')[0].split()[-1] for line in text.splitlines()[:-1]].count('bad') == 1
+    assert [places for _, places in parts] == [3, 2, 1, 1, 0]
+    assert count == 5
+    assert 0.0 < first_s < 1.0
+
+
+def test_pick_from_a_belt(run):
+    text, numbers = run('pick_from_a_belt')
+    rows = [row for row in numbers if len(row) == 5 and row[2] == 3]
+    assert [row[0] for row in rows] == [0.5, 1.0, 1.5]
+    for _, placed, _, rms, most in rows:
+        assert 1 <= placed <= 3
+        assert 0.0 < rms < 0.10
+        assert rms < most < 0.25
+    assert rows[-1][1] < 3
+    assert 'pick_from_a_belt.py:' in text
+    assert 'belt line: the part would be met at' in text
+
+
+def test_belt_to_box(run):
+    _, ((count, seconds, most),) = run('belt_to_box')
+    assert count == 24
+    assert seconds < 60.0
+    assert 0.0 < most < 0.5
+
+
+def test_belt_to_belt(run):
+    _, ((count, *pitches),) = run('belt_to_belt')
+    assert count == 6
+    assert len(pitches) == 5
+    assert all(0.998 < pitch < 2.0 for pitch in pitches)
+
+
+def test_two_types(run):
+    text, numbers = run('two_types')
+    assert sum(numbers[-1]) + text.count('left: ') == 10
+    assert min(numbers[-1]) > 1
+    assert re.search(r'\d+ bar in bars, \d+ disc in discs', text)
 
 
 def test_log_against_model(run, tmp_path):
@@ -120,6 +182,24 @@ def test_torques_along_a_path(run):
     assert coriolis < gravity < inertia
     assert 1.0 < current < 1.7
     assert error < 0.1 * current
+
+
+def test_propose_gains(run):
+    text, numbers = run('propose_gains')
+    (phase_before, _), (phase, gain) = numbers[3:5]
+    assert phase_before < 50.0 <= phase < 50.4
+    assert 8.0 <= gain < 12.0
+    assert text.count('TCP error') == 2
+
+
+def test_why_margins_differ(run):
+    text, numbers = run('why_margins_differ')
+    for lines in (numbers[:8], numbers[8:]):
+        paper, *pieces, drive = (line[-1] if len(line) > 1 else line[0] for line in lines[1:])
+        assert paper + sum(pieces) == pytest.approx(drive, abs=0.03)  # each has two digits
+        assert 1.5 < drive - paper < 2.5
+        assert pieces[0] + pieces[1] > 0.8 * (drive - paper)
+    assert text.count('gain margin of the velocity loop') == 2
 
 
 def test_tune_a_gain(run):
@@ -200,6 +280,16 @@ def test_rate_and_energy(run):
     assert current[1:] == pytest.approx(nominal[1:], rel=0.06)
     assert current[0] < 0.8 * nominal[0]
     assert (error < 0.25).all()
+
+
+def test_shaped_moves(run):
+    text, rows = run('shaped_moves')
+    assert [line.split(':')[0] for line in text.splitlines()] == ['none', 'zv', 'zvd', 'smooth']
+    took_ms, swings_mm, less_db = np.array(rows).T
+    assert swings_mm[0] > 0.4
+    assert less_db[1] > 9.0
+    assert (less_db[2:] > 20.0).all()
+    assert (took_ms[2:] - took_ms[0] <= 21.0).all()  # a period
 
 
 def test_fit_a_parameter(run):

@@ -2,9 +2,14 @@
 
 import importlib.util
 import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+import pages
 
 GOLDEN = Path(__file__).resolve().parent
 SAME = 2e-9  # relative: the figures have nine digits
@@ -22,16 +27,38 @@ SPEC.loader.exec_module(make)
 DOCUMENT = json.loads((GOLDEN / 'figures.json').read_text(encoding='utf-8'))
 
 
-def test_the_file_holds_every_case_and_says_how_it_came_about():
-    assert DOCUMENT['command'] == make.COMMAND
-    assert DOCUMENT['cases'].keys() == make.CASES.keys()
+@pytest.fixture(scope='module')
+def made(tmp_path_factory):
+    """Return what the command writes that makes the figures anew, in a copy of this folder."""
+    root = tmp_path_factory.mktemp('sources')
+    copy = root / 'test' / 'golden'
+    copy.mkdir(parents=True)
+    shutil.copy2(GOLDEN / 'make.py', copy)
+    program, *arguments = make.COMMAND.split()
+    assert program == 'python'
+    subprocess.run([sys.executable, *arguments], cwd=root, check=True)
+    return json.loads((copy / 'figures.json').read_text(encoding='utf-8'))
+
+
+def test_the_file_holds_every_case_and_says_how_it_came_about(made):
+    assert DOCUMENT['command'] == made['command'] == make.COMMAND
+    assert DOCUMENT['cases'].keys() == made['cases'].keys() == make.CASES.keys()
+
+
+def test_the_page_for_those_who_carry_on_names_the_command():
+    (block,) = (
+        block
+        for block in pages.blocks(pages.SOURCE / 'CONTRIBUTING.md')
+        if __file__.endswith(block.words or '-')
+    )
+    assert block.text.strip() == make.COMMAND
 
 
 @pytest.mark.parametrize('name', make.CASES)
-def test_a_run_has_its_golden_figures(name):
+def test_a_run_has_its_golden_figures(name, made):
     here = DOCUMENT['maker'] == make.maker()
     relative, nothing = (SAME, NOTHING) if here else (ELSEWHERE, NOTHING_ELSEWHERE)
-    wanted, found = DOCUMENT['cases'][name], make.figures(name)
+    wanted, found = DOCUMENT['cases'][name], made['cases'][name]
     assert found.keys() == wanted.keys()
     for key in ('cycles', 'end_cycle', 'stopped', 'lost_telegrams'):
         assert found[key] == wanted[key], key

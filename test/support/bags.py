@@ -30,7 +30,7 @@ TYPES = {
     'tcp/error': VECTOR,
 }
 FRAMES = {
-    'sercos/mdt': 'CP4 e000 e000 e000 0000 0000 0000 000.5000 3fa9',
+    'sercos/mdt': 'CP4 e000 e000 e000 0000 0000 0000 000.5000 00 3fa9',
     **dict.fromkeys(ANSWERS, 'c008 0000 3fa9'),
     'plant/motor_shafts': '3fa9',
 }

@@ -15,7 +15,7 @@ FLAGS = (
     '--disable-quic',
     '--no-first-run',
 )
-FRAME_MS = 200  # between two pictures: without a graphics card each takes as long as it takes on all cores
+FRAME_MS = 1000  # between two pictures: without a graphics card each takes as long as it takes on all cores
 PACED = f"""
 window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), {FRAME_MS});
 window.cancelAnimationFrame = clearTimeout;
@@ -62,5 +62,9 @@ class Visit:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, _, error, __):
+        if error is not None:  # what somebody in front of the screen would tell
+            error.add_note(
+                f'complaints: {self.complaints}; on the page:\n{self.page.inner_text("body")[:2000]}'
+            )
         self.context.close()

@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
+import forked_commands
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.controller.messages import Origin, Status
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -32,7 +33,7 @@ from delta3_pacdrive.ros.qos import LATCHED
 DEADLINE_S = 8.0
 
 STRETCH_MAX = 6.0  # by which a deadline may be stretched on a machine that has other things to do
-END_S = 30.0  # for what a failed test has left running to come to its end
+END_S = 30.0  # for processes to be gone, where others keep all cores busy
 DOMAINS = 100  # below the ports that Linux hands out by itself
 
 
@@ -79,8 +80,8 @@ def own_domain() -> Iterator[None]:
 
 
 def processes_of_domain() -> list[str]:
-    """Command lines of all processes that belong to the tests' domain, this one and zombies excluded."""
-    found = []
+    """Command lines of the processes of the domain, without zombies, who has started the tests and who serves them."""
+    found, own = [], _starters() | {str(pid) for pid in forked_commands.servers}
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             environment = (folder / 'environ').read_bytes().split(b'\0')
@@ -89,8 +90,17 @@ def processes_of_domain() -> list[str]:
             continue
         if 'chrom' in command or 'playwright' in command:
             continue  # the browser of a test belongs to its module
-        if f'ROS_DOMAIN_ID={DOMAIN}'.encode() in environment and int(folder.name) != os.getpid() and command:
+        if f'ROS_DOMAIN_ID={DOMAIN}'.encode() in environment and folder.name not in own and command:
             found.append(f'{folder.name}: {command}')
+    return found
+
+
+def _starters() -> set[str]:
+    """Return this process, its parent, and so on: they may have told it the domain."""
+    found, process = set(), str(os.getpid())
+    while process != '0':
+        found.add(process)
+        process = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[1]
     return found
 
 
@@ -99,7 +109,7 @@ def nothing_is_left() -> Iterator[None]:
     """Fail if what runs inside leaves a process, or a shared-memory file that nobody uses."""
     before = _shared_memory()
     yield
-    deadline = time.monotonic() + 2.0
+    deadline = time.monotonic() + END_S
     while processes_of_domain() and time.monotonic() < deadline:
         time.sleep(0.02)
     assert processes_of_domain() == []
@@ -140,23 +150,25 @@ def processes() -> Callable[[], list[str]]:
     return processes_of_domain
 
 
-def _command_line(*arguments: str | Path) -> list[str]:
-    return [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', *(str(item) for item in arguments)]
+_started: list[subprocess.Popen[str]] = []
+
+
+def _start(command: list[str], arguments: tuple[str | Path, ...], **options: Any) -> subprocess.Popen[str]:
+    line = [*command, *(str(item) for item in arguments)]
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+    _started.append(process)
+    return process
 
 
 @pytest.fixture
 def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run the real command line to its end."""
+    """Run a command line to its end, as a fork of an interpreter that has everything loaded."""
 
     def run(*arguments: str | Path, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            _command_line(*arguments), capture_output=True, text=True, timeout=timeout, check=False
-        )
+        line = [str(forked_commands.folder() / 'delta3'), *(str(item) for item in arguments)]
+        return subprocess.run(line, capture_output=True, text=True, timeout=timeout, check=False)
 
     return run
-
-
-_started: list[subprocess.Popen[str]] = []
 
 
 def _end(processes: list[subprocess.Popen[str]]) -> None:
@@ -175,16 +187,16 @@ def _end(processes: list[subprocess.Popen[str]]) -> None:
 
 @pytest.fixture(scope='session')
 def start_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the real command line; what a failed test leaves running is ended."""
+    """Start a command line in a new interpreter; what a failed test leaves running is ended."""
+    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
+    yield lambda *arguments, **options: _start(command, arguments, **options)
+    _end(_started)
 
-    def start(*arguments: str | Path, **options: Any) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            _command_line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
-        )
-        _started.append(process)
-        return process
 
-    yield start
+@pytest.fixture(scope='session')
+def fork_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start a command line as a fork, where what it is for counts and not how it starts; it is ended likewise."""
+    yield lambda *arguments: _start([str(forked_commands.folder() / 'delta3')], arguments)
     _end(_started)
 
 
@@ -271,7 +283,7 @@ class Graph:
         """Take a node away, as if its process had died."""
         self._executor.remove_node(node)
         self.nodes.remove(node)
-        self.spin_for(0.05)  # what has been queued for it already
+        self.spin_for(0.5)  # what has been queued for it already, on a busy machine too
         node.destroy_node()
 
     def spin_until(self, condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> None:

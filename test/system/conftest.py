@@ -3,6 +3,7 @@
 from robots import (  # noqa: F401  fixtures
     compiled,
     delta3,
+    fork_delta3,
     graph,
     nothing_left_behind,
     own_domain,

@@ -21,6 +21,7 @@ from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.motion import learned as learned_torques
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.learned import Learned, Origin
+from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bag_reader import open_bag
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION
@@ -90,7 +91,10 @@ moves:
 - output: {name: output1, value: true}
 - move_c: {via_m: [0.1, 0.1, -0.85], to_m: [0.0, 0.15, -0.84]}
 - output: {name: gripper, value: false, before_m: 0.01, payload_kg: 0.0}
+- output: {name: output3, value: true, after_s: 0.1207}
+- dwell: {time_s: 0.15}
 - move_sb: {through_m: [[-0.1, 0.05, -0.82], [-0.12, -0.1, -0.83], [0.0, 0.0, -0.85]]}
+- output: {name: output2, value: true, before_s: 0.0323}
 - cubic: {to_m: [0.05, 0.0, -0.84], duration_s: 0.15, end_velocity_m_s: [0.3, 0.1, 0.0]}
 - cubic: {to_m: [0.1, 0.05, -0.85], duration_s: 0.2}
 - joints:
@@ -192,6 +196,46 @@ def test_what_a_bag_tells_when_it_changes_is_what_a_simulation_notes(
     assert found['overruns'].max() == 0.0  # there is no clock
 
 
+# exact stops at which the robot is not there at once, so that the motion depends on its answers
+WAITS = """
+start_m: [0.0, 0.0, -0.75]
+payload_kg: 10
+in_position: true
+limits: {speed_m_s: 1.0, acceleration_m_s2: 15.0}
+moves:
+- move_l: {to_m: [0.0, 0.5, -0.9]}
+- output: {name: gripper, value: true}
+- move_l: {to_m: [0.0, 0.0, -0.75]}
+"""
+
+
+def test_waits_for_the_robot_take_as_long_in_the_graph_as_in_the_simulation(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'waits.yaml'
+    program.write_text(WAITS)
+    robot = parameters.load('delta3')
+    simulated = simulation.run(programs.load(program, robot.motion), robot)
+    options = ['--real-time-factor', '0', '--parameters', 'delta3']
+    recorded, result = _run(delta3, tmp_path / 'bag', *options, program=str(program))
+    _assert_same(simulated, recorded, result)
+    planned = simulation.plan_of(programs.load(program, robot.motion), robot).plan.duration_s
+    assert simulated.meta['end_cycle'] > simulated.meta['start_cycle'] + planned / 1e-3 + 50
+
+
+def test_a_robot_that_is_not_in_position_fails_a_run(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program, impatient = tmp_path / 'waits.yaml', tmp_path / 'impatient.yaml'
+    program.write_text(WAITS)
+    impatient.write_text('/**:\n  ros__parameters:\n    motion: {in_position_timeout_s: 0.05}\n')
+    options = ['--real-time-factor', '0', '--parameters', f'delta3+{impatient}']
+    done = delta3('run', program, '--json', *options)
+    assert done.returncode == 1
+    result = json.loads(done.stdout)
+    assert 'not in position 0.05 s after the set points stand at the end of move 1' in result['error']
+
+
 def test_a_busy_processor_changes_no_bit_in_real_time(
     simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None, busy_processor: None
 ) -> None:
@@ -225,10 +269,12 @@ def test_the_rich_robot_gives_the_bits_of_its_simulation(
 def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    """Torques travel beside the set points, and payloads change them."""
+    """Torques travel beside the set points, payloads change them, and a notch filter delays them."""
     program, model = tmp_path / 'mixed.yaml', tmp_path / 'model.yaml'
     program.write_text(MIXED)
-    robot = parameters.load().replace(control__feed_forward='model', drive__interpolation='cubic')
+    robot = parameters.load().replace(
+        control__feed_forward='model', drive__interpolation='cubic', drive__notch_1_frequency_hz=210.0
+    )
     parameters.write(robot, model)
     simulated = simulation.run(programs.load(program, robot.motion), robot)
     options = ['--real-time-factor', '0', '--parameters', str(model), *options]
@@ -442,3 +488,28 @@ def test_however_many_telegrams_are_lost_the_graph_gives_the_bits_of_the_simulat
             rows[clock.count(stamp.sec, stamp.nanosec)] = [*message.position, *message.velocity]
     expected = np.hstack([simulated['shaft_position'], simulated['shaft_speed']])
     np.testing.assert_array_equal([rows[cycle] for cycle in range(len(expected))], expected)
+
+
+def test_a_cell_on_the_bus_has_the_bits_of_the_one_in_a_simulation(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    robot = parameters.load(parameters.of_run(None, 'packaging'))
+    simulated = simulation.run(
+        programs.load('packaging', robot.motion), robot, cell=cell_file.load('cell'), signals=['cell_inputs']
+    )
+    recorded, result = _run(
+        delta3, tmp_path / 'bag', '--real-time-factor', '0', '--cell', 'cell', program='packaging'
+    )
+    found = trace_export.completed(recorded, ['cell_inputs'], tmp_path / 'bag')
+    assert len(_assert_same_where_recorded(simulated, found, robot.bus.cycle_time_s)) > 3000
+    rows = np.rint(found.time_s / robot.bus.cycle_time_s).astype(int)
+    within = rows < len(simulated.time_s)
+    assert simulated['cell_inputs'].max() == 1.0
+    np.testing.assert_array_equal(found['cell_inputs'][within], simulated['cell_inputs'][rows[within]])
+
+    told, wanted = result['cell'], json.loads(json.dumps(simulated.meta['cell']))
+    assert wanted['picked'] == wanted['outcomes']['placed'] > 5
+    carried = [[part for part in one['parts'] if part['picked_cycle'] >= 0] for one in (told, wanted)]
+    assert carried[0] == carried[1]
+    for key in ('picked', 'missed', 'misses', 'place_error_max_m', 'place_error_rms_m', 'hold_use_max'):
+        assert told[key] == wanted[key], key

@@ -41,11 +41,11 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def up(program: Path, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[None]:
+def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[None]:
     """Let a robot be up that follows it."""
     file = program.with_suffix('.npz')
     with nothing_is_left():
-        process = start_delta3('up', '--single-process', '--parameters', 'model', '--learned', str(file))
+        process = fork_delta3('up', '--single-process', '--parameters', 'model', '--learned', str(file))
         assert process.stderr is not None
         line = process.stderr.readline()
         assert line.startswith('ready after'), line + process.stderr.read()

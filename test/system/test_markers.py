@@ -22,10 +22,10 @@ NAME = 'robot_visualization'  # the kernel shows the first 15 characters
 
 @pytest.fixture
 def robot(
-    start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
+    fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
 ) -> Iterator[subprocess.Popen[str]]:
     """Bring a robot up with markers, and end it with Ctrl-C."""
-    process = start_delta3('up', '--markers', '--ordinary-priority')
+    process = fork_delta3('up', '--markers', '--ordinary-priority')
     assert process.stderr is not None
     lines = iter(process.stderr.readline, '')
     assert any(line.startswith('controller: ') for line in lines)  # behind that it is ready

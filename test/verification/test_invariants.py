@@ -198,7 +198,7 @@ def test_memory_must_not_grow(rules: invariants.Invariants, seen: list[tuple[str
 
 def test_a_telegram_that_cannot_be_read_is_refused() -> None:
     refused: list[str] = []
-    data = CODECS[MDT].encode((1, 0), b'x' * 43 + b'3fa9', [1.0, 2.0, 3.0])
+    data = CODECS[MDT].encode((1, 0), b'x' * 46 + b'3fa9', [1.0, 2.0, 3.0])
     taken = [(data, 5_000_000_000), (data[:-8], 6_000_000_000), (data, 7_000_000_000)]
     read = read_telegrams(MDT, taken, Clock(1e-3), refused.append)
     assert read is not None
@@ -213,7 +213,7 @@ def test_telegrams_of_cyclic_operation_are_read_from_its_first_cycle_on_and_join
     def read(messages: list[tuple[bytes, int]]) -> Telegrams | None:
         return read_telegrams(MDT, messages, Clock(1e-3), pytest.fail)
 
-    frame = b'x' * 43 + b'3fa9'
+    frame = b'x' * 46 + b'3fa9'
     taken = [
         (CODECS[MDT].encode(stamp, frame, [float(n)] * 3), n)
         for n, stamp in enumerate([(-1, 0), (0, 0), (0, 1_000_000)])

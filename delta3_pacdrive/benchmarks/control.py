@@ -1,0 +1,178 @@
+"""``delta3 bench control``: the packaging cycle by each controller, on the robot that it knows and on others."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis.learning.responses import with_masses
+from delta3_pacdrive.analysis.learning.run import Study
+from delta3_pacdrive.analysis.learning.study import Settings
+from delta3_pacdrive.analysis.run_energy import energy_of_round
+from delta3_pacdrive.analysis.study import silent
+from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.learned import Learned
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.trace import Trace
+
+PACKAGING, FAST = 'packaging', 'packaging_fast'
+ROUNDS = 3
+MASSES_OFF = 0.3
+LEARNED, REPETITIONS, BANDWIDTH_HZ = 'learned', 5, 80.0
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A controller is compared: its parameter file, what differs from that, and the program that it drives."""
+
+    file: str
+    program: str = PACKAGING
+    shaping: str = core.UNSHAPED
+
+    def parameters(self, built: bool) -> Parameters:
+        """Return its parameters; a built robot has arms of the lengths that the controller takes them for."""
+        built_file = 'rich' if self.file == core.THESIS_CONTROLLER else f'rich+{self.file}'
+        own = core.load(built_file if built else self.file)
+        return own.replace(control__shaping=self.shaping, rich__geometry=False)
+
+
+CONTROLLERS = {
+    'off': Controller(core.THESIS_CONTROLLER),
+    'feed-forward': Controller(core.MODEL_CONTROLLER),
+    LEARNED: Controller(core.MODEL_CONTROLLER),
+    'shaped': Controller(core.MODEL_CONTROLLER, shaping=core.SMOOTH),
+    'time-optimal': Controller(core.MODEL_CONTROLLER, FAST),
+}
+NOMINAL, BUILT, LIGHTER, HEAVIER = ROBOTS = ('nominal', 'built', 'masses - 30 %', 'masses + 30 %')
+
+
+@dataclass(frozen=True)
+class Row:
+    """A run has these figures.
+
+    Attributes
+    ----------
+    error_max_m, error_rms_m
+        TCP, commanded against actual by the encoders.
+    true_error_max_m, true_error_rms_m
+        TCP, commanded against true.
+    peak_current_a, rms_current_a
+        Of the motor with the largest.
+    lost_j
+        In windings and friction, in a round.
+    cycle_s, planning_s
+        Time of a round, and wall time of planning the program.
+
+    """
+
+    error_max_m: float
+    error_rms_m: float
+    true_error_max_m: float
+    true_error_rms_m: float
+    peak_current_a: float
+    rms_current_a: float
+    lost_j: float
+    cycle_s: float
+    planning_s: float
+
+
+def measure(
+    controllers: Sequence[str] = tuple(CONTROLLERS),
+    robots: Sequence[str] = ROBOTS,
+    show: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> dict[str, Any]:
+    """Return the figures of every controller on every robot; a run that fails is told with its sentence.
+
+    ``show`` takes what is driven next, and how many of how many are done.
+    """
+    simulation.rehearse(core.load())  # compiles what is compiled at its first use
+    found: dict[str, dict[str, Any]] = {}
+    for name in controllers:
+        found[name] = {}
+        for robot in robots:
+            done = sum(map(len, found.values()))
+            show(f'{name}, {robot}', done, len(controllers) * len(robots))
+            try:
+                found[name][robot] = asdict(_row(name, robot))
+            except Delta3Error as error:
+                found[name][robot] = {'failed': str(error)}
+    return {'program': PACKAGING, 'time_optimal_program': FAST, 'rounds': ROUNDS, 'controllers': found}
+
+
+def _row(name: str, robot: str) -> Row:
+    chosen = CONTROLLERS[name]
+    known = chosen.parameters(robot == BUILT)
+    machine = known
+    if robot in (LIGHTER, HEAVIER):
+        machine = with_masses(known, 1.0 - MASSES_OFF if robot == LIGHTER else 1.0 + MASSES_OFF)
+    program = replace(programs.load(chosen.program, known.motion), repeat=ROUNDS)
+    learned = _learned(chosen, program, known, machine) if name == LEARNED else None
+    placed = simulation.placed(known, program)
+    started = time.perf_counter()
+    planned = simulation.plan_of(program, placed)
+    planning_s = time.perf_counter() - started
+    trace = simulation.run(program, known, learned=learned, machine=machine, planner=lambda *_: planned)
+    return _figures(trace, machine, planning_s)
+
+
+def _learned(chosen: Controller, program: Program, known: Parameters, machine: Parameters) -> Learned:
+    """Return the torques of the best repetition."""
+    settings = Settings(chosen.program, chosen.file, None, REPETITIONS, BANDWIDTH_HZ)
+    study = Study(settings, Path(LEARNED), '', silent)  # which writes nothing as long as it is not run
+    study.program = program
+    study.robot, study.machine = (simulation.placed(one, program) for one in (known, machine))
+    kept: list[Learned] = []
+    study.learned(lambda learned, number: kept.append(learned))
+    return kept[-1]
+
+
+def _figures(trace: Trace, machine: Parameters, planning_s: float) -> Row:
+    meta = trace.meta
+    if meta['stopped']:
+        raise Delta3Error(meta['stopped'])
+    told = meta['figures']
+    driven = slice(meta['start_cycle'], meta['end_cycle'] + SETTLE_CYCLES)
+    # the true TCP is told at the same instant as the actual one
+    off = (trace['tcp_error'] + trace['tcp_actual'] - trace['tcp_true'])[driven]
+    true = np.linalg.norm(off, axis=1)
+    energy = energy_of_round(trace, machine, meta['repeat'])
+    return Row(
+        told['tcp_error_max_m'],
+        told['tcp_error_rms_m'],
+        float(true.max()),
+        float(np.sqrt((true**2).mean())),
+        max(told['current_peak_a']),
+        max(told['current_rms_a']),
+        0.0 if energy is None else energy.lost_j,
+        meta['program_s'] / meta['repeat'],
+        planning_s,
+    )
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the figures, a line for each controller and robot."""
+    print(f'{result["program"]}; time-optimal: {result["time_optimal_program"]}. TCP errors max / rms [mm]')
+    print(
+        f'{"controller":>13} {"robot":>14} {"encoders":>15} {"true":>15} {"peak":>7} {"rms":>7} {"lost":>7} '
+        f'{"round":>8} {"planned in":>10}'
+    )
+    for controller, robots in result['controllers'].items():
+        for robot, row in robots.items():
+            if 'failed' in row:
+                print(f'{controller:>13} {robot:>14} {row["failed"]}')
+                continue
+            own = Row(**row)
+            print(
+                f'{controller:>13} {robot:>14} {MM * own.error_max_m:7.3f} /{MM * own.error_rms_m:6.3f} '
+                f'{MM * own.true_error_max_m:7.3f} /{MM * own.true_error_rms_m:6.3f} {own.peak_current_a:5.2f} A '
+                f'{own.rms_current_a:5.2f} A {own.lost_j:5.1f} J {own.cycle_s:6.3f} s {MM * own.planning_s:7.0f} ms'
+            )

@@ -1,0 +1,72 @@
+"""Facts about the comparison of controllers, which do not depend on the machine."""
+
+import json
+
+import pytest
+
+from delta3_pacdrive.benchmarks import control
+from delta3_pacdrive.cli import bench
+from delta3_pacdrive.errors import RunError
+
+
+@pytest.fixture(scope='module')
+def rows():
+    """Figures by controller and robot, but for learning, which takes longest."""
+    found = control.measure([name for name in control.CONTROLLERS if name != control.LEARNED])
+    return found['controllers']
+
+
+def test_the_model_is_better_on_every_robot_and_with_wrong_masses(rows):
+    for robot in control.ROBOTS:
+        share = 0.85 if robot == control.HEAVIER else 0.5
+        assert rows['feed-forward'][robot]['error_max_m'] < share * rows['off'][robot]['error_max_m']
+
+
+def test_the_encoders_of_a_nominal_robot_see_its_tcp_and_those_of_a_built_one_do_not(rows):
+    nominal, built = (rows['feed-forward'][robot] for robot in (control.NOMINAL, control.BUILT))
+    assert nominal['true_error_max_m'] == pytest.approx(nominal['error_max_m'], abs=2e-6)
+    assert built['true_error_max_m'] > 1.5 * built['error_max_m']
+
+
+def test_a_shaped_round_takes_longer_and_a_time_optimal_one_less(rows):
+    times = {name: own[control.NOMINAL]['cycle_s'] for name, own in rows.items()}
+    assert times['time-optimal'] < times['feed-forward'] == times['off'] < times['shaped']
+    assert times['shaped'] - times['off'] < 0.1
+
+
+def test_it_asks_for_more_current_where_masses_are_larger(rows):
+    for own in rows.values():
+        lighter, heavier = (own[robot]['rms_current_a'] for robot in (control.LIGHTER, control.HEAVIER))
+        assert lighter < own[control.NOMINAL]['rms_current_a'] < heavier
+
+
+def test_learned_torques_are_learned_on_the_robot_that_is_driven():
+    found = control.measure(['feed-forward', control.LEARNED], [control.NOMINAL])['controllers']
+    plain, learned = (
+        found[name][control.NOMINAL]['error_max_m'] for name in ('feed-forward', control.LEARNED)
+    )
+    assert learned < 0.5 * plain
+
+
+def test_a_run_that_fails_is_told_in_its_place(monkeypatch, capsys):
+    def fails(*_, **__):
+        raise RunError('axis1 is not enabled')
+
+    monkeypatch.setattr(control.simulation, 'run', fails)
+    found = control.measure(['off'], [control.NOMINAL])
+    assert found['controllers']['off'][control.NOMINAL] == {'failed': 'axis1 is not enabled'}
+    control.show(found)
+    assert 'nominal axis1 is not enabled' in capsys.readouterr().out
+
+
+def test_the_command_prints_a_line_for_each_robot(monkeypatch, capsys):
+    shown = []
+    result = control.measure(['off'], [control.NOMINAL, control.HEAVIER], lambda *told: shown.append(told))
+    assert shown == [(f'off, {control.NOMINAL}', 0, 2), (f'off, {control.HEAVIER}', 1, 2)]
+    monkeypatch.setattr(control, 'measure', lambda show: result)
+    assert bench.main(['control']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert 'masses + 30 %' in lines[3]
+    assert bench.main(['control', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['controllers'] == result['controllers']

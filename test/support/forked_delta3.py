@@ -1,0 +1,81 @@
+"""Stands in for ``delta3``: has the command line run by a fork of ``command_server.py``, with its own streams.
+
+    python -I -S forked_delta3.py SOCKET [ARGUMENTS]
+
+It passes signals on, and ends as the command does. What the server does not take runs in a fresh interpreter.
+"""
+
+import array
+import json
+import os
+import signal
+import socket
+import sys
+
+PASSED_ON = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+STREAMS = array.array('i', [0, 1, 2])
+ANSWER_MAX = 4096
+
+
+def are_open() -> bool:
+    """Tell whether all streams are open; otherwise a socket would take the place of one."""
+    try:
+        for stream in STREAMS:
+            os.fstat(stream)
+    except OSError:
+        return False
+    return True
+
+
+def run_afresh(arguments: list[str]) -> None:
+    """Become a new interpreter that runs the command line."""
+    os.execv(sys.executable, [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', *arguments])
+
+
+def main(address: str, arguments: list[str]) -> None:
+    """Be the command line."""
+    if not are_open():
+        run_afresh(arguments)
+    answered = {number for number in PASSED_ON if signal.getsignal(number) != signal.SIG_IGN}
+    running: list[int] = []
+    early: list[int] = []
+
+    def pass_on(number: int, _: object) -> None:
+        if running:
+            os.kill(running[0], number)
+        else:
+            early.append(number)
+
+    for number in answered:
+        signal.signal(number, pass_on)
+    server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    server.connect(address)
+    request = {
+        'arguments': ['delta3', *arguments],
+        'folder': os.getcwd(),
+        'environment': dict(os.environ),
+        'ignored': list(PASSED_ON - answered),
+    }
+    server.sendmsg([json.dumps(request).encode()], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, STREAMS)])
+    answer = json.loads(server.recv(ANSWER_MAX))
+    if answer == 'not taken':
+        for number in answered:
+            signal.signal(number, signal.SIG_DFL)
+        for number in early:
+            os.kill(os.getpid(), number)
+        run_afresh(arguments)
+    # whoever reads what the command prints waits for the command, and for nobody else
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for stream in STREAMS:
+        os.dup2(nothing, stream)
+    running.append(answer['pid'])
+    for number in early:
+        pass_on(number, None)
+    status = json.loads(server.recv(ANSWER_MAX))['status']
+    if status < 0:
+        signal.signal(-status, signal.SIG_DFL)
+        os.kill(os.getpid(), -status)
+    sys.exit(status)
+
+
+main(sys.argv[1], sys.argv[2:])

@@ -1,0 +1,267 @@
+"""A robot on its bus as scripts know it, without ROS: the controller of the nodes, and simulated drives behind it."""
+
+import json
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.cell.link import Seen
+from delta3_pacdrive.controller.control import Operator
+from delta3_pacdrive.controller.messages import COURSE, EXACT, EXTEND, ORDER, Origin, Request
+from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
+from delta3_pacdrive.controller.robot_actions import Answered
+from delta3_pacdrive.controller.robot_controller import RobotController
+from delta3_pacdrive.controller.script_gate import GateState
+from delta3_pacdrive.controller.script_service import ATTACH, HOLD, LOOK, WAIT, condition_text
+from delta3_pacdrive.controller.wait_condition import WaitCondition
+from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
+from delta3_pacdrive.faults.schedule import Schedule
+from delta3_pacdrive.motion.extension import Row
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
+from delta3_pacdrive.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.simulation.robot import Robot
+
+
+class BusPort:
+    """What the controller does on the bus: commands wait for their answers, as many as may be outstanding."""
+
+    def __init__(self, parameters: Any, first_decision: int) -> None:
+        self.machine = Robot(parameters)
+        self.sent: deque[Any] = deque()
+        self.most_outstanding = 0
+        self._first_decision = first_decision
+        self.controller = RobotController(
+            parameters, 0.0, 0.2, False, Schedule(), self, lambda: 0.0, lambda: 0
+        )
+
+    def announce(self, _: Any) -> None:
+        """Announce nothing."""
+
+    def start_ticks(self) -> None:
+        """Start no timer."""
+
+    def greet(self, _: Any) -> None:
+        for index, position in enumerate(self.machine.encoder_positions()):
+            self.controller.greeted(index, ((position, 0.0, 0.0), 0, 0))
+
+    def send(self, cycle: int, command: Any) -> None:
+        kept = command._replace(motors=command.motors.copy(), torques=np.copy(command.torques))
+        self.sent.append((cycle, kept))
+        self.most_outstanding = max(self.most_outstanding, len(self.sent))
+
+    def tell(self, cycle: int) -> None:
+        if cycle == self._first_decision:
+            self.controller.gate.attach(cycle + 1)
+
+    def refuse(self, reason: str) -> None:
+        raise AssertionError(reason)
+
+    def check_faults(self, _: Any) -> None:
+        """Find nothing wrong."""
+
+    def change(self) -> None:
+        actions, self.controller.state.actions = self.controller.state.actions, []
+        for action in actions:
+            if isinstance(action, Answered):
+                action.request(action.reason, action.sentence)
+
+    def report(self) -> None:
+        self.change()
+
+
+class ScriptBus:
+    """The link of a script to a controller without a clock, which sends as far ahead of the answers as it may.
+
+    Attributes
+    ----------
+    controller
+        Of the robot.
+    commands, answers
+        Motor shafts [rad] that were commanded, and those that the drives have answered, by bus cycle.
+
+    """
+
+    inputs: tuple[str, ...] = ()
+
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
+        self._port = BusPort(parameters, parameters.motion.start_cycle - parameters.decision_cycles)
+        self.controller = self._port.controller
+        self.commands: list[list[float]] = []
+        self.answers: list[list[float]] = []
+        ours = Identity.of(parameters)
+        while not self.controller.bus.cyclic:
+            for name in PARTICIPANTS:
+                session = self.controller.bus.session.decode()
+                occasion = Occasion.CALLED
+                self.controller.announced(Announcement(name, 'first', session, occasion, ours, DRIVES, 0))
+            self.controller.look_at_start_up(None)
+        while self.controller.gate.state is GateState.FREE:
+            self.exchange()
+
+    @property
+    def most_outstanding(self) -> int:
+        """How many cycles were outstanding at most."""
+        return self._port.most_outstanding
+
+    @property
+    def session(self) -> str:
+        """Of the bus."""
+        return self.controller.bus.session.decode()
+
+    def exchange(self) -> bool:
+        """Let the drives answer the oldest command; return whether there was one."""
+        cycles = self.controller.cycles
+        cycles.start_due()
+        if not self._port.sent:
+            return False
+        cycle, command = self._port.sent.popleft()
+        machine = self._port.machine
+        machine.cycle(command.motors, command.control, command.payload, torques=command.torques)
+        self.commands.append(command.motors.tolist())
+        self.answers.append(machine.answers[0].tolist())
+        for index, status in enumerate(machine.status.tolist()):
+            content = (tuple(machine.answers[:, index].tolist()), status, 0)
+            cycles.take(index, cycle, content, 0)
+        return True
+
+    def look(self) -> Seen:
+        gate, answer = self.controller.gate, self.controller.task.answer
+        commanded = gate.command_of(gate.cycle)
+        command, actual = (tuple(answer[name].tolist()) for name in ('tcp_command', 'tcp_actual'))
+        motion = self.controller.state.motion
+        return Seen(gate.cycle, motion, command, actual, commanded.outputs, commanded.payload_kg, 0, command)
+
+    @staticmethod
+    def _require(reason: Reason | None) -> None:
+        if reason is not None:
+            raise RefusedError(reason)
+
+    extra_cycles = 0
+    tracking = None
+
+    def start(self, planned: Any, cycle: int, override: float) -> int:
+        self._require(self.controller.state.start(Order(planned.plan, cycle, override, (), exact=True)))
+        return cycle
+
+    def extend(self, extension: Any) -> int:
+        order = extension.more.tables.order.astype(float)
+        row = Row(0, extension.first, extension.kept, order, extension.profile)
+        self._require(self.controller.state.extend(MoreMoves(row, extension.more), lambda *_: None))
+        return int(extension.profile.cycle)
+
+    def change(self, profile: Any) -> int:
+        self._require(self.controller.state.change(profile))
+        return int(profile.cycle)
+
+    def hold(self, cycle: int) -> Any:
+        self.controller.gate.hold_cycle = cycle
+        self.wait(WaitCondition(cycle - 1, cycle - 1))
+        return self.controller.task.profile
+
+    def wait(self, condition: WaitCondition) -> bool:
+        gate, cycles = self.controller.gate, self.controller.cycles
+        gate.wait(condition)
+        while gate.state is GateState.RUNNING:
+            cycles.complete()
+            if gate.state is GateState.RUNNING:
+                self.exchange()
+        while gate.closed and self._port.sent:  # the drives know nothing of a script
+            self.exchange()
+        if self.controller.state.fault:
+            raise RunError(str(self.controller.state.fault))
+        return gate.met
+
+
+class ServedNode:
+    """What a script's client does on the graph, done in one process: requests and rows reach the same controller.
+
+    Attributes
+    ----------
+    bus
+        The robot.
+    replies
+        To the newest request: reason, text, whether that was all.
+
+    """
+
+    identity = 'a1b2c3d4e5f60718'
+
+    def __init__(self, parameters: Any) -> None:
+        self.bus = ScriptBus(parameters)
+        self.controller = self.bus.controller
+        self.controller.control.take(Operator(self.identity, 'script test'), False, 0.0)
+        self.controller.scripts.reply = lambda _, *reply: self.replies.append(reply)
+        self.replies: list[Any] = []
+        self._numbers = self._orders = self._driven = 0
+
+    def ask(self, action: str, text: str = '', operator: str = identity) -> Any:
+        """Ask, and let bus cycles go by until that is answered; return reason and text."""
+        self.post(action, text, operator)
+        for _ in range(100_000):
+            if self.replies and self.replies[-1][2]:
+                break
+            self.bus.exchange()
+        while self.controller.gate.closed and self.bus.exchange():  # the drives know nothing of a script
+            pass
+        assert self.replies[-1][2], f'no answer to {action}'
+        return self.replies[-1][:2]
+
+    def post(self, action: str, text: str = '', operator: str = identity) -> None:
+        """Ask, and leave it at that."""
+        self.replies.clear()
+        self._numbers += 1
+        self.controller.scripts.ask(Request(self.bus.session, operator, self._numbers, 0, action, text))
+
+    def _facts(self, action: str, text: str = '') -> Any:
+        reason, told = self.ask(action, text)
+        if reason is not None:
+            raise RefusedError(reason)
+        return json.loads(told)
+
+    def attach(self) -> Any:
+        return self._facts(ATTACH)
+
+    def look(self) -> Any:
+        return self._facts(LOOK)
+
+    def wait(self, condition: WaitCondition) -> Any:
+        return self._facts(WAIT, condition_text(condition))
+
+    def hold(self, cycle: int) -> Any:
+        return self._facts(HOLD, str(cycle))
+
+    def start(self, plan: Any, cycle: int, override: float, exact: bool) -> int:
+        row = (float(cycle), override, *plan.tables.order.tolist())
+        return self._order(plan, row, EXACT if exact else ORDER)
+
+    def extend(self, extension: Any) -> int:
+        return self._order(extension.more, extension.row(self._driven), EXTEND)
+
+    def _order(self, plan: Any, row: Any, kind: str) -> int:
+        self._orders += 1
+        orders = self.controller.orders
+        for n, move in enumerate(plan.moves):
+            orders.take_row(self._label(move.kind.name), move.to_array(n, len(plan.moves)))
+        orders.take_row(self._label(kind), np.asarray(row, dtype=np.float64))
+        while orders.waiting:
+            orders.check_row()
+        effect = self._verdict()
+        self._driven = self._orders
+        return effect
+
+    def change(self, profile: Any) -> int:
+        self._orders += 1
+        self.controller.orders.take_profile(self._label(COURSE), profile.to_array())
+        return self._verdict()
+
+    def _label(self, kind: str) -> str:
+        return Origin(kind, self.identity, self.bus.session, self._orders).label()
+
+    def _verdict(self) -> int:
+        ((_, verdict),) = self.controller.orders.verdicts
+        self.controller.orders.verdicts = []
+        if not verdict.accepted:
+            raise RefusedError(Reason(Code.of(verdict.code), verdict.sentence))
+        return int(verdict.sentence)

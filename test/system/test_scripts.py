@@ -1,0 +1,184 @@
+"""Scripts on robots that are up: the same bits as in a simulation, and what becomes of a robot whose script is gone."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import cell, parameters
+from delta3_pacdrive.cell import script as scripts
+from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from robots import nothing_is_left
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+DECIDES = """
+import time
+
+
+def main(robot):
+    robot.move_l(to_mm=[0, 0, -800], blend_mm=10)
+    robot.wait_input('part')
+    robot.move_l(to_mm=[80, 0, -800])
+    robot.output('gripper', True, payload_kg=0.3)
+    robot.wait_time(0.05)
+    robot.hold()
+    robot.wait_input('part', False)
+    time.sleep(2.5)  # the bus waits, and takes nobody for dead
+    robot.override(60)
+    robot.resume()
+    robot.wait()
+    if robot.input('part') or robot.position()[0] < 0.05:
+        return
+    robot.move_l(to_mm=[0, 60, -800], in_position=True)
+    robot.output('gripper', False, payload_kg=0.0)
+"""
+SENSOR = """
+name: one sensor
+inputs:
+  part: {changes: [{after_s: 0.11, value: true}, {after_s: 0.7, value: false}]}
+"""
+COMPARED = (
+    'motor_command',
+    'motor_position',
+    'current',
+    'tcp_actual',
+    'tcp_error',
+    'shaft_position',
+    'coupling_torque',
+)
+
+
+def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    decides, sensor, bag = tmp_path / 'decides.py', tmp_path / 'sensor.yaml', tmp_path / 'bag'
+    decides.write_text(DECIDES)
+    sensor.write_text(SENSOR)
+    robot = parameters.load(parameters.of_run(None, str(decides)))
+    with cell.simulate(robot, around=sensor) as simulated:
+        scripts.load(decides).run(simulated)
+    trace = simulated.trace
+    done = delta3('run', decides, '--cell', sensor, '--real-time-factor', '0', '--bag', bag, '--json')
+    assert done.returncode == 0, done.stderr
+    recorded = trace_file.load(bag)
+    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
+    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
+    assert len(common) > 0.95 * len(trace.time_s) > 1400
+    for name in COMPARED:
+        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+    result = json.loads(done.stdout)
+    assert (result['program'], result['late_decisions'], result['held_at_cycle']) == ('decides', 0, None)
+
+
+def test_a_script_that_dies_ends_the_run_with_its_line(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    dies = tmp_path / 'dies.py'
+    dies.write_text(
+        'def main(robot):\n    robot.move_l(to_mm=[0, 0, -800])\n    raise ValueError("no more")\n'
+    )
+    done = delta3('run', dies, '--real-time-factor', '0', '--json')
+    assert done.returncode == 1
+    assert json.loads(done.stdout)['error'].endswith('dies.py:3: ValueError: no more')
+
+
+# a robot that is up -------------------------------------------------------------------------------------------------
+
+SLOW = """
+from delta3_pacdrive import cell
+
+with cell.connect() as robot:
+    robot.move_l(to_mm=[SIDE, 0, -800], speed_m_s=0.05)
+    robot.wait_time(0.3)
+    print(robot.state().motion, flush=True)
+    robot.wait()
+print('over', robot.late, flush=True)
+"""
+
+
+class Up:
+    """A robot in real time, and an operator who looks at it."""
+
+    def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
+        self._graph = graph
+        self.operator = graph.add(OperatorNode, graph.spin_for)
+        self._process = start_delta3('up', '--single-process')
+        assert self._process.stderr is not None
+        line = self._process.stderr.readline()
+        assert line.startswith('ready after'), line + self._process.stderr.read()
+
+    def start(self, side_mm: int, folder: Path) -> subprocess.Popen[str]:
+        """Start a script that moves to one side; return it when it moves."""
+        path = folder / 'slow.py'
+        path.write_text(SLOW.replace('SIDE', str(side_mm)))
+        process = subprocess.Popen(
+            [sys.executable, '-P', str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line == 'moving\n', line + process.communicate()[1]
+        return process
+
+    def await_state(self, state: str) -> None:
+        """Wait until the robot is in a state."""
+        self._graph.spin_until(lambda: self.operator.state == state, state, 20.0)
+
+    def end(self) -> None:
+        """End it with Ctrl-C."""
+        self._graph.remove(self.operator)
+        self._process.send_signal(signal.SIGINT)
+        _, errors = self._process.communicate(timeout=20.0)
+        assert self._process.returncode == 0, errors
+
+
+@pytest.fixture(scope='module')
+def up(shared_graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
+    """Give the robot of this file; it is gone when its tests are over."""
+    with nothing_is_left():
+        made = Up(shared_graph, start_delta3)
+        yield made
+        made.end()
+
+
+def test_a_script_has_control_while_it_runs_and_gives_it_back(up: Up, tmp_path: Path, delta3: Runner) -> None:
+    delta3('--version')  # takes long the first time
+    process = up.start(200, tmp_path)
+    refused = delta3('move', 'l', '0', '0', '-0.8', '--json')
+    assert refused.returncode == 1
+    assert 'script slow' in json.loads(refused.stdout)['error']
+    output, errors = process.communicate(timeout=30.0)
+    assert process.returncode == 0, errors
+    assert output.startswith('over ')
+    up.await_state('idle')
+    assert delta3('move', 'l', '0', '0', '-0.8').returncode == 0
+
+
+def test_a_script_that_is_killed_leaves_the_robot_in_a_stop_that_an_abort_leads_out_of(
+    up: Up, tmp_path: Path, delta3: Runner
+) -> None:
+    process = up.start(-200, tmp_path)
+    process.kill()
+    process.communicate()
+    up.await_state('stopped')
+    assert delta3('move', 'abort').returncode == 0
+    up.await_state('idle')
+
+
+def test_ctrl_c_holds_the_robot_and_says_how_to_go_on(up: Up, tmp_path: Path, delta3: Runner) -> None:
+    process = up.start(200, tmp_path)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode != 0
+    assert 'The robot is held on its path' in errors
+    assert 'delta3 move abort' in errors
+    up.await_state('stopped')
+    assert delta3('move', 'abort').returncode == 0
+    up.await_state('idle')

@@ -1,0 +1,93 @@
+"""A forked command line does what that of a new interpreter does: pages are tested with the first (CONTRIBUTING.md)."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import forked_commands
+
+WAIT_S = 60.0
+pytestmark = pytest.mark.timeout(200)
+
+
+@pytest.fixture
+def environment():
+    """Give the environment whose delta3 is forked."""
+    path = [str(forked_commands.folder()), str(Path(sys.executable).parent), os.environ['PATH']]
+    return os.environ | {'PATH': os.pathsep.join(path)}
+
+
+def lines(folder, environment, text):
+    """Run lines of a shell; return their status and what they print."""
+    done = subprocess.run(
+        ['bash', '-c', text],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture
+def waiting(environment, tmp_path):
+    """Give a command that waits for its program, and the pipe that it reads from."""
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    process = subprocess.Popen(
+        ['delta3', 'check', pipe], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with pipe.open('w') as writing:  # waits for the command to open it
+        yield process, writing
+    process.kill()
+    process.communicate(timeout=WAIT_S)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'delta3 --version',
+        'delta3 nonsense',
+        'delta3 pose 0 0; echo $?',
+        'delta3 check no_such_file.yaml || cat no_such_file.yaml',
+        'echo "moves: [1]" | delta3 check -',
+        'mkdir -p below && cd below && delta3 check ../none.yaml',
+        'delta3 --help | head -1',
+        'delta3 pose 0 0 -0.75 >/dev/full',
+        'COLUMNS=60 delta3 pose --help',
+        'delta3 check no_such_file.yaml <&-',
+    ],
+)
+def test_streams_status_folder_and_environment_are_those_of_the_command_line(text, environment, tmp_path):
+    fresh = environment | {'PATH': environment['PATH'].partition(os.pathsep)[2]}
+    assert lines(tmp_path, environment, text) == lines(tmp_path, fresh, text)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_reaches_the_command_and_its_status_comes_back(number, waiting):
+    process, _ = waiting
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 128 + number
+    assert errors.startswith('error: ')
+
+
+def test_a_stand_in_that_is_killed_takes_its_command_with_it(waiting):
+    process, writing = waiting
+    process.kill()
+    gone = select.poll()
+    gone.register(writing, 0)
+    assert gone.poll(1000.0 * WAIT_S), 'the command still reads'
+
+
+def test_what_is_read_when_an_interpreter_starts_is_read_by_a_new_one(environment, tmp_path):
+    code, output, _ = lines(tmp_path, environment | {'PYTHONVERBOSE': '1'}, 'delta3 --version 2>&1')
+    assert code == 0
+    assert "import 'delta3_pacdrive.cli.main'" in output or '# code object from' in output
