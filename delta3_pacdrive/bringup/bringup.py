@@ -20,6 +20,7 @@ from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.bringup.robot_processes import SPARE, RobotProcesses
+from delta3_pacdrive.bringup.scheduling import Schedule, prefer
 from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError, TraceError
 from delta3_pacdrive.motion.execution import Timeline
@@ -77,6 +78,8 @@ class Bringup:
         What is asked for.
     started_s
         When the work on it began, on the clock that never jumps [s]; by default now.
+    schedule
+        Of this process, once the robot's have been started: preferred if it reads every telegram.
 
     Attributes
     ----------
@@ -89,7 +92,10 @@ class Bringup:
 
     """
 
-    def __init__(self, options: Options, started_s: float | None = None) -> None:
+    def __init__(
+        self, options: Options, started_s: float | None = None, schedule: Schedule = Schedule.ORDINARY
+    ) -> None:
+        self._schedule = schedule
         self._started_s = time.monotonic() if started_s is None else started_s
         self.options = options
         self.robot, self._program, self._planned = check_options(options)
@@ -152,6 +158,7 @@ class Bringup:
             self.options, self.robot, self._program.name if self._program else 'moves', logs
         )
         self._processes.start()
+        prefer(self._schedule)  # before there are threads of the transport, which inherit it
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._process = node_process.Process()
         self._monitor = _Monitor(self.options.namespace)

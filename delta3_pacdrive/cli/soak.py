@@ -75,6 +75,12 @@ def _complaint(options: Options, rows: dict[str, dict[str, Any]]) -> str:
             return f'{pace}: no program came to its end within {options.minutes:g} minutes'
     if any(row['violations'] for row in rows.values()):
         return 'the soak found something: see the violations'
+    for pace, row in rows.items():
+        if not row['watched']:
+            return (
+                f'{pace}: {row["unseen"]} of {row["cycles"]} bus cycles were never seen: this machine has no time to '
+                'look at them'
+            )
     lacking = [(pace, row['injected'] - row['survived']) for pace, row in rows.items()]
     return '; '.join(f'{pace}: {count} faults were not survived' for pace, count in lacking if count)
 
@@ -112,13 +118,14 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
             run_soak(60.0 * options.minutes, options.seed, pace, PACES[pace], figures, show, options.replay)
         except KeyboardInterrupt:
             interrupted = True
-    return asdict(figures) | {'ok': figures.ok, 'interrupted': interrupted}
+    return asdict(figures) | {'watched': figures.watched, 'ok': figures.ok, 'interrupted': interrupted}
 
 
 def _print(name: str, row: dict[str, Any]) -> None:
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
     print(f"""{name}:
-    {row['programs']} programs in {row['cycles']} cycles, {row['refused']} refused by the planner
+    {row['programs']} programs in {row['cycles']} cycles, {row['refused']} refused by the planner; {row['unseen']} \
+cycles not seen
     {row['injected']} faults injected, {row['survived']} survived; {row['stopped']} programs stopped by them
     {row['undisturbed']} undisturbed programs: true TCP within {row['error_max_m'] * 1e3:.3f} mm of the command, \
 ends within {row['end_max_m'] * 1e3:.4f} mm

@@ -37,6 +37,8 @@ class Invariants:
     ----------
     session
         Session of the newest MDT.
+    unseen
+        Telegrams that were published and never came here, by topic: nobody has judged them.
 
     """
 
@@ -44,6 +46,7 @@ class Invariants:
         motor, drive, dynamics = robot.motor, robot.drive, robot.dynamics
         self._robot, self._violate = robot, violate
         self.session = b''
+        self.unseen = dict.fromkeys(CODECS, 0)
         self._ratio = dynamics.gear_ratio
         self._torque_nominal = motor.peak_current_a * motor.torque_constant_n_m_a
         self._torque_max = SHORT_CIRCUIT * self._torque_nominal
@@ -54,7 +57,7 @@ class Invariants:
             robot.kinematics.arm_angle_min_deg - ARM_DEG,
             robot.kinematics.arm_angle_max_deg + ARM_DEG,
         )
-        self._last: dict[str, tuple[int, bytes] | None] = dict.fromkeys(CODECS)
+        self._last: dict[str, tuple[int, int, bytes] | None] = dict.fromkeys(CODECS)
 
     def check_all(self, telegrams: Mapping[str, Telegrams]) -> None:
         """Look at all telegrams that have come, by topic."""
@@ -74,14 +77,17 @@ class Invariants:
             self._check_torque(topic, telegrams, self._torque_max)
 
     def _check_order(self, topic: str, telegrams: Telegrams) -> None:
-        """Bus time goes on by one cycle; where the bus was phased up, it may have gone on by more."""
+        """Bus time goes on by one cycle per telegram; where the bus was phased up, it may have gone on by more."""
         last = self._last[topic]
-        for cycle, session in zip(telegrams.cycles.tolist(), telegrams.sessions, strict=True):
+        told = zip(telegrams.cycles.tolist(), telegrams.numbers.tolist(), telegrams.sessions, strict=True)
+        for cycle, number, session in told:
             if last is not None:
-                before, same = last[0], last[1] == session
-                if cycle <= before or (same and cycle != before + 1):
+                before, number_before, session_before = last
+                same, steps = session_before == session, max(number - number_before, 1)
+                if cycle <= before or (same and cycle != before + steps):
                     self._violate(f'{topic}: bus cycle {cycle} after {before}', cycle)
-            last = cycle, session
+                self.unseen[topic] += steps - 1 if same else 0
+            last = cycle, number, session
         self._last[topic] = last
 
     def _check_shafts(self, shafts: Telegrams, range_deg: tuple[float, float], speed_max: float) -> None:

@@ -14,7 +14,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
-from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.ros.qos import WATCHER
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
@@ -41,6 +41,8 @@ class Telegrams:
         Bus cycles.
     frames
         Frame of each: its words and its session.
+    numbers
+        Of each among those that its sender has published: where one is missing, the reader has missed it.
     received_s
         Wall time of each [s since 1970].
     values
@@ -50,6 +52,7 @@ class Telegrams:
 
     cycles: NDArray[np.int64]
     frames: list[bytes]
+    numbers: NDArray[np.int64]
     received_s: Floats
     values: Floats
 
@@ -62,10 +65,11 @@ class Telegrams:
     def joined(parts: 'Sequence[Telegrams]') -> 'Telegrams':
         """Return what came in parts as a whole."""
         if not parts:
-            return Telegrams(np.zeros(0, np.int64), [], np.zeros(0), np.zeros((0, 1)))
+            return Telegrams(np.zeros(0, np.int64), [], np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1)))
         return Telegrams(
             np.concatenate([part.cycles for part in parts]),
             [frame for part in parts for frame in part.frames],
+            np.concatenate([part.numbers for part in parts]),
             np.concatenate([part.received_s for part in parts]),
             np.concatenate([part.values for part in parts]),
         )
@@ -73,17 +77,17 @@ class Telegrams:
 
 def read_telegrams(
     topic: str,
-    taken: Iterable[tuple[bytes, int]],
+    taken: Iterable[Taken],
     clock: Clock,
     refuse: Callable[[str], None],
     codecs: Mapping[str, TelegramCodec] = CODECS,
 ) -> Telegrams | None:
-    """Read messages with the times [ns] at which they came; None if none of them is cyclic.
+    """Read messages with what the middleware says of each; None if none of them is cyclic.
 
     ``refuse`` is called with a sentence about a message that cannot be read; ``codecs`` are those of the robot.
     """
-    cycles, frames, received, rows = [], [], [], []
-    for data, received_ns in taken:
+    cycles, frames, numbers, received, rows = [], [], [], [], []
+    for data, info in taken:
         try:
             sec, nanosec, frame, values = codecs[topic].decode(data)
             cycle = clock.count(sec, nanosec)
@@ -93,11 +97,14 @@ def read_telegrams(
         if cycle >= 0:
             cycles.append(cycle)
             frames.append(frame)
-            received.append(received_ns * 1e-9)
+            numbers.append(info['publication_sequence_number'])
+            received.append(info['received_timestamp'] * 1e-9)
             rows.append(values)
     if not rows:
         return None
-    return Telegrams(np.array(cycles, np.int64), frames, np.array(received), np.array(rows))
+    return Telegrams(
+        np.array(cycles, np.int64), frames, np.array(numbers, np.int64), np.array(received), np.array(rows)
+    )
 
 
 def enabled_from(commands: Telegrams) -> int:
@@ -157,8 +164,7 @@ class TelegramLog:
         """Return the cyclic telegrams that have come since the last time, by topic."""
         found = {}
         for topic, take in self._takes.items():
-            taken = ((data, info['received_timestamp']) for data, info in iter(take, None))
-            if telegrams := read_telegrams(topic, taken, self._clock, self._refuse, self._codecs):
+            if telegrams := read_telegrams(topic, iter(take, None), self._clock, self._refuse, self._codecs):
                 found[topic] = telegrams
                 if self._kept is not None:
                     self._kept.setdefault(topic, []).append(telegrams)

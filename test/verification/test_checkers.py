@@ -37,7 +37,7 @@ RPM_MAX = 6000.0 * math.tau / 60.0
 def telegrams(values, first=100, session=SESSION):
     values = np.asarray(values, dtype=np.float64)
     cycles = np.arange(first, first + len(values))
-    return Telegrams(cycles, [session] * len(values), cycles * 1e-3, values)
+    return Telegrams(cycles, [session] * len(values), cycles - first + 1, cycles * 1e-3, values)
 
 
 def shafts_at(points, robot, speed=0.0):
@@ -106,6 +106,25 @@ def test_bus_time_that_stands_goes_back_or_jumps_is_a_violation(cycles, violated
     one = telegrams(shafts_at([HOME] * 3, robot))
     invariants.check(SHAFTS, replace(one, cycles=np.array(cycles)))
     assert said == [(f'{SHAFTS}: {violated}', cycles[-1])]
+
+
+@pytest.mark.parametrize(
+    ('cycles', 'numbers', 'unseen', 'violations'),
+    [
+        ([100, 101, 103], [7, 8, 10], 1, 0),  # what was published between them has not come
+        ([100, 101, 803], [7, 8, 710], 701, 0),
+        ([100, 101, 104], [7, 8, 10], 1, 1),  # and bus time has jumped meanwhile
+        ([100, 101, 102], [7, 8, 10], 1, 1),  # or stood
+        ([100, 101, 103], [7, 8, 1], 0, 1),  # a sender that began anew is none that was not heard
+    ],
+)
+def test_what_the_reader_has_missed_is_no_violation_and_is_counted(
+    cycles, numbers, unseen, violations, invariants, said, robot
+):
+    one = telegrams(shafts_at([HOME] * 3, robot))
+    invariants.check(SHAFTS, replace(one, cycles=np.array(cycles), numbers=np.array(numbers)))
+    assert invariants.unseen == dict.fromkeys([SHAFTS, MDT, *AT], 0) | {SHAFTS: unseen}
+    assert len(said) == violations
 
 
 def test_bus_time_may_jump_only_where_the_bus_was_phased_up(invariants, said, robot):
@@ -198,7 +217,9 @@ def test_what_a_robot_does_that_stops_hard_is_allowed(invariants, said, robot):
 def test_shafts_whose_commands_nobody_has_heard_are_allowed_to_be_anywhere(invariants, said, robot):
     recorded = sound(robot)
     late = recorded[MDT]
-    recorded[MDT] = Telegrams(late.cycles[100:], late.frames[100:], late.received_s[100:], late.values[100:])
+    recorded[MDT] = Telegrams(
+        late.cycles[100:], late.frames[100:], late.numbers[100:], late.received_s[100:], late.values[100:]
+    )
     error, _ = invariants.check_undisturbed(recorded, AWAY)
     assert said == []
     assert error < 2e-4
@@ -284,6 +305,8 @@ def test_a_soak_is_ok_if_programs_ran_nothing_was_violated_and_every_fault_was_s
     assert not replace(good, programs=0).ok
     assert not replace(good, survived=1).ok
     assert not replace(good, violations=[Violation('x', 1, 'real', 1, 1, '')]).ok
+    assert replace(good, cycles=1000, unseen=100).ok
+    assert not replace(good, cycles=1000, unseen=101).ok  # nobody has looked
 
 
 # catalogue: evidence

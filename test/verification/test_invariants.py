@@ -11,6 +11,7 @@ pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
 from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.ros.polling import Taken
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.telegrams import mdt_frame
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Phase
@@ -39,7 +40,7 @@ def healthy() -> dict[str, Any]:
     late = np.array([SPEED * ROBOT.set_point_delay_cycles, 0.0, 0.0])
 
     def made(values: Any) -> Telegrams:
-        return Telegrams(cycles, [b'3fa9'] * COUNT, cycles * 1e-3, np.array(values))
+        return Telegrams(cycles, [b'3fa9'] * COUNT, cycles.copy(), cycles * 1e-3, np.array(values))
 
     def shafts(tcp: Any) -> Any:
         return kinematics.inverse(tcp, ROBOT.kinematics) * RATIO
@@ -196,10 +197,14 @@ def test_memory_must_not_grow(rules: invariants.Invariants, seen: list[tuple[str
     assert len(seen) == 1
 
 
+def info(number: int) -> dict[str, int]:
+    return {'received_timestamp': number, 'publication_sequence_number': 100 + number}
+
+
 def test_a_telegram_that_cannot_be_read_is_refused() -> None:
     refused: list[str] = []
     data = CODECS[MDT].encode((1, 0), b'x' * 46 + b'3fa9', [1.0, 2.0, 3.0])
-    taken = [(data, 5_000_000_000), (data[:-8], 6_000_000_000), (data, 7_000_000_000)]
+    taken = [(data, info(5_000_000_000)), (data[:-8], info(6_000_000_000)), (data, info(7_000_000_000))]
     read = read_telegrams(MDT, taken, Clock(1e-3), refused.append)
     assert read is not None
     assert read.cycles.tolist() == [1000, 1000]
@@ -210,22 +215,23 @@ def test_a_telegram_that_cannot_be_read_is_refused() -> None:
 
 
 def test_telegrams_of_cyclic_operation_are_read_from_its_first_cycle_on_and_joined_in_order() -> None:
-    def read(messages: list[tuple[bytes, int]]) -> Telegrams | None:
+    def read(messages: list[Taken]) -> Telegrams | None:
         return read_telegrams(MDT, messages, Clock(1e-3), pytest.fail)
 
     frame = b'x' * 46 + b'3fa9'
     taken = [
-        (CODECS[MDT].encode(stamp, frame, [float(n)] * 3), n)
+        (CODECS[MDT].encode(stamp, frame, [float(n)] * 3), info(n))
         for n, stamp in enumerate([(-1, 0), (0, 0), (0, 1_000_000)])
     ]
     first = read(taken)
     assert first is not None
     assert first.cycles.tolist() == [0, 1]
     assert first.values[:, 0].tolist() == [1.0, 2.0]
-    second = read([(CODECS[MDT].encode((0, 2_000_000), frame, [3.0] * 3), 3)])
+    second = read([(CODECS[MDT].encode((0, 2_000_000), frame, [3.0] * 3), info(3))])
     assert second is not None
     whole = Telegrams.joined([first, second])
     assert whole.cycles.tolist() == [0, 1, 2]
+    assert whole.numbers.tolist() == [101, 102, 103]
     assert whole.values[:, 0].tolist() == [1.0, 2.0, 3.0]
     assert read(taken[:1]) is None
 
@@ -234,7 +240,7 @@ def test_drives_are_enabled_in_the_cycle_behind_the_newest_order() -> None:
     def from_orders(*controls: int) -> int:
         frames = [mdt_frame(Phase.CP4, control, 0.0, b'3fa9') for control in controls]
         cycles = np.arange(100, 100 + len(frames))
-        return enabled_from(Telegrams(cycles, frames, cycles * 1e-3, np.zeros((len(frames), 3))))
+        return enabled_from(Telegrams(cycles, frames, cycles, cycles * 1e-3, np.zeros((len(frames), 3))))
 
     on, off = CONTROL_ENABLE, CONTROL_ON
     assert from_orders(off, on, on) == 102

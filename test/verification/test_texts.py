@@ -75,6 +75,7 @@ FIGURES = {
     'refused': 2,
     'undisturbed': 3,
     'cycles': 4444,
+    'unseen': 12,
     'injected': 5,
     'stopped': 4,
     'survived': 5,
@@ -113,7 +114,7 @@ def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
     assert soak.main(['--pace', pace]) == 0
     assert lines(capsys) == [
         f'{pace}:',
-        '11 programs in 4444 cycles, 2 refused by the planner',
+        '11 programs in 4444 cycles, 2 refused by the planner; 12 cycles not seen',
         '5 faults injected, 5 survived; 4 programs stopped by them',
         '3 undisturbed programs: true TCP within 0.410 mm of the command, ends within 0.0005 mm',
         '6 AT lost of at most 7 injected, 8 MDT of 9',
@@ -134,6 +135,10 @@ FOUND = Violation('AT: 3 lost, 1 were injected', 11, 'fast', 7, 99, 'moves: []\n
             '{pace}: the planner refused all 2 programs: z is -1.037 m',
         ),
         ({'survived': 3}, '{pace}: 2 faults were not survived'),
+        (
+            {'unseen': 445},
+            '{pace}: 445 of 4444 bus cycles were never seen: this machine has no time to look at them',
+        ),
         ({'violations': [FOUND]}, 'see the violations'),
     ],
 )

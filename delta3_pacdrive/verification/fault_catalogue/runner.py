@@ -12,6 +12,7 @@ from delta3_pacdrive import dynamics
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
+from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault, RunError
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.numerics.types import Floats
@@ -359,7 +360,8 @@ def run_catalogue(
 
     """
     robot = core.load(parameters)
-    bringup = Bringup(Options(program=None, parameters=parameters, real_time_factor=0.0, logs=logs))
+    options = Options(program=None, parameters=parameters, real_time_factor=0.0, logs=logs)
+    bringup = Bringup(options, schedule=Schedule.PREFERRED)
 
     def operate() -> None:
         catalogue = Catalogue(bringup, robot)

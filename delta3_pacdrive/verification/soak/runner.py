@@ -11,6 +11,7 @@ import psutil
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
+from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -23,6 +24,7 @@ HOME_M = (0.0, 0.0, -0.8)
 OBSERVED_S = 0.3
 SETTLE_S = 0.1  # after the end of a program, before its end point is looked at
 VIOLATIONS_SHOWN = 10
+UNSEEN_MAX = 0.1  # of all bus cycles: who has seen less has not looked
 
 
 @dataclass
@@ -62,6 +64,8 @@ class Figures:
         Resident memory of the processes that lived from the first quarter to the end, and the cycles in between.
     grown_mb
         By how much their own memory grew meanwhile; the rest of the resident memory are pages of program files.
+    unseen
+        Bus cycles of which a telegram never came to be judged, on the topic with most of them.
     kinds
         How many faults of each kind were injected.
     refusal
@@ -73,6 +77,7 @@ class Figures:
     refused: int = 0
     undisturbed: int = 0
     cycles: int = 0
+    unseen: int = 0
     injected: int = 0
     stopped: int = 0
     survived: int = 0
@@ -91,9 +96,15 @@ class Figures:
     violations: list[Violation] = field(default_factory=list)
 
     @property
+    def watched(self) -> bool:
+        """Whether nearly all that happened was seen."""
+        return self.unseen <= UNSEEN_MAX * self.cycles
+
+    @property
     def ok(self) -> bool:
-        """Whether programs ran, nothing was violated and every fault was survived."""
-        return bool(self.programs) and not self.violations and self.survived == self.injected
+        """Whether programs ran and were watched, nothing was violated and every fault was survived."""
+        looked = bool(self.programs) and self.watched
+        return looked and not self.violations and self.survived == self.injected
 
 
 @dataclass(frozen=True)
@@ -152,6 +163,7 @@ class Soak(AutomatedOperator):
             self._drawn = draw(self._seed, self._pace, number)
             self._run_program(self._drawn)
             self.figures.cycles = self.progress['cycles'] - first_cycle
+            self.figures.unseen = max(self._invariants.unseen.values())
             self._measure_memory()
             show(self.figures)
             if len(self.figures.violations) >= VIOLATIONS_SHOWN:
@@ -257,5 +269,5 @@ def run_soak(
         A signal has ended it.
 
     """
-    bringup = Bringup(Options(program=None, real_time_factor=factor))
+    bringup = Bringup(Options(program=None, real_time_factor=factor), schedule=Schedule.PREFERRED)
     run_operated(bringup, lambda: Soak(bringup, core.load(), seed, pace, figures).run(seconds, show, replay))
