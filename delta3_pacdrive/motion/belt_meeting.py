@@ -132,8 +132,6 @@ class Meeting:
         How what it is behind the part goes to 0, in the axes of the belt, from then on.
     met_m, done_m
         Where the part is when the first move ends, and when the work is done [m].
-    leave_s
-        How long it takes to leave the belt [s].
 
     """
 
@@ -144,7 +142,6 @@ class Meeting:
     way: Way
     met_m: float
     done_m: float
-    leave_s: float
 
 
 def behind(
@@ -220,9 +217,8 @@ def meet(
             f'the part would be met at {1e3 * met:.1f} mm and done with at {1e3 * done:.1f} mm, but the window ends '
             f'at {1e3 * window.end_m:.1f} mm',
         )
-    leave = leaving(Motion((done - reference_m, 0.0, 0.0), (speed, 0.0, 0.0)), limits)
     start = part_m + speed * wait
-    return Meeting(wait, lasts - work.first_s, start, speed, way, met, done, leave.duration_s)
+    return Meeting(wait, lasts - work.first_s, start, speed, way, met, done)
 
 
 def offset_on(meeting: Meeting, time_s: float, reference_m: float) -> Motion:

@@ -23,6 +23,7 @@ from delta3_pacdrive.motion.path_dynamics import arm_motion
 from delta3_pacdrive.motion.program import Dwell, MoveL, Output, Program, Target
 from delta3_pacdrive.motion.program_planner import plan
 from delta3_pacdrive.motor import friction_torque, motor
+from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
 PER_M = 2.0**20  # so fine that its rounding does not count
 WINDOW = TrackWindow(0.4, 1.0)
@@ -278,13 +279,14 @@ class Controlled(Bench):
             Output('track', 0.0),
         )
         self.task.load(plan(Program('work', moves), (0.0, 0.0, -0.8), self.robot).plan)
-        self.tcp = []
+        self.tcp, self.torque = [], []
 
     def go_on(self, to):
-        """Go on to a bus cycle; keep where the TCP is commanded to be."""
+        """Go on to a bus cycle; keep where the TCP is commanded to be, and whether the drives are to have torque."""
         while self.cycle < to:
             self.task.command(self.cycle)
             self.tcp.append(self.task.state['tcp'][0].copy())
+            self.torque.append(self.task.control(self.cycle) & CONTROL_ENABLE == CONTROL_ENABLE)
             count = math.floor(PER_M * self._way(1e-3 * self.cycle))
             self.tracking.observe(self.cycle, [BeltReading(count)])
             self.cycle += 1
@@ -307,7 +309,8 @@ def test_a_fault_on_the_belt_stops_path_and_belt_motion_and_then_takes_the_torqu
     assert bench.task.end_cycle in range(stands, stands + 3)
     # the torque stays until it stands, and for as long as a drive needs to see that
     assert bench.tracking.rest_cycle <= bench.task.end_cycle
-    assert bench.task.enable_cycle > bench.cycle or bench.cycle > stands + DISABLE_CYCLES
+    off = bench.task.end_cycle + DISABLE_CYCLES
+    assert np.flatnonzero(bench.torque).tolist() == list(range(20, off))
 
 
 def test_the_plan_gets_on_and_leaves_and_ends_where_it_is_told():
