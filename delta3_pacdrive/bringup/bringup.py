@@ -1,5 +1,6 @@
 """Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
 
+import json
 import signal
 import time
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
@@ -52,6 +54,7 @@ class _Monitor(Node):
         interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
         interfaces.PARTS.subscription(self, self._on_parts)
         self.enable = interfaces.ENABLE.client(self)
+        self.input = interfaces.INPUT.client(self)
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
 
     def _on_progress(self, message: String) -> None:
@@ -122,6 +125,8 @@ class Bringup:
             try:
                 self._start(logs)
                 self._watch(show)
+                if self.options.cell is not None:
+                    self._ask_for_parts()
                 result = self._result()
             finally:
                 self._stop()
@@ -197,6 +202,18 @@ class Bringup:
             if not any(None in figures.get(name, ()) for name in ('current_peak_a', 'current_rms_a')):
                 return
             self._process.spin_for(LOOK_S)
+
+    def _ask_for_parts(self) -> None:
+        """Ask the plant what is not over yet, such as a part in hand: that is told by itself when it is over."""
+        service = self._monitor.input
+        if not service.service_is_ready():
+            return
+        asked = service.call_async(AddDiagnostics.Request())
+        deadline = time.monotonic() + BOUND_S
+        while not asked.done() and time.monotonic() < deadline:
+            self._process.spin_for(LOOK_S)
+        if asked.done():
+            self._monitor.parts.add(json.dumps(json.loads(asked.result().message)['under_way']))
 
     def look(self, seconds: float = LOOK_S) -> dict[str, Any]:
         """Spin a little, then raise if something went wrong; return the newest progress."""

@@ -55,7 +55,6 @@ class BeltParts:
     def __init__(self, tracking: BeltTracking, belt: int) -> None:
         self._tracking, self._belt = tracking, belt
         self._queue = PartQueue(MERGE_M)
-        self._told = 0
         self._slot_m: float | None = None  # the last one that was given
 
     def next(self, window: TrackWindow, robot_m: float, rule: Rule, kind: str) -> QueuedPart | None:
@@ -81,11 +80,10 @@ class BeltParts:
         self._hear()
         tracking, n, queue = self._tracking, self._belt, self._queue
         there = tracking.now(n)
-        counts = queue.merged, queue.left, queue.refused, tracking.bounced[n], tracking.jumps(n)
+        refused = queue.refused + tracking.dropped[n]
+        counts = queue.merged, queue.left, refused, tracking.bounced[n], tracking.jumps(n)
         return BeltNow(there.way_m, there.speed_m_s, len(queue), *counts)
 
     def _hear(self) -> None:
-        told = self._tracking.parts[self._belt]
-        for one in told[self._told :]:
+        for one in self._tracking.take_parts(self._belt):
             self._queue.add(one)
-        self._told = len(told)

@@ -9,6 +9,7 @@ follow the plan through every override and stop.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -30,6 +31,7 @@ from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
 
 BOUNCE_M = 0.01  # nearer to each other than that no two parts pass a light barrier
+TOLD_MAX = 10_000  # parts that nobody has taken over
 BLIND = 2.5  # times the way between two pictures: so long without one, and the camera is dead
 JUMPS_MAX = 3  # of an encoder: more, and nobody knows where the parts are
 SHORT_M = 0.005  # by which a part may be short of the window, if its belt is a little slower than it was
@@ -125,7 +127,9 @@ class BeltTracking:
     lost
         Why the robot could not stay on a belt; None: it could, or that is settled.
     parts
-        Of each belt, what has been told of parts, in the order in which it came.
+        Of each belt, the newest 10,000 that were told of parts since ``take_parts``, in the order in which they came.
+    dropped
+        How many of each belt were more.
     bounced
         How often the light barrier of each belt has latched a part again.
 
@@ -137,8 +141,10 @@ class BeltTracking:
         self._ahead_cycles = parameters.set_point_delay_cycles
         self._fault_acceleration = parameters.motion.fault_stop_acceleration_m_s2
         self._observers = [BeltObserver(belt.increments_per_m, self._time) for belt in belts]
-        self.parts: list[list[QueuedPart]] = [[] for _ in belts]
+        self.parts: list[deque[QueuedPart]] = [deque(maxlen=TOLD_MAX) for _ in belts]
+        self.dropped = [0] * len(self.belts)
         self.bounced = [0] * len(self.belts)
+        self._latched_m = [math.inf] * len(self.belts)  # the last part that a light barrier has told
         self._pictures = [(0, 0.0)] * len(self.belts)  # how many, and the way of the belt at the last one [m]
         self._observed = -1
         self._orders: list[TrackOrder] = []
@@ -155,8 +161,8 @@ class BeltTracking:
     def observe(self, cycle: int, readings: Sequence[BeltReading]) -> None:
         """Take what the AT of a bus cycle tells of each belt, in the order of the cycles."""
         self._observed = cycle
-        told = zip(self.belts, self._observers, self.parts, readings, strict=True)
-        for n, (belt, observer, parts, reading) in enumerate(told):
+        told = zip(self.belts, self._observers, readings, strict=True)
+        for n, (belt, observer, reading) in enumerate(told):
             there = observer.step(reading.count)
             speed = there.speed_m_s
             if reading.pictures != self._pictures[n][0]:
@@ -165,13 +171,25 @@ class BeltTracking:
                 # the count is that of an instant after the passing
                 way = observer.way_of(count) - speed * belt.barrier_delay_s
                 along = belt.barrier_m - way
-                if parts and abs(along - parts[-1].along_m) < BOUNCE_M:
+                if abs(along - self._latched_m[n]) < BOUNCE_M:
                     self.bounced[n] += 1  # the first time counts
                 else:
-                    parts.append(QueuedPart('', along, 0.0, belt=belt.name))
+                    self._latched_m[n] = along
+                    self._tell(n, QueuedPart('', along, 0.0, belt=belt.name))
             for seen in reading.sighted:
                 along = seen.along_m - observer.way_of(seen.count)
-                parts.append(QueuedPart(seen.type, along, seen.across_m, seen.angle_rad, belt=belt.name))
+                self._tell(n, QueuedPart(seen.type, along, seen.across_m, seen.angle_rad, belt=belt.name))
+
+    def _tell(self, belt: int, part: QueuedPart) -> None:
+        parts = self.parts[belt]
+        self.dropped[belt] += len(parts) == parts.maxlen
+        parts.append(part)
+
+    def take_parts(self, belt: int) -> list[QueuedPart]:
+        """Return what has been told of parts on a belt since the last time; it is told no more."""
+        parts = list(self.parts[belt])
+        self.parts[belt].clear()
+        return parts
 
     def order(self, order: TrackOrder) -> None:
         """Take an order for the next event of the plan that gets on a belt."""

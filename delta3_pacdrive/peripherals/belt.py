@@ -251,10 +251,8 @@ class BeltState:
         Those on it; they come at its begin.
     count
         Of the encoder at the begin of this bus cycle.
-    latches
-        What the light barrier has latched, in order; a bus cycle tells those whose delay has passed.
     told
-        Those of this bus cycle.
+        What the light barrier tells in this bus cycle: what it has latched, once its delay has passed.
 
     """
 
@@ -264,7 +262,6 @@ class BeltState:
         self.belt, self._cycle_time_s, self._start = belt, cycle_time_s, start_cycle
         self._motion = BeltMotion(belt)
         self.parts: list[OnBelt] = []
-        self.latches: list[Latch] = []
         self.told: list[Latch] = []
         self.count = 0
         self._way = 0.0
@@ -343,7 +340,6 @@ class BeltState:
                     self._barred += [(passed + later, part.number) for later in sorted(more)]
         now = self.time_s(cycle)
         self.told = [Latch(number, self._count(at), cycle) for at, number in self._barred if at <= now]
-        self.latches += self.told
         self._barred = [one for one in self._barred if one[0] > now]
 
     def _passing(self, part: OnBelt, cycle: int) -> float:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.peripherals.parts import Miss, PartRecord
 from delta3_pacdrive.peripherals.world import World
 
 COMMANDS_MAX = 64  # MDT that are ahead of the plant
@@ -48,7 +49,6 @@ class BusWorld:
         self._world, self._port = world, port
         self._commands: deque[tuple[int, int]] = deque(maxlen=COMMANDS_MAX)
         self._known = -1  # newest bus cycle whose outputs are known
-        self._missed = 0  # misses that are told
         self.outputs, self.cycle = 0, -1
 
     def begin(self, cycle: int) -> None:
@@ -88,16 +88,18 @@ class BusWorld:
         return world.carried_kg
 
     def _tell(self, cycle: int) -> None:
-        misses = self._world.misses[self._missed :]
-        if self._world.changed or misses:
-            self._missed += len(misses)
-            told = {
-                'cycle': cycle,
-                **self._world.about(),
-                'parts': [one.to_document() for one in self._world.changed],
-                'misses': [one.to_document() for one in misses],
-            }
-            self._port.tell_parts(told)
+        changed, misses = self._world.changed, self._world.misses
+        if changed or misses:
+            self._port.tell_parts(self._document(cycle, changed, misses))
+        self._world.forget()  # a robot that is up for days has no end of parts
+
+    def _document(self, cycle: int, parts: Sequence[PartRecord], misses: Sequence[Miss]) -> dict[str, Any]:
+        return {
+            'cycle': cycle,
+            **self._world.about(),
+            'parts': [one.to_document() for one in parts],
+            'misses': [one.to_document() for one in misses],
+        }
 
     def lose_part(self) -> None:
         """Let what hangs at the robot fall off: a fault is injected."""
@@ -120,7 +122,7 @@ class BusWorld:
         return f'{name} {how} from bus cycle {self.cycle + 1} on'
 
     def told(self) -> dict[str, Any]:
-        """Return inputs and outputs of the last bus cycle."""
+        """Return inputs and outputs of the last bus cycle, and what is not over yet, as ``tell_parts`` tells it."""
         forced = self._world.forced
         return {
             'cycle': self.cycle,
@@ -128,4 +130,5 @@ class BusWorld:
                 name: {'value': value, 'forced': name in forced} for name, value in self._world.inputs.items()
             },
             'outputs': {name: bool(self.outputs >> n & 1) for n, name in enumerate(OUTPUTS)},
+            'under_way': self._document(self.cycle, *self._world.under_way()),
         }

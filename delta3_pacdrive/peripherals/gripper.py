@@ -115,6 +115,12 @@ class Gripper:
         """Note what is true at the end of a run."""
         self._note_valve(cycle, opened=False)
 
+    def missing(self, cycle: int) -> list[Miss]:
+        """Return what would be missed if the valve closed in a bus cycle: nothing if it has taken a part."""
+        if self._opened < 0 or self._taken:
+            return []
+        return [Miss(self._opened, cycle, self._nearest[1])]
+
     def _at(self, tcp_m: Place) -> Place:
         return _plus(tcp_m, self._cup.offset_m)
 
@@ -123,8 +129,7 @@ class Gripper:
             self._opened, self._taken = cycle, self.part is not None
             self._nearest = (math.inf, 'there is no part')
         elif not opened and self._opened >= 0:
-            if not self._taken:
-                self.misses.append(Miss(self._opened, cycle, self._nearest[1]))
+            self.misses += self.missing(cycle)
             self._opened = -1
 
     def _under(self, cup: Place, lying: Iterable[Part]) -> Part | None:

@@ -1,7 +1,10 @@
 """What has happened to the parts of a cell, and how well: of a simulation, or of what a robot has told bit by bit."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,10 +14,69 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals.parts import Outcome
 
 ABOUT = ('cell', 'inputs', 'belts')
+KEPT_MAX = 10_000  # parts, and misses, that a log keeps one by one
+NOT_OVER = (Outcome.WAITING, Outcome.IN_HAND)
+
+
+@dataclass
+class Totals:
+    """What parts and misses come to, added up.
+
+    Attributes
+    ----------
+    outcomes
+        How many parts have come to each of them.
+    picked, missed
+        Parts that were taken, and how often there was none to take.
+    placed, error_max_m, error_square_m2
+        Parts that lie in places of boxes, the greatest distance from such a place, and the sum of all squares.
+    hold_uses
+        The greatest share of the holding force that a part has needed; empty if none was taken.
+
+    """
+
+    outcomes: dict[str, int] = field(default_factory=lambda: {str(outcome): 0 for outcome in Outcome})
+    picked: int = 0
+    missed: int = 0
+    placed: int = 0
+    error_max_m: float = 0.0
+    error_square_m2: float = 0.0
+    hold_uses: tuple[float, ...] = ()
+
+    def with_more(
+        self, about: Mapping[str, Any], parts: Sequence[dict[str, Any]], misses: Sequence[dict[str, Any]]
+    ) -> 'Totals':
+        """Return what it comes to with more parts and misses: documents of ``PartRecord`` and ``Miss``."""
+        placed = [one for one in parts if one['outcome'] == Outcome.PLACED]
+        errors: Floats = np.array(
+            [
+                one['place_error_m'][:2]
+                for one in placed
+                if one['where'] and one['where'] not in about['belts']
+            ]
+        ).reshape(-1, 2)
+        far = np.hypot(errors[:, 0], errors[:, 1])
+        taken = [one for one in parts if one['picked_cycle'] >= 0]
+        uses = [*self.hold_uses, *(one['hold_use'] for one in taken)]
+        outcomes = dict(self.outcomes)
+        for one in parts:
+            outcomes[one['outcome']] += 1
+        return Totals(
+            outcomes,
+            self.picked + len(taken),
+            self.missed + len(misses),
+            self.placed + len(far),
+            float(far.max(initial=self.error_max_m)),
+            self.error_square_m2 + float(np.sum(far**2)),
+            (max(uses),) if uses else (),
+        )
 
 
 def report_of(
-    about: Mapping[str, Any], parts: Sequence[dict[str, Any]], misses: Sequence[dict[str, Any]]
+    about: Mapping[str, Any],
+    parts: Sequence[dict[str, Any]],
+    misses: Sequence[dict[str, Any]],
+    before: Totals | None = None,
 ) -> dict[str, Any]:
     """Return the report of a cell.
 
@@ -24,38 +86,46 @@ def report_of(
         Names of the cell, of its inputs and its belts.
     parts, misses
         Documents of ``PartRecord`` and ``Miss``.
+    before
+        What those come to that are not told one by one any more.
 
     """
-    placed = [one for one in parts if one['outcome'] == Outcome.PLACED]
-    errors: Floats = np.array(
-        [one['place_error_m'][:2] for one in placed if one['where'] and one['where'] not in about['belts']]
-    ).reshape(-1, 2)
-    far = np.hypot(errors[:, 0], errors[:, 1])
-    taken = [one for one in parts if one['picked_cycle'] >= 0]
-    uses = [one['hold_use'] for one in taken]
-    counts = {str(outcome): 0 for outcome in Outcome}
-    for one in parts:
-        counts[one['outcome']] += 1
+    totals = (before or Totals()).with_more(about, parts, misses)
+    errors = totals.placed
     return {
         **{name: about[name] for name in ABOUT},
-        'outcomes': counts,
-        'picked': len(taken),
-        'missed': len(misses),
-        'place_error_max_m': float(far.max()) if len(far) else None,
-        'place_error_rms_m': float(np.sqrt(np.mean(far**2))) if len(far) else None,
-        'hold_use_max': max(uses, default=None),
+        'outcomes': totals.outcomes,
+        'picked': totals.picked,
+        'missed': totals.missed,
+        'place_error_max_m': totals.error_max_m if errors else None,
+        'place_error_rms_m': math.sqrt(totals.error_square_m2 / errors) if errors else None,
+        'hold_use_max': max(totals.hold_uses, default=None),
         'parts': list(parts),
         'misses': list(misses),
     }
 
 
 class PartsLog:
-    """The log of a robot's cell, as it comes message by message."""
+    """The log of a robot's cell, as it comes message by message.
 
-    def __init__(self) -> None:
+    It keeps what is not over, and the newest of what is; the rest stays in its counts and errors. A part of which
+    it is told again after so many others, because it was taken out of a box, counts as one more.
+
+    Parameters
+    ----------
+    kept_max
+        Parts, and misses, that it keeps one by one.
+
+    """
+
+    def __init__(self, kept_max: int = KEPT_MAX) -> None:
+        self._kept_max = kept_max
         self._about: dict[str, Any] = {}
-        self._parts: dict[int, dict[str, Any]] = {}
-        self._misses: dict[int, dict[str, Any]] = {}
+        self._parts: dict[
+            int, dict[str, Any]
+        ] = {}  # by their numbers, in the order in which they were told last
+        self._misses: dict[int, dict[str, Any]] = {}  # by the bus cycles in which the valve was opened
+        self._before = Totals()
 
     def add(self, text: str) -> None:
         """Take a message; raises TelegramError for one that is none."""
@@ -67,12 +137,26 @@ class PartsLog:
         except (ValueError, KeyError, TypeError, RecursionError):
             raise TelegramError(f'{shown(text)} is no log of parts') from None
         self._about = about
-        self._parts |= parts
+        for number, one in parts.items():
+            self._parts.pop(number, None)
+            self._parts[number] = one
         self._misses |= misses
+        self._forget()
+
+    def _forget(self) -> None:
+        """Keep no more than may be kept: the oldest are added up."""
+        more = max(len(self._parts) - self._kept_max, 0)
+        over = islice((number for number, one in self._parts.items() if one['outcome'] not in NOT_OVER), more)
+        parts = [self._parts.pop(number) for number in list(over)]
+        missed = list(self._misses)[: max(len(self._misses) - self._kept_max, 0)]
+        misses = [self._misses.pop(cycle) for cycle in missed]
+        if parts or misses:
+            self._before = self._before.with_more(self._about, parts, misses)
 
     def report(self) -> dict[str, Any] | None:
         """Return the report of what was told, None if nothing was."""
         if not self._about:
             return None
         parts = [self._parts[number] for number in sorted(self._parts)]
-        return report_of(self._about, parts, [self._misses[cycle] for cycle in sorted(self._misses)])
+        misses = [self._misses[cycle] for cycle in sorted(self._misses)]
+        return report_of(self._about, parts, misses, self._before)

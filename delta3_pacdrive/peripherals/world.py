@@ -43,7 +43,7 @@ class World:
     forced
         What somebody has set inputs to, by their names; it counts instead of what is true.
     records
-        What has happened to each part, in the order in which they came.
+        What has happened to each part, in the order in which they came, since ``forget``.
     changed
         Those of them to which something has happened in this bus cycle.
     belts
@@ -58,6 +58,7 @@ class World:
         self.inputs: dict[str, bool] = dict.fromkeys(cell.input_names, False)
         self.forced: dict[str, bool] = {}
         self.records: list[PartRecord] = []
+        self._came = 0  # parts, up to now
         self.changed: list[PartRecord] = []
         self._lying: dict[int, Part] = {}
         self._clearing: list[tuple[int, int]] = []  # bus cycle, number of the part
@@ -174,6 +175,16 @@ class World:
         if lost is not None:
             self._lost.append(lost.record)
 
+    def under_way(self) -> tuple[list[PartRecord], list[Miss]]:
+        """Return what is not over yet: parts in hand, and what would be missed if the valve closed now."""
+        missing = [] if self._gripper is None else self._gripper.missing(self._cycle)
+        return [part.record for part in self._in_hand()], missing
+
+    def forget(self) -> None:
+        """Forget what has happened: whoever was told keeps it."""
+        self.records.clear()
+        self.misses.clear()
+
     def finish(self) -> None:
         """Note what is true at the end of a run."""
         if self._gripper is not None:
@@ -235,7 +246,8 @@ class World:
         state.jump(0.0 if jump is None else jump.value)
 
     def _new_part(self, kind: str, source: str, at_m: Place, angle_rad: float) -> Part:
-        part = Part(self._cell.parts[kind], at_m, angle_rad, PartRecord(len(self.records), kind, source))
+        part = Part(self._cell.parts[kind], at_m, angle_rad, PartRecord(self._came, kind, source))
+        self._came += 1
         self.records.append(part.record)
         self.changed.append(part.record)
         self._lying[part.record.number] = part
@@ -363,7 +375,7 @@ class World:
 
     @property
     def misses(self) -> list[Miss]:
-        """Each time that the valve was opened and closed for nothing."""
+        """Each time that the valve was opened and closed for nothing, since ``forget``."""
         return [] if self._gripper is None else self._gripper.misses
 
     def report(self) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters
+from delta3_pacdrive.controller import belt_tracking
 from delta3_pacdrive.controller.belt_tracking import (
     JUMPS_MAX,
     BeltReading,
@@ -346,3 +347,17 @@ def test_torques_on_a_belt_are_those_of_the_whole_motion():
     due = dynamics.inverse(theta, np.array(rates), np.array(bends), robot) / ratio
     due += [friction_torque(ratio * rate, motor(robot)[0]) for rate in rates]
     assert task.torques == pytest.approx(due, rel=1e-9)
+
+
+def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(monkeypatch):
+    monkeypatch.setattr(belt_tracking, 'TOLD_MAX', 3)
+    tracking = BeltTracking(parameters.load(), [BELT])
+    counts = [math.floor(PER_M * 0.1 * n) for n in range(5)]
+    for cycle, count in enumerate(counts):
+        tracking.observe(cycle, [BeltReading(math.floor(PER_M * 0.01), (count,))])
+    assert tracking.dropped == [2]
+    taken = tracking.take_parts(0)
+    assert [part.along_m for part in taken] == pytest.approx([0.3 - 0.1 * n for n in (2, 3, 4)], abs=1e-3)
+    assert tracking.take_parts(0) == []
+    tracking.observe(5, [BeltReading(math.floor(PER_M * 0.01), (counts[-1] + 1,))])
+    assert tracking.bounced == [1]  # the last one that was told is not forgotten

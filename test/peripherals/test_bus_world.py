@@ -1,12 +1,14 @@
 """Facts about a cell on the bus: outputs act a cycle later, inputs go out with their cycle, parts are told once."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from delta3_pacdrive.errors import Code, Reason, TelegramError
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.peripherals.bus_world import BusWorld
+from delta3_pacdrive.peripherals.parts import Outcome, PartRecord
 from delta3_pacdrive.peripherals.parts_report import PartsLog
 from delta3_pacdrive.peripherals.world import World
 
@@ -32,6 +34,7 @@ class Bench:
         self.world = World(cell_file.parse(document), CYCLE_S)
         self.around = BusWorld(self.world, self)
         self.around.begin(0)
+        self.simulated = World(cell_file.parse(document), CYCLE_S)  # forgets nothing
 
     def send_inputs(self, cycle, inputs):
         assert cycle not in self.inputs
@@ -47,8 +50,20 @@ class Bench:
             cycle = self.around.cycle + 1
             assert self.around.knows(cycle)
             carried = self.around.step(cycle, tcp)
+            self.simulated.step(cycle, tcp, self.around.outputs)
             self.around.take_outputs(cycle, outputs)
         return carried
+
+    def lose_part(self):
+        self.around.lose_part()
+        self.simulated.lose_part(self.around.cycle + 1)
+
+    def log(self, *more, **options):
+        """Return the log of all that was told."""
+        log = PartsLog(**options)
+        for told in (*self.parts, *more):
+            log.add(json.dumps(told))
+        return log
 
 
 @pytest.fixture
@@ -112,21 +127,82 @@ def test_bus_time_that_the_plant_was_not_in_goes_by_with_the_robot_at_rest(bench
 
 
 def test_the_log_of_parts_that_is_told_is_the_report_of_the_cell(bench):
-    log = PartsLog()
     bench.run(5)
     bench.run(30, outputs=1)
     bench.run(10, outputs=1, tcp=UP)
-    bench.around.lose_part()
+    bench.lose_part()
     bench.run(30, outputs=0, tcp=UP)
     bench.run(10, outputs=1, tcp=UP)
     bench.run(10, outputs=0, tcp=UP)
-    for told in bench.parts:
-        log.add(json.dumps(told))
-    report = log.report()
-    assert report == json.loads(json.dumps(bench.world.report()))
+    report = bench.log().report()
+    assert report == json.loads(json.dumps(bench.simulated.report()))
     assert (report['cell'], report['picked'], report['missed']) == ('bench', 1, 1)
     assert report['parts'][0]['outcome'] == 'lost'
     assert len({one['cycle'] for one in bench.parts}) == len(bench.parts) < 10
+
+
+@pytest.mark.parametrize('tcp', [UP, PICK], ids=['nothing is taken', 'a part is in hand'])
+def test_what_is_not_over_in_the_end_is_told_to_who_asks(bench, tcp):
+    bench.run(30, outputs=1, tcp=tcp)
+    for step in range(50):
+        bench.run(1, outputs=1, tcp=(tcp[0], tcp[1], tcp[2] + 1e-4 * step))
+    bench.simulated.finish()
+    wanted = json.loads(json.dumps(bench.simulated.report()))
+    assert wanted['missed'] + wanted['outcomes']['in hand'] == 1
+    assert bench.log().report() != wanted
+    assert bench.log(bench.around.told()['under_way']).report() == wanted
+
+
+PASSING = {
+    'cup': {'output': 'gripper', 'diameter_mm': 40, 'vacuum_pa': 60000},
+    'parts': {'bar': {'mass_kg': 0.5, 'size_mm': [60, 40, 20], 'friction': 0.5}},
+    'belts': {
+        'line': {
+            'origin_mm': [-700, 100, -870], 'length_mm': 500, 'encoder': {'bits': 14, 'circumference_mm': 200},
+            'speed': [{'after_s': 0, 'speed_m_s': 4.0, 'acceleration_m_s2': 100}],
+            'stream': {'part': 'bar', 'count': 200, 'spacing_mm': 20},
+        }
+    },
+}  # fmt: skip
+
+
+def test_a_cell_that_is_up_for_long_keeps_no_part_that_is_over_and_its_counts_stay_right():
+    bench = Bench(PASSING)
+    for _ in range(40):
+        bench.run(20, outputs=1)
+        bench.run(10)
+        assert bench.world.records == bench.world.misses == []
+    bench.run(100)
+    whole, bounded = bench.log().report(), bench.log(kept_max=12).report()
+    assert whole == json.loads(json.dumps(bench.simulated.report()))
+    assert (whole['outcomes']['passed'], whole['missed']) == (200, 40)
+    assert [one['number'] for one in bounded.pop('parts')] == list(range(188, 200))
+    assert bounded.pop('misses') == whole['misses'][-12:]
+    assert bounded == {name: whole[name] for name in bounded}
+
+
+def part(number, **values):
+    record = PartRecord(
+        number, 'bar', 'infeed', Outcome.PLACED, picked_cycle=5, where='box', hold_use=0.1 * number
+    )
+    return replace(record, place_error_m=(1e-3 * number, 0.0, 0.0), **values).to_document()
+
+
+def test_a_log_keeps_what_is_not_over_and_adds_up_the_oldest_of_the_rest():
+    parts = [part(0, outcome=Outcome.WAITING), *(part(number) for number in (3, 1, 2, 4))]
+    log, whole = PartsLog(kept_max=3), PartsLog()
+    for n, one in enumerate(parts):
+        text = json.dumps(
+            {'cell': 'bench', 'inputs': [], 'belts': [], 'cycle': n, 'parts': [one], 'misses': []}
+        )
+        log.add(text)
+        whole.add(text)
+    found, wanted = log.report(), whole.report()
+    assert [one['number'] for one in found['parts']] == [0, 2, 4]
+    assert found['place_error_max_m'] == 4e-3
+    assert found['place_error_rms_m'] == pytest.approx(wanted['place_error_rms_m'], rel=1e-12)
+    for name in ('outcomes', 'picked', 'missed', 'hold_use_max'):
+        assert found[name] == wanted[name]
 
 
 @pytest.mark.parametrize('text', ['', '[]', '{}', '{"parts": [1], "misses": []}', 'x' * 1000])

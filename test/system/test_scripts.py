@@ -37,11 +37,11 @@ def main(robot):
     robot.wait()
     if robot.input('part') or robot.position()[0] < 0.05:
         return
-    robot.move_l(to_mm=[0, 60, -800], in_position=True)
-    robot.output('gripper', False, payload_kg=0.0)
+    robot.move_l(to_mm=[0, 60, -800], in_position=True)  # the valve stays open, and there was no part
 """
 SENSOR = """
 name: one sensor
+cup: {output: gripper, diameter_mm: 60, vacuum_pa: 60000}
 inputs:
   part: {changes: [{after_s: 0.11, value: true}, {after_s: 0.7, value: false}]}
 """
@@ -76,6 +76,14 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
         np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
     result = json.loads(done.stdout)
     assert (result['program'], result['late_decisions'], result['held_at_cycle']) == ('decides', 0, None)
+    told, wanted = (
+        [(one['opened_cycle'], one['reason']) for one in each['misses']]
+        for each in (
+            result['cell'],
+            trace.meta['cell'],
+        )
+    )
+    assert told == wanted != []
 
 
 def test_a_script_that_dies_ends_the_run_with_its_line(
