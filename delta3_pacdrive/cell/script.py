@@ -1,5 +1,6 @@
 """A script is a Python file with a function ``main(robot)``: it is read, and run on a robot."""
 
+import ast
 import importlib.util
 import inspect
 import sys
@@ -51,7 +52,7 @@ class Script:
 
 
 def load(path: str | Path) -> Script:
-    """Read a script: what stands outside of its functions is run.
+    """Read a script: what stands outside of its functions is run, if it has a function ``main``.
 
     Raises
     ------
@@ -65,6 +66,10 @@ def load(path: str | Path) -> Script:
     shown = shown_file(str(path))
     if not path.is_file():
         raise ProgramError(f'script {shown} is not there')
+    with _errors_of(path):
+        tree = ast.parse(path.read_bytes(), str(path.absolute()))
+    if not any(_names_main(node) for node in ast.walk(tree)):  # what it would do instead may be anything
+        raise ProgramError(f'script {shown} has no function {MAIN}(robot)')
     specification = importlib.util.spec_from_file_location(f'delta3_script_{path.stem}', path.absolute())
     if specification is None or specification.loader is None:
         raise ProgramError(f'script {shown} is no Python file')
@@ -86,6 +91,18 @@ def load(path: str | Path) -> Script:
     except TypeError as error:
         raise ProgramError(f'script {shown}: {MAIN} must take the robot and nothing else: {error}') from None
     return Script(path, main)
+
+
+def _names_main(node: ast.AST) -> bool:
+    """Whether a part of a script may give ``main`` its meaning."""
+    match node:
+        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            return name == MAIN
+        case ast.Name(id=name, ctx=ast.Store()):
+            return name == MAIN
+        case ast.alias(name=name, asname=other):
+            return (other or name) in (MAIN, '*')
+    return False
 
 
 @contextmanager

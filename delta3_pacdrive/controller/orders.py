@@ -109,6 +109,11 @@ class Orders:
         return reason
 
     @property
+    def of_planner(self) -> bool:
+        """Whether what is driven is of the planner, which can resume it, and not of a script."""
+        return self._planner == self._watch.planner
+
+    @property
     def checked(self) -> int:
         """Rows of the present plan that have been checked."""
         return self._intake.checked

@@ -110,7 +110,10 @@ class ScriptService:
         refusal = self._state.refusal()
         if refusal is not None:
             held = self._state.motion is MotionState.STOPPED
-            more = ': give up what it drives (delta3 move abort), or resume it' if held else ''
+            out = 'delta3 move abort gives up what it drives'
+            if self._orders.of_planner:
+                out += ', delta3 move resume goes on with it'
+            more = f': {out}' if held else ''
             return Reason(refusal.code, f'{refusal.sentence}{more}', refusal.fault)
         self._orders.script = request.operator
         if self._cycles.answered <= self._gate.begins < NEVER:
@@ -186,8 +189,14 @@ class ScriptService:
         else:
             self.reply(request, None, self._told(met=self._gate.met), True)
 
-    def held_from_outside(self) -> None:
-        """Let the script know that an operator has stopped the robot on its path."""
+    def hold(self) -> Reason | str:
+        """Stop the robot on its path for an operator, and let the script know; returns why not, or what happens."""
+        outcome = self._state.hold()
+        if isinstance(outcome, str):
+            self._held()
+        return outcome
+
+    def _held(self) -> None:
         request, self._waiting = self._waiting, None
         if request is None:
             self._held_outside = True
@@ -195,8 +204,17 @@ class ScriptService:
             self._gate.interrupt(self._cycles.answered)
             self.reply(request, HELD, '', True)
 
-    def given_up(self) -> None:
-        """End a script whose program an operator has given up: it must not go on with what comes next."""
+    def abort(self) -> Reason | str:
+        """Give up for an operator what is driven, and a script with it: it must not go on with what comes next.
+
+        Returns why not, or what happens. Where there is nothing to give up, a script goes on.
+        """
+        outcome = self._state.abort()
+        if isinstance(outcome, str):
+            self._give_up()
+        return outcome
+
+    def _give_up(self) -> None:
         request, self._waiting = self._waiting, None
         if self.operator:
             self._gate.happen(GateEvent.LEAVE)

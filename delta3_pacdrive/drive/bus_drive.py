@@ -168,7 +168,7 @@ class BusDrive:
         self._master.received(self._now_s())
         for arrived, what in self._link.arrivals(self._axis, cycle, command):
             taken = self.clock.take_command(arrived, what)
-            if taken is Taken.LATE and self.clock.awaits_command:
+            if taken in (Taken.LATE, Taken.REPEATED) and self.clock.awaits_command:
                 self._port.repeat_current()  # the bus waits, and everybody on it is there
             elif taken is Taken.CONTRADICTED:
                 reason = f'two different MDT of bus cycle {arrived}, is there a second master? (8506)'

@@ -32,6 +32,7 @@ class Taken(Enum):
 
     IN_TIME = auto()
     LATE = auto()  # or a second time
+    REPEATED = auto()  # the newest one again, while the next one is awaited: the bus waits
     CONTRADICTED = auto()  # by another one of the same cycle
 
 
@@ -65,7 +66,7 @@ class DriveClock:
     service
         The drive's end of the service channel.
     late
-        Commands that came late or repeatedly.
+        Commands that came late or twice, but for those of a bus that waits, whose master repeats the newest one.
     scope
         The oscilloscope, while it is armed.
 
@@ -149,9 +150,11 @@ class DriveClock:
                 self._newest = cycle
             self._advance()
             return Taken.IN_TIME
-        self.late += 1
         if taken is None and self._last_taken[0] == cycle:
             taken = self._last_taken[1]
+            if taken == command and self.awaits_command and cycle == self.cycle - 1:
+                return Taken.REPEATED
+        self.late += 1
         return Taken.LATE if taken is None or taken == command else Taken.CONTRADICTED
 
     def take_shaft(self, exchange: int, shaft: Shaft) -> None:

@@ -66,16 +66,16 @@ class Process:
         self._executor.shutdown()
 
 
-def leave(process: Process | None) -> None:
+def leave(process: Process | None, context: rclpy.Context | None = None) -> None:
     """Leave the graph for good, with a client that holds nothing that could be lost, in a bounded time.
 
     rclpy was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then the
-    process tells where it stands and ends with status 1.
+    process tells where it stands and ends with status 1. ``context`` is that of its nodes, if they have an own one.
     """
     faulthandler.dump_traceback_later(LEAVE_S, exit=True)
     if process is not None:
         process.close()
-    rclpy.try_shutdown()
+    rclpy.try_shutdown(context=context)
     faulthandler.cancel_dump_traceback_later()
 
 

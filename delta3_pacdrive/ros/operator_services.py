@@ -53,10 +53,10 @@ class OperatorServices:
     ) -> None:
         self._log, self._changed, self._told = node.get_logger(), changed, told
         self._state, self._control = state, control = controller.state, controller.control
-        self._enabling, self._scripts = controller.enabling, controller.scripts
+        self._enabling = controller.enabling
         self._acts: dict[str, Callable[[], Reason | str]] = {
-            messages.HOLD: self._hold,
-            messages.ABORT: self._abort,
+            messages.HOLD: controller.scripts.hold,
+            messages.ABORT: controller.scripts.abort,
             messages.EMERGENCY_STOP: state.emergency_stop,
             messages.DISABLE: self._enabling.disable,
         }
@@ -83,17 +83,6 @@ class OperatorServices:
         ):
             service.deferred_servers(node, partial(self._serve, action))
         interfaces.ENABLE.deferred_servers(node, self._on_enable)
-
-    def _hold(self) -> Reason | str:
-        outcome = self._state.hold()
-        if isinstance(outcome, str):
-            self._scripts.held_from_outside()
-        return outcome
-
-    def _abort(self) -> Reason | str:
-        outcome = self._state.abort()
-        self._scripts.given_up()
-        return outcome
 
     def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
         self._do('', action, '', tell)

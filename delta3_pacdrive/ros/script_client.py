@@ -181,11 +181,16 @@ class ScriptNode(OperatorNode):
 
 @contextmanager
 def scripting(namespace: str) -> Iterator[ScriptNode]:
-    """Be a script of the robot in a namespace: a thread listens to the robot while the script runs."""
+    """Be a script of the robot in a namespace: a thread listens to the robot while the script runs.
+
+    What else the process does with ROS, such as another script, is not touched.
+    """
     discovery.keep_to_this_machine()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    process = node_process.Process()
-    node = ScriptNode(namespace='/' + namespace.strip('/'))
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    process = node_process.Process(context)
+    # of two nodes of one name in a process, rcl would have one tell /rosout for both, and warn
+    node = ScriptNode(namespace='/' + namespace.strip('/'), context=context, enable_rosout=False)
     process.add(node)
     listener = threading.Thread(target=process.spin, name='script listener', daemon=True)
     listener.start()
@@ -194,4 +199,4 @@ def scripting(namespace: str) -> Iterator[ScriptNode]:
     finally:
         process.stop()
         listener.join()
-        node_process.leave(process)
+        node_process.leave(process, context)

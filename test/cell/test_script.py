@@ -53,15 +53,19 @@ def test_a_script_is_run_with_what_stands_beside_it(folder, robot):
 
 
 WRONG_FILES = {
-    'no_main.py': ('x = 1', ProgramError, r'script no_main.py has no function main\(robot\)'),
+    'no_main.py': (
+        'raise SystemExit("it has run")',
+        ProgramError,
+        r'script no_main.py has no function main\(robot\)',
+    ),
     'two.py': ('def main(robot, other): pass', ProgramError, 'main must take the robot and nothing else'),
     'none.py': ('def main(): pass', ProgramError, 'main must take the robot and nothing else'),
     'later.py': ('async def main(robot): pass', ProgramError, 'without async and yield'),
     'yields.py': ('def main(robot):\n    yield', ProgramError, 'without async and yield'),
     'broken.py': ('def main(robot)\n    pass', ScriptError, r"broken.py:1: expected ':'"),
-    'dies.py': ('\n\n1 / 0', ScriptError, r'dies.py:3: ZeroDivisionError: division by zero'),
-    'imports.py': ('import nobody_has_this', ScriptError, 'imports.py:1: ModuleNotFoundError'),
-    'leaves.py': ('import sys\nsys.exit(2)', ScriptError, 'leaves.py:2: ended with 2'),
+    'dies.py': ('main = print\n\n1 / 0', ScriptError, r'dies.py:3: ZeroDivisionError: division by zero'),
+    'imports.py': ('from nobody_has_this import main', ScriptError, 'imports.py:1: ModuleNotFoundError'),
+    'leaves.py': ('from sys import exit as main\nmain(2)', ScriptError, 'leaves.py:2: ended with 2'),
 }
 
 
@@ -145,3 +149,19 @@ def test_step_by_step_somebody_is_asked_before_each_move_of_a_robot_at_rest():
     assert [(kind, str(motion)) for _, kind, motion, _ in asked] == [('move_l', 'idle'), ('move_l', 'moving')]
     assert asked[1][0] == asked[0][0] + 2
     assert asked[1][3] == pytest.approx((0.1, 0.0, -0.8), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'def other(robot): pass\nmain = other',
+        'if True:\n    def main(robot): pass',
+        'from own_parts import x as main\nmain = print',
+        'from own_main import *',
+    ],
+)
+def test_a_function_main_may_come_from_anywhere(folder, text):
+    (folder / 'own_parts.py').write_text('x = 1')
+    (folder / 'own_main.py').write_text('def main(robot): pass')
+    (folder / 'other.py').write_text(text)
+    assert callable(script.load('other.py').main)

@@ -140,8 +140,7 @@ def test_a_hold_from_outside_ends_the_wait_and_the_script_may_resume(node, calle
     called.wait_time(0.1)
     held_at = node.bus.commands
     node.post(WAIT, condition_text(WaitCondition(10**6, 10**6)))
-    assert isinstance(node.controller.state.hold(), str)
-    node.controller.scripts.held_from_outside()
+    assert isinstance(node.controller.scripts.hold(), str)
     reason, _, _ = node.replies[-1]
     assert (reason.code, str(reason)) == (
         Code.STATE, 'somebody has stopped the robot on its path: resume() goes on',
@@ -152,8 +151,7 @@ def test_a_hold_from_outside_ends_the_wait_and_the_script_may_resume(node, calle
 def test_a_hold_from_outside_while_the_script_decides_ends_its_next_wait_at_once(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
-    assert isinstance(node.controller.state.hold(), str)
-    node.controller.scripts.held_from_outside()
+    assert isinstance(node.controller.scripts.hold(), str)
     with pytest.raises(ScriptError, match='somebody has stopped the robot on its path'):
         called.wait()
     called.resume()
@@ -169,8 +167,7 @@ def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot,
     def held(condition):
         monkeypatch.setattr(node, 'wait', wait)
         node.post(WAIT, condition_text(condition))
-        node.controller.state.hold()
-        node.controller.scripts.held_from_outside()
+        node.controller.scripts.hold()
         return wait(condition) if node.replies[-1][0] is None else refuse(node.replies[-1][0])
 
     def refuse(reason):
@@ -188,12 +185,19 @@ def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot,
 
 def test_an_abort_from_outside_ends_the_script(node, called):
     moving(node, called)
-    node.controller.state.abort()
-    node.controller.scripts.given_up()
+    node.controller.scripts.abort()
     assert node.replies[-1][0].code is Code.WITHDRAWN
     with pytest.raises(ScriptError) as refused:
         called.wait_time(0.1)
     assert refused.value.code is Code.STATE
+
+
+def test_an_abort_that_is_refused_because_nothing_is_driven_leaves_the_script_waiting(node, called):
+    called.wait_time(0.1)
+    node.post(WAIT, condition_text(WaitCondition(10**6, 10**6)))
+    assert node.controller.scripts.abort().code is Code.STATE
+    assert node.controller.scripts.operator == node.identity
+    assert node.replies == []
 
 
 def test_a_fault_ends_a_wait_with_its_sentence(node, called):
@@ -221,7 +225,7 @@ def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
     node.ask(LEAVE)
     reason, _ = node.ask(ATTACH)
     assert reason.code is Code.STATE
-    assert 'delta3 move abort' in str(reason)
+    assert str(reason).endswith(': delta3 move abort gives up what it drives')
 
 
 def test_an_order_of_a_script_does_not_look_like_one_of_the_planner(node, called):

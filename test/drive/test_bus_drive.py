@@ -221,6 +221,7 @@ def test_a_drive_whose_bus_waits_hears_the_mdt_again_and_repeats_its_current(rig
         rig.wait(MASTER_SILENT_S / 2)
         rig.on_bus.take_command(4, OFF)
     assert rig.repeated == 20
+    assert rig.on_bus.clock.late == 0
     assert rig.losses == []
     assert len(rig.currents) == 5 * PER_CYCLE
 

@@ -105,6 +105,16 @@ def test_a_command_that_comes_late_or_twice_counts_and_changes_nothing(rig: Rig)
     assert rig.answers == list(range(5))
 
 
+def test_the_newest_command_again_is_late_but_for_a_bus_that_waits(rig: Rig) -> None:
+    rig.run(0, 5)
+    assert rig.clock.take_command(4, COMMAND) is Taken.LATE
+    rig.clock.take_shaft(5 * PER_CYCLE, SHAFT)
+    assert rig.clock.take_command(4, COMMAND) is Taken.REPEATED
+    assert rig.clock.take_command(3, COMMAND) is Taken.LATE
+    assert rig.clock.take_command(4, ENABLE) is Taken.CONTRADICTED
+    assert rig.clock.late == 3
+
+
 def test_two_different_commands_of_one_cycle_contradict_each_other_before_and_after_it_ran(rig: Rig) -> None:
     rig.clock.take_command(0, COMMAND)
     assert rig.clock.take_command(0, ENABLE) is Taken.CONTRADICTED

@@ -98,6 +98,21 @@ def test_a_script_that_dies_ends_the_run_with_its_line(
     assert json.loads(done.stdout)['error'].endswith('dies.py:3: ValueError: no more')
 
 
+TWO = """
+from delta3_pacdrive import cell
+
+with cell.connect() as robot:
+    try:
+        with cell.connect():
+            print('two at a time')
+    except cell.ScriptError as error:
+        print(error)
+    print(robot.state().motion)
+with cell.connect(name='another') as robot:
+    print(robot.state().motion)
+"""
+
+
 # a robot that is up -------------------------------------------------------------------------------------------------
 
 SLOW = """
@@ -167,6 +182,18 @@ def test_a_script_has_control_while_it_runs_and_gives_it_back(up: Up, tmp_path: 
     assert output.startswith('over ')
     up.await_state('idle')
     assert delta3('move', 'l', '0', '0', '-0.8').returncode == 0
+
+
+def test_a_process_connects_once_at_a_time_and_again_later(up: Up, tmp_path: Path) -> None:
+    path = tmp_path / 'two.py'
+    path.write_text(TWO)
+    done = subprocess.run(
+        [sys.executable, '-P', str(path)], capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+    refused, *states = done.stdout.splitlines()
+    assert 'script two' in refused
+    assert states == ['idle', 'idle']
 
 
 def test_a_script_that_is_killed_leaves_the_robot_in_a_stop_that_an_abort_leads_out_of(
