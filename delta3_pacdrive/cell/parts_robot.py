@@ -7,6 +7,7 @@ from delta3_pacdrive.cell.robot import TIMEOUT_S, Robot
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.controller.belt_tracking import BeltTracking
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, WaitTimeoutError, shown
+from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
 from delta3_pacdrive.motion.part_queue import QueuedPart, Rule
 
@@ -50,6 +51,8 @@ class PartsRobot(Robot):
             window = self._window(tracking, n)
             if rule not in tuple(Rule):
                 raise ProgramError(f'part: rule is {shown(rule)}, but must be one of: {", ".join(Rule)}')
+            if kind != '':
+                _require_known(kind, tracking.belts[n])
             latest = self._cycles('timeout_s', timeout_s)
             self._order()
             latest += self._link.look().cycle
@@ -103,6 +106,17 @@ class PartsRobot(Robot):
                 f'belt {belt.name} has no window_m in the cell file, so that nobody may work on it'
             )
         return belt.window
+
+
+def _require_known(kind: str, belt: BeltAxes) -> None:
+    """Refuse a type of parts that will never come: one that nobody knows, or that nobody can tell."""
+    if not belt.camera_every_m:
+        raise ProgramError(f'part: belt {belt.name} has no camera, which would tell the kind of a part')
+    if kind not in belt.types:
+        known = ', '.join(belt.types)
+        raise ProgramError(
+            f'part: unknown kind {shown(kind)}, the parts of the cell are: {known}{nearest_of(kind, belt.types)}'
+        )
 
 
 def refused(sentence: str) -> RefusedError:

@@ -130,6 +130,8 @@ def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> R
         planned = program_planner.plan(
             program, job.here_m, robot, returning=True, open_end=True, progress=progress
         )
+        if job.text and job.queue is not None:
+            program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.here_m))
         return Result(job.number, program, planned, None, statements, starts)
     except CancelledError as error:
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
@@ -207,6 +209,16 @@ def _unwrapped(document: Any) -> tuple[Any, bool]:
     if len(document) == 1 and next(iter(document)) in programs.STATEMENTS:
         return {'moves': [document]}, starts
     return document, starts
+
+
+def _end_m(planned: Planned, statements: int, here_m: Point) -> Point:
+    """Return where the first so many statements of a plan end [m]; ``here_m``: where the robot stands before them."""
+    for end in reversed(planned.ends[:statements]):
+        if end is not None:
+            number, distance = end
+            x, y, z = planned.plan.move(number).sample([distance])[0, 0].tolist()
+            return (x, y, z)
+    return here_m
 
 
 def _appended(queue: Program | None, more: Program) -> Program:

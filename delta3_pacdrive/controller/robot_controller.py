@@ -308,7 +308,7 @@ class RobotController:
             'following_error_rad': max(abs(value) for value in task.answer['following_error'].tolist()),
             'overruns': cycles.scheduler.overruns,
             'slip_s': cycles.scheduler.slip_s,
-            'lost_telegrams': cycles.answers.lost,
+            'lost_telegrams': cycles.answers.lost + cycles.inputs.lost,
             'learned_torques': task.learned.exist,
             'unlearned': task.learned.reason,
             'repeated_telegrams': cycles.answers.repeated,
@@ -318,6 +318,7 @@ class RobotController:
         """Return what the bus and the program did so far."""
         return {
             'at_losses': self.axes.losses,
+            'input_losses': self.cycles.inputs.lost,
             **self.cycles.statistics.summary(),
             'figures': asdict(self.task.figures()),
         }

@@ -62,6 +62,8 @@ class BeltAxes(NamedTuple):
         Place of its light barrier along it [m], and from the passing to the latching of the encoder [s].
     camera_every_m
         Way from one picture of its camera to the next [m]; 0: it has none.
+    types
+        Of parts that its camera knows.
 
     """
 
@@ -73,6 +75,7 @@ class BeltAxes(NamedTuple):
     barrier_m: float = 0.0
     barrier_delay_s: float = 0.0
     camera_every_m: float = 0.0
+    types: tuple[str, ...] = ()
 
     def turned(self, v: Vector) -> Vector:
         """Return a vector of the axes of the belt in those of ``base``."""

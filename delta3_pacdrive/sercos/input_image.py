@@ -16,13 +16,15 @@ class InputImage:
         First cycle whose inputs may still come; they keep their order.
     bits
         Those of the newest cycle that is evaluated.
+    lost
+        Cycles whose inputs did not come.
 
     """
 
     def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
         self.expected = NEVER
-        self.bits = 0
+        self.bits = self.lost = 0
         self._waiting: dict[int, int] = {}
 
     def begin(self, cycle: int, names: Sequence[str]) -> None:
@@ -37,6 +39,7 @@ class InputImage:
         """Take the inputs of a cycle in; those that come again count for nothing."""
         if self.expected <= cycle < NEVER:
             self._waiting[cycle] = bits
+            self.lost += cycle - self.expected
             self.expected = cycle + 1
 
     def is_complete(self, cycle: int) -> bool:

@@ -19,6 +19,7 @@ def axes_of(cell: Cell) -> tuple[BeltAxes, ...]:
             0.0 if belt.barrier is None else belt.barrier.at_m,
             0.0 if belt.barrier is None else belt.barrier.delay_s,
             0.0 if belt.camera is None else belt.camera.every_m,
+            () if belt.camera is None else tuple(cell.parts),
         )
         for belt in cell.belts.values()
     )

@@ -135,6 +135,10 @@ WRONG = {
         "part: rule is 'best', but must be one of: first in, nearest",
     ),
     'pitch': (lambda robot: robot.slot('line', 0.0), 'slot: pitch_m is 0 m, but must be between'),
+    'kind': (
+        lambda robot: robot.part('line', kind='bar'),
+        'part: belt line has no camera, which would tell the kind',
+    ),
     'belt': (lambda robot: robot.belt('lane'), "unknown belt 'lane', the belts are: line"),
     'nothing comes': (
         lambda robot: robot.part('line', timeout_s=0.1),
@@ -152,6 +156,19 @@ def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
     ):
         call(called)
     assert sentence in str(told.value)
+
+
+@pytest.mark.parametrize(('kind', 'told'), [('baar', "'baar'"), (1, '1')])
+def test_a_kind_of_part_that_the_cell_does_not_know_is_refused_at_once(robot, kind, told):
+    with cell.simulate(robot, around=mixed()) as called:
+        begun = called.state().cycle
+        with pytest.raises(cell.ScriptError) as refused:
+            called.part('line', kind=kind)
+        assert called.state().cycle == begun
+    near = ': did you mean bar?' if kind == 'baar' else ''
+    assert str(refused.value).endswith(
+        f'part: unknown kind {told}, the parts of the cell are: bar, disc{near}'
+    )
 
 
 def test_a_part_of_one_belt_is_not_tracked_on_another(robot):

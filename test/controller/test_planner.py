@@ -281,6 +281,23 @@ def test_a_program_that_carries_something_from_its_start_waits_behind_no_other_m
     assert 'payload_kg of a program, and the mass of its tool, count from its start' in str(reason)
 
 
+BEFORE = (
+    'moves: [move_l: {to_m: [0.1, 0.05, -0.75]}, dwell: {time_s: 0.1}, output: {name: gripper, value: true}]'
+)
+
+
+@pytest.mark.parametrize('start', ['[0.1, 0.05, -0.75]', '[0.1, 0.02, -0.75]'], ids=['there', 'elsewhere'])
+def test_a_program_behind_others_in_the_queue_has_to_start_where_they_end(client: Client, start: str) -> None:
+    client.queue(BEFORE)
+    client.ask('program', f'start_m: {start}\n{LINE}')
+    client.plan()
+    reason, _ = client.answer()
+    if '0.02' in start:
+        assert 'starts at (0.1, 0.02, -0.75) m, but the robot stands at (0.1, 0.05, -0.75) m' in str(reason)
+    else:
+        assert reason is None
+
+
 def test_a_move_behind_a_program_of_several_lines_is_refused_by_its_number(client: Client) -> None:
     client.queue('moves:\n- move_l: {to_m: [0.1, 0.0, -0.75]}\n- move_l: {to_m: [0.0, 0.0, -0.75]}\n')
     client.ask('program', 'moves: [{move_l: {to_m: [2.0, 0.0, -0.8]}}]')

@@ -359,6 +359,8 @@ def test_a_cycle_is_evaluated_with_its_inputs_and_not_before() -> None:
     cell.robot.cycles.take_inputs(2, 0b10)  # those of cycle 1 are lost
     assert cell.told == [0, 1, 2]
     assert cell.robot.cycles.inputs.bits == 0b10
+    # they count as any lost AT does
+    assert cell.robot.progress()['lost_telegrams'] == cell.robot.totals()['input_losses'] == 1
 
 
 def test_inputs_of_a_cycle_to_come_are_refused() -> None:

@@ -27,6 +27,8 @@ def test_inputs_that_are_lost_are_those_of_the_cycle_before() -> None:
     image.put(0, 1)
     image.put(2, 0)
     assert [image.take(cycle) for cycle in (0, 1, 2)] == [1, 1, 0]
+    image.put(5, 1)
+    assert image.lost == 3
 
 
 def test_inputs_that_come_again_or_of_the_past_change_nothing() -> None:
@@ -37,6 +39,7 @@ def test_inputs_that_come_again_or_of_the_past_change_nothing() -> None:
     image.put(5, 1)
     image.put(5, 0)
     assert image.take(5) == 1
+    assert image.lost == 0
 
 
 def test_a_new_operation_keeps_what_was_known_of_the_same_inputs_alone() -> None:
