@@ -13,7 +13,7 @@ The public face of the package, all of it without ROS:
 
 from __future__ import annotations
 
-from importlib import import_module, metadata
+from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -188,6 +188,8 @@ def simulate(
 
 def __getattr__(name: str) -> Any:
     if name == '__version__':
+        from importlib import metadata
+
         return metadata.version(__name__)
     if name in _LAZY:
         return getattr(import_module(_LAZY[name]), name)

@@ -297,6 +297,21 @@ def test_who_only_operates_a_robot_waits_for_no_compiler(distribution, tmp_path)
     assert not loaded & {'numba', 'scipy', 'matplotlib'}
 
 
+def test_a_node_loads_no_generator_of_messages(distribution, tmp_path):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    program = (
+        'import sys\n'
+        'from delta3_pacdrive.ros.robot_client import OperatorNode\n'
+        'import rclpy\n'
+        'rclpy.init()\n'
+        'OperatorNode(lambda seconds: None)\n'
+        'print("loaded:", *sys.modules)'
+    )
+    loaded = output_of([sys.executable, '-P', '-c', program], tmp_path).rpartition('loaded:')[2].split()
+    assert 'rosidl_generator_py.import_type_support_impl' in loaded
+    assert not {'lark', 'em', 'rosidl_parser.parser'}.intersection(loaded)
+
+
 def test_the_cache_of_kernels_knows_all_that_a_module_imports():
     graph = import_graph(SOURCE)
     for module in kernel.modules_with_kernels():

@@ -1,5 +1,6 @@
 """Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
 
+import gc
 import json
 import signal
 import time
@@ -162,6 +163,7 @@ class Bringup:
         self._processes = RobotProcesses(
             self.options, self.robot, self._program.name if self._program else 'moves', logs
         )
+        gc.freeze()  # who looks for garbage touches all there is: each child would get a copy of its own
         self._processes.start()
         prefer(self._schedule)  # before there are threads of the transport, which inherit it
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
