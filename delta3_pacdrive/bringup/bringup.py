@@ -22,7 +22,7 @@ from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess
-from delta3_pacdrive.bringup.robot_processes import SPARE, RobotProcesses
+from delta3_pacdrive.bringup.robot_processes import RECORDER, SPARE, RobotProcesses
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
 from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError, TraceError
@@ -240,7 +240,7 @@ class Bringup:
     def _replace(self, process: ManagedProcess) -> None:
         """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
         sentence = f'{process.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
-        if process.name == 'recorder' and self.ready_s:
+        if process.name == RECORDER and self.ready_s:
             self._processes.running.remove(process)
             self.notes.append(f'{sentence}; nothing is recorded any more, the robot goes on')
         elif process.name == 'view':

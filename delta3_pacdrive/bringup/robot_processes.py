@@ -30,7 +30,8 @@ RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 AXES = (1, 2, 3)
 Nodes = dict[str, tuple[type[Node], dict[str, Any]]]  # kind and own parameters, by name
-SPARE = ('recorder', 'view', VISUALIZATION)  # the robot goes on without them
+RECORDER = 'recorder'
+SPARE = (RECORDER, 'view', VISUALIZATION)  # the robot goes on without them
 
 
 class RobotProcesses:
@@ -99,7 +100,7 @@ class RobotProcesses:
             self.running.append(options.view)
         if options.bag:
             bag = {'bag': str(options.bag), 'program': self._program}
-            self._spawn('recorder', {'recorder': (RecorderNode, bag)}, Schedule.PREFERRED)
+            self._spawn(RECORDER, {RECORDER: (RecorderNode, bag)}, Schedule.PREFERRED)
             self.running[-1].patience_s = CLOSE_BAG_S
         if options.single_process:
             self._spawn('robot', nodes, self._schedule)
@@ -117,10 +118,12 @@ class RobotProcesses:
         os.write(self._go, b'g')
 
     def end(self) -> list[str]:
-        """End all of them; return the names of those that had to be killed."""
+        """End all of them, the recorder last: it has the end of the others; return whom it took a kill to end."""
         os.close(self._go)
         os.close(self._read_end)
-        return end_all(self.running)
+        recorders = [process for process in self.running if process.name == RECORDER]
+        killed = end_all([process for process in self.running if process not in recorders])
+        return killed + end_all(recorders)
 
     def _spawn(
         self, name: str, nodes: Nodes, schedule: Schedule = Schedule.ORDINARY, waits: bool = False

@@ -11,10 +11,12 @@ pytest.importorskip(
     'rclpy', reason='processes of a robot need the ROS wheels (extra "ros") or a sourced ROS 2'
 )
 
+from delta3_pacdrive import parameters
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.environment import only_one
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
+from delta3_pacdrive.bringup.robot_processes import RobotProcesses
 from delta3_pacdrive.errors import ParameterError, RunError
 
 
@@ -79,6 +81,27 @@ def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path
         assert [child.status for child in children] == [0, 0, -9]
     finally:
         for process in (quick, slow, deaf):
+            process.kill()
+            process.communicate()
+
+
+def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
+    code = CHILD.replace(
+        'time.sleep(float(sys.argv[1]))', 'print(time.monotonic()); time.sleep(0.2); print(time.monotonic())'
+    )
+    recorder, plant = (
+        subprocess.Popen([sys.executable, '-c', code, '0.2'], stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    )
+    processes = RobotProcesses(Options(program=None), parameters.load(), '', tmp_path)
+    processes.running = [child_of(recorder, tmp_path, 'recorder'), child_of(plant, tmp_path, 'plant')]
+    try:
+        assert [process.stdout.readline() for process in (recorder, plant)] == ['up\n', 'up\n']
+        assert processes.end() == []
+        (asked, _), (_, ended) = (map(float, process.stdout) for process in (recorder, plant))
+        assert ended <= asked
+    finally:
+        for process in (recorder, plant):
             process.kill()
             process.communicate()
 
