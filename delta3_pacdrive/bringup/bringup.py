@@ -214,8 +214,9 @@ class Bringup:
         deadline = time.monotonic() + BOUND_S
         while not asked.done() and time.monotonic() < deadline:
             self._process.spin_for(LOOK_S)
-        if asked.done():
-            self._monitor.parts.add(json.dumps(json.loads(asked.result().message)['under_way']))
+        answer = asked.result() if asked.done() else None
+        if answer is not None and answer.success:
+            self._monitor.parts.add(json.dumps(json.loads(answer.message)['under_way']))
 
     def look(self, seconds: float = LOOK_S) -> dict[str, Any]:
         """Spin a little, then raise if something went wrong; return the newest progress."""

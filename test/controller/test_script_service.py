@@ -228,6 +228,19 @@ def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
     assert str(reason).endswith(': delta3 move abort gives up what it drives')
 
 
+def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script_begins(robot, node, called):
+    called.move_l(**SLOWLY)
+    called.wait_time(0.1)
+    called.give_up()
+    node.ask(LEAVE)
+    node.controller.planners.announced(node.identity, Identity.of(robot))  # it was the planner's
+    node.controller.orders.heard_planner(node.identity, node.bus.session, 1, 0.0)
+    reason, _ = node.ask(ATTACH)
+    assert str(reason).endswith(
+        'delta3 move abort gives up what it drives, delta3 move resume goes on with it'
+    )
+
+
 def test_an_order_of_a_script_does_not_look_like_one_of_the_planner(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
