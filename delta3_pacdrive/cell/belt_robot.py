@@ -199,7 +199,9 @@ class BeltRobot(PartsRobot):
                     if isinstance(found, CannotCatch)
                     else 'the part has not come to the window'
                 )
-                raise WaitTimeoutError(Reason(Code.TIMEOUT, f'track: {why} within {block.timeout_s:g} s'))
+                raise WaitTimeoutError(
+                    Reason(Code.TIMEOUT, f'track: {why}: not within {block.timeout_s:g} s')
+                )
             wait_s = found.wait_s if isinstance(found, Meeting) else SURE_S
             self._go_to(seen.cycle + max(1, int(0.5 * wait_s / cycle_s)))
         self._require_bearable(planned, found, block, tracking)

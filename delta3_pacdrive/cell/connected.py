@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from delta3_pacdrive.ros.script_client import ScriptNode
 
 MARGIN = 1.5  # of the time that the last order took, for the next one
-NO_BELTS = RefusedError(Reason(Code.STATE, 'the bus of a robot that is up has no belts yet'))
+NO_BELTS = Reason(
+    Code.BELT,
+    'a robot that is up cannot work on belts yet: they are there in delta3 simulate, delta3 plan and cell.simulate',
+)
 NO_TRACKING: BeltTracking | None = None  # there are no belts
 LEAD_CYCLES = 30  # of the first order behind that, with a clock
 
@@ -53,6 +56,11 @@ class ConnectedLink:
     def extra_cycles(self) -> int:
         """How much later than a decision should take effect it can, as far as is known: planning takes its time."""
         return self._extra_cycles
+
+    @property
+    def no_belts(self) -> Reason | None:
+        """Why a script may ask for no belt."""
+        return NO_BELTS
 
     def look(self) -> Seen:
         """Return the newest bus cycle whose answers are evaluated."""
@@ -92,15 +100,15 @@ class ConnectedLink:
 
     def get_on(self, order: TrackOrder) -> None:
         """Refuse a belt."""
-        raise NO_BELTS
+        raise RefusedError(NO_BELTS)
 
     def get_on_again(self, cycle: int) -> None:
         """Refuse a belt."""
-        raise NO_BELTS
+        raise RefusedError(NO_BELTS)
 
     def abandon(self, cycle: int) -> None:
         """Refuse a belt."""
-        raise NO_BELTS
+        raise RefusedError(NO_BELTS)
 
     def wait(self, condition: WaitCondition) -> bool:
         """Let the bus go on until a condition is met or its latest cycle is over."""

@@ -68,6 +68,10 @@ class Link(Protocol):
     def tracking(self) -> BeltTracking | None:
         """Of the belts on the bus, as its controller has it: to look at; None: there are none."""
 
+    @property
+    def no_belts(self) -> Reason | None:
+        """Why a script may ask for no belt, whatever its name; None: it may."""
+
     def look(self) -> Seen:
         """Return the newest bus cycle whose answers are evaluated; takes no bus time."""
 

@@ -91,7 +91,9 @@ class PartsRobot(Robot):
             return self._parts[n].now()
 
     def _belt(self, name: str) -> tuple[BeltTracking, int]:
-        tracking = self._link.tracking
+        tracking, reason = self._link.tracking, self._link.no_belts
+        if reason is not None:
+            raise RefusedError(reason)
         names = () if tracking is None else tuple(belt.name for belt in tracking.belts)
         if tracking is None or name not in names:
             known = ', '.join(names) or 'none'

@@ -111,6 +111,11 @@ class SimulatedLink:
         """Of the belts of the cell; None: it has none."""
         return self._task.tracking
 
+    @property
+    def no_belts(self) -> Reason | None:
+        """Nothing speaks against belts."""
+        return None
+
     def get_on(self, order: TrackOrder) -> None:
         """Say which belt is meant by the next event of the plan that gets on one."""
         if self.tracking is not None:

@@ -21,7 +21,7 @@ class Options(JsonOptions):
         choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell'],
     )
     seconds: float | None = option(
-        f'bus time of motion per case [s]; {SECONDS:g} unless told, of cell 12',
+        f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, unless told',
         'S',
         type=float,
         only=('graph', 'motion', 'simulate', 'cell'),

@@ -45,7 +45,7 @@ COMMANDS = {
     'learn': 'the torques that a program still lacks, from repetitions of it, for simulate and run',
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'completion': 'print what a shell needs to complete all of this',
-    'bench': 'measure (graph, motion, simulate, kinematics)',
+    'bench': 'measure: graph, motion, simulate, kinematics, estimation, control, cell',
 }
 # these have a robot to bring to rest before they end
 OF_ROBOTS = frozenset(

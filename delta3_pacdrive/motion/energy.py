@@ -41,7 +41,7 @@ class Energy:
         what = 'a round' if repeat > 1 else 'in all'
         return (
             f'{self.lost_j:.3g} J lost {what}: {self.copper_j:.3g} in windings, {self.friction_j:.3g} in friction; '
-            f'{self.drawn_j:.3g} drawn, {self.returned_j:.3g} of it flow back'
+            f'{self.drawn_j:.3g} drawn, {self.returned_j:.3g} of it flows back'
         )
 
 

@@ -81,6 +81,7 @@ def test_a_part_on_a_belt_that_stands_does_not_come(robot):
     stopped = [speed_of(0.5), speed_of(0.0, after_s=0.7)]
 
     def waits(called):
+        called.wait_time(0.5)
         with called.track('line', timeout_s=1.0, **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)
 
@@ -294,6 +295,23 @@ def test_a_belt_whose_encoder_shakes_the_robot_is_not_tracked(robot):
         error = refused(called, lambda _: above(called, lambda _: None))
     assert error.code is Code.BELT
     assert 'an increment of the encoder of belt line is 195 um, but must be at most 20 um' in str(error)
+
+
+def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(robot):
+    stops = [speed_of(0.4), speed_of(0.0, after_s=0.9)]  # the part has passed the light barrier, not more
+
+    def waits(called):
+        part = called.part('line', timeout_s=5.0)
+        called.wait_time(0.5)
+        with called.track('line', part, timeout_s=1.0, **QUICK):
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+
+    with cell.simulate(robot, around=around(stops, 1)) as called:
+        error = refused(called, waits)
+    assert isinstance(error, cell.WaitTimeoutError)
+    assert error.code is Code.TIMEOUT
+    assert 'track: the belt stands, with the part at ' in str(error)
+    assert 'and the window begins at 450.0 mm: not within 1 s' in str(error)
 
 
 WRONG = {
