@@ -1,12 +1,14 @@
 """Gains in the drives of a robot that is up, through their service channels: all of them, or none; and back again.
 
 What was there before is kept in a file before anything is written, so that an end in the middle leaves nothing that
-cannot be undone. Values that fall are written before values that rise, and a notch filter's frequency last: a drive is
-never stiffer meanwhile than before or after.
+cannot be undone. Gains that fall are written first, from the outer loop inwards, and those that rise last, from the
+inner loop outwards. Notch filters change in between: shape before frequency, and after it where a filter goes off. So a
+drive in torque is never stiffer meanwhile than before or after, and never has gains without the filter that they need.
 """
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,23 +17,26 @@ from typing import Any, Protocol
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.provenance import excused
 from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE
-from delta3_pacdrive.errors import Delta3Error, TuningError
+from delta3_pacdrive.errors import Delta3Error, ProgramError, TuningError
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import format_idn
 
 FILE = 'applied.json'
 SAME = 1e-11  # of a value: it comes with twelve digits
-LAST = ('notch_1_frequency_hz', 'notch_2_frequency_hz')
+INWARDS = ('position_gain_rad_s_rad', 'velocity_integral_gain_a_rad', 'velocity_gain_a_s_rad')
 
 Values = dict[str, dict[str, float]]  # by axis, and by name of the group drive
 
 
 class _LeftError(TuningError):
-    """A drive has refused, and another one, or the same, to take back what it had taken."""
+    """Not all could be written, and not all that was written could be taken back."""
 
 
 class Channel(Protocol):
-    """Whoever reads and writes values of drives; raises Delta3Error where a drive refuses."""
+    """Whoever reads and writes values of drives.
+
+    Raises ProgramError where a drive refuses, and another Delta3Error where nobody knows what it has done.
+    """
 
     def read(self, axis: str, idn: str) -> float:
         """Return a value."""
@@ -77,16 +82,21 @@ def apply(gains: Mapping[str, float], channel: Channel, namespace: str, folder: 
     Raises
     ------
     TuningError
-        A drive refuses; says which, and that all of them have what they had.
+        The folder has the record of another robot; or a drive refuses or does not answer: says which, and whether all
+        of them have what they had.
     ReportError
         The record cannot be written; nothing has been applied.
 
     """
+    old = _kept(folder)
+    if old is not None and old.namespace != namespace:
+        raise TuningError(
+            f'the gains of {old.namespace} are still applied from {folder}: --undo first, or another --output'
+        )
     present = _present(gains, channel)
     after: Values = {axis: dict(gains) for axis in DRIVES}
     before = present
-    old = _kept(folder)
-    if old is not None and old.namespace == namespace and _same(present, old.after):
+    if old is not None and _same(present, old.after):
         before = {axis: present[axis] | old.before[axis] for axis in DRIVES}
         after = {axis: old.after[axis] | after[axis] for axis in DRIVES}
     record = Record(namespace, before, after)
@@ -154,6 +164,8 @@ def _write(present: Values, wanted: Values, channel: Channel) -> None:
             try:
                 channel.write(axis, idn_of(name), value)
             except Delta3Error as error:
+                if not isinstance(error, ProgramError):
+                    written.append((axis, name, before))  # it may have been obeyed
                 left = _taken_back(written, channel)
                 if left:
                     told = f'these could not be taken back, but --undo may later: {", ".join(left)}'
@@ -163,8 +175,21 @@ def _write(present: Values, wanted: Values, channel: Channel) -> None:
 
 
 def _in_order(present: Mapping[str, float], wanted: Mapping[str, float]) -> list[str]:
+    """Return the names of what changes, in an order in which no set on the way is worse than the first or the last."""
     changed = [name for name, value in wanted.items() if not math.isclose(present[name], value, rel_tol=SAME)]
-    return sorted(changed, key=lambda name: (name in LAST, wanted[name] > present[name]))
+    return sorted(changed, key=lambda name: _turn(name, present, wanted))
+
+
+def _turn(name: str, present: Mapping[str, float], wanted: Mapping[str, float]) -> tuple[int, int]:
+    """Return when a value is written: its stage, and its place in that."""
+    filtered = re.match(r'notch_\d_', name)
+    if filtered is None:
+        place = INWARDS.index(name) if name in INWARDS else 0
+        return (0, place) if wanted[name] < present[name] else (4, -place)
+    frequency = f'{filtered[0]}frequency_hz'
+    if name == frequency:
+        return 2, 0
+    return (3 if wanted.get(frequency) == 0.0 else 1), 0
 
 
 def _taken_back(written: list[tuple[str, str, float]], channel: Channel) -> list[str]:
