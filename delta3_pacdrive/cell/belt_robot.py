@@ -83,8 +83,8 @@ class BeltRobot(PartsRobot):
         part
             On it, from ``part``; None: the next one.
         keys
-            ``speed_m_s``, ``acceleration_m_s2`` and ``jerk_m_s3`` of getting on and leaving, ``timeout_s`` of a part
-            that does not come to the window.
+            ``speed_m_s``, ``acceleration_m_s2`` (at least 4) and ``jerk_m_s3`` of getting on and leaving,
+            ``timeout_s`` of a part that does not come to the window.
 
         Returns
         -------

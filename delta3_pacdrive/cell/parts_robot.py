@@ -77,7 +77,18 @@ class PartsRobot(Robot):
                 self._go_to(seen.cycle + 1)
 
     def slot(self, belt: str, pitch_m: float, across_m: float = 0.0) -> QueuedPart:
-        """Return the next free place on a belt, to put a part down: at least ``pitch_m`` behind the one before."""
+        """Return the next free place on a belt, to put a part down.
+
+        Parameters
+        ----------
+        belt
+            Its name.
+        pitch_m
+            How far it is behind the one before at least [m].
+        across_m
+            How far it is beside the middle of the belt, to the left [m].
+
+        """
         with self._told(of_caller()):
             self._count()
             tracking, n = self._belt(belt)
