@@ -32,10 +32,12 @@ def make() -> Figure:
     for found, colour, label in ((fast, BLUE, 'aim: time'), (gentle, GREEN, 'aim: energy')):
         left.plot(*_columns(found, 1), 'o-', color=colour, label=f'arches, {label}')
     left.plot(*_columns([corners], 1), 's', color=BLUE, markerfacecolor='none', label='packaging')
-    right.plot(*_columns(fast, 2), 'o-', color=BLUE, label='arches')
-    right.plot(*_columns(fed, 2), 'o-', color=ORANGE, label='arches, --parameters model')
-    right.plot(*_columns([corners], 2), 's', color=BLUE, markerfacecolor='none', label='packaging')
-    right.plot(*_columns([corners_fed], 2), 's', color=ORANGE, markerfacecolor='none')
+    right.plot(*_columns(fast, 2), 'o-', color=BLUE, label='arches, thesis')
+    right.plot(*_columns(fed, 2), 'o-', color=ORANGE, label='arches, model')
+    for found, colour, label in ((corners, BLUE, 'thesis'), (corners_fed, ORANGE, 'model')):
+        right.plot(
+            *_columns([found], 2), 's', color=colour, markerfacecolor='none', label=f'packaging, {label}'
+        )
     left.set(ylabel='lost in a round [J]', ylim=(0.0, None))
     right.set(ylabel='largest TCP error [mm]', yscale='log', yticks=(ticks := [0.03, 0.1, 0.3, 1.0]))
     right.set_yticklabels([f'{tick:g}' for tick in ticks])
@@ -43,7 +45,9 @@ def make() -> Figure:
     for axes in (left, right):
         dress(axes)
         axes.set_xlabel('rounds a minute')
-        axes.legend(fontsize=9, frameon=False)
+    left.set_title('controller of the thesis', fontsize=11)
+    left.legend(fontsize=9, frameon=False)
+    right.legend(title='program, controller', fontsize=9, frameon=False)
     return figure
 
 
