@@ -18,6 +18,7 @@ import signals  # noqa: E402
 import timing  # noqa: E402
 import workspace  # noqa: E402
 
+import belts  # noqa: E402
 from delta3_pacdrive.analysis.figure_style import save  # noqa: E402
 
 PICTURES = {
@@ -39,6 +40,7 @@ PICTURES = {
     'margins.png': margins.make,
     'shaping.png': shaping.make,
     'control.png': control.make,
+    'belts.png': belts.make,
 }
 
 if __name__ == '__main__':

@@ -118,7 +118,7 @@ def fault_stop() -> Figure:
     top.set_ylabel('TCP speed [m/s]', fontsize=9)
     middle.set_ylabel('TCP beside\nits path [mm]', fontsize=9)
     bottom.set_ylabel('$I_{eff}$, all\nsamples [A]', fontsize=9)
-    top.legend(fontsize=9, frameon=False, loc='center left')
+    top.legend(fontsize=9, frameon=False, loc='center')
     bottom.legend(fontsize=9, frameon=False, loc='upper right')
     top.set_title(
         'Axis 2 loses two telegrams and brakes by itself (8112); the master stops the others', fontsize=11

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis.residual_vibration import after_stop, swing_m
+from delta3_pacdrive.analysis.residual_vibration import ARRIVES_S, after_stop, swing_m
 from delta3_pacdrive.errors import TraceError
 from planned import dwell, parse, to
 
@@ -23,13 +23,26 @@ def built():
     return parameters.load('rich+model')
 
 
-def stopped(robot, kind, start=START, end=END, **values):
-    """Return the time that a move takes [ms], and by how much the true TCP swings after it [m]."""
+def beside(robot, kind, start=START, end=END, **values):
+    """Return the time that a move takes [ms], and where the true TCP is beside its place after it [m]."""
     robot = robot.replace(control__shaping=kind, **values)
     program = parse(robot, [to(*end, **QUICK), dwell(STANDS * 1e-3)], start_m=list(start), payload_kg=0.5)
     trace = simulation.run(program, robot)
     stop = trace.meta['end_cycle'] - STANDS
-    return stop - trace.meta['start_cycle'], swing_m(after_stop(trace, stop))
+    return stop - trace.meta['start_cycle'], after_stop(trace, stop)
+
+
+def stopped(robot, kind, start=START, end=END, **values):
+    """Return the time that a move takes [ms], and by how much the true TCP swings after it [m]."""
+    move_ms, tcp = beside(robot, kind, start, end, **values)
+    return move_ms, swing_m(tcp)
+
+
+def stays_ms(robot, kind, within_m):
+    """Return the time from the start of the move until the true TCP stays within a distance of its place [ms]."""
+    move_ms, tcp = beside(robot, kind)
+    outside = np.flatnonzero(np.linalg.norm(tcp[:100], axis=1) > within_m)
+    return move_ms + round(1e3 * ARRIVES_S) + int(outside[-1]) + 1
 
 
 @pytest.mark.parametrize('kind', ['zvd', 'smooth'])
@@ -47,6 +60,14 @@ def test_a_frequency_that_is_wrong_by_a_tenth_does_little_harm(kind, wrong, buil
     told = {'control__shaping_frequency_hz': wrong * 51.1, 'control__shaping_damping': 0.354}
     _, after = stopped(built, kind, **told)
     assert 20.0 * math.log10(before / after) > LESS_DB
+
+
+@pytest.mark.parametrize(
+    ('kind', 'expected_ms'), [('none', (172, 174)), ('zv', (178, 199)), ('smooth', (183, 204))]
+)
+def test_what_friction_lets_creep_stays_so_that_shaping_does_not_arrive_earlier(kind, expected_ms, built):
+    told_ms = tuple(stays_ms(built, kind, within_m) for within_m in (0.05e-3, 0.03e-3))  # control_engineer.md
+    assert told_ms == pytest.approx(expected_ms, abs=1)
 
 
 def test_in_another_direction_it_is_as_much(built):
