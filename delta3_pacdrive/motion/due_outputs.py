@@ -6,7 +6,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.plan import EVENT_NAMES
-from delta3_pacdrive.motion.planned_move import Event, PlannedMove, TimedEvent
+from delta3_pacdrive.motion.planned_move import ROUNDING_S, Event, PlannedMove, TimedEvent
 from delta3_pacdrive.motion.program import Output
 
 
@@ -58,13 +58,13 @@ class Due:
         shift_s = self.left_s - self.output.before_s
         event = TimedEvent(anchor_m, shift_s, EVENT_NAMES.index(self.output.name), self.output.value)
         time_s = event.time_s(planned.move)
-        if time_s < 0.0:
+        if time_s < -ROUNDING_S:
             raise StatementError(
                 self.number,
                 f'{self.name}: {self.output.before_s:g} s before the end of the move before it lies before the start '
                 f'of {planned.name}, which is only {time_s - shift_s:.4g} s earlier',
             )
-        if time_s > planned.move.duration_s:
+        if time_s > planned.move.duration_s + ROUNDING_S:
             raise StatementError(
                 self.number,
                 f'{self.name}: {self.output.after_s:g} s after the end of the move before it lies behind the end of '
@@ -110,15 +110,19 @@ class DueOutputs:
         return taken
 
     def in_dwell(self, time_s: float) -> list[tuple[float, Due]]:
-        """Take out those that are due in a dwell, with their times in it [s]; the others have less time left."""
+        """Take out those that are due in a dwell, with their times in it [s]; the others have less time left.
+
+        What is due at its end is due where the next move begins.
+        """
         taken, left = [], []
         for due in self._dues:
             if due.left_s <= 0.0 or due.output.after_m > 0.0:
                 left.append(due)
-            elif due.left_s < time_s:
+            elif due.left_s < time_s - ROUNDING_S:
                 taken.append((due.left_s, due))
             else:
-                left.append(replace(due, left_s=due.left_s - time_s))
+                over_s = due.left_s - time_s
+                left.append(replace(due, left_s=over_s if over_s > ROUNDING_S else 0.0))
         self._dues = left
         return taken
 
@@ -165,6 +169,8 @@ class DueOutputs:
 def _distance(due: Due, end_m: float, curve: Curve, segments: list[PathSegment]) -> float:
     """Return where on a move an output is due [m]; raises StatementError if that is not on it."""
     output = due.output
+    if output.before_m > 0.0 and due.count == 0:
+        raise StatementError(due.number, f'{due.name}: before_m of an output needs a move right before it')
     distance = end_m - output.before_m + output.after_m
     if output.after_m > 0.0 and distance > curve.length_m + COINCIDENT_M:
         raise StatementError(
@@ -173,7 +179,7 @@ def _distance(due: Due, end_m: float, curve: Curve, segments: list[PathSegment])
             f'{name_of(segments)}, {distance - curve.length_m:.4g} m further',
         )
     if output.after_m == 0.0 and not -COINCIDENT_M <= distance <= curve.length_m:
-        before = segments[max(due.count - 1, 0)]
+        before = segments[due.count - 1]
         raise StatementError(
             before.number,
             f'{before.name}: an output {output.before_m:g} m before its end would lie before the '

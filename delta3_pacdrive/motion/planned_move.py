@@ -35,6 +35,7 @@ DIRECTIONS = 33  # of a path, that are looked at for the vibration that it excit
 SHAPED_ROUNDS_MAX = 20  # of making a shaped move slower
 KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
 SAMPLE_S = 2e-3  # between two places at which a cubic is checked
+ROUNDING_S = 1e-9  # times that are no further apart are one
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,10 @@ def with_timed(move: Move, timed: Sequence[TimedEvent]) -> Move:
     """Return a move with outputs that change at times, each where the master is then."""
     if not timed:
         return move
-    times = np.array([event.time_s(move) for event in timed]).clip(0.0, move.duration_s)
+    times: list[float] = []
+    for event in timed:
+        time_s = min(max(event.time_s(move), 0.0), move.duration_s)
+        times.append(next((one for one in times if abs(one - time_s) <= ROUNDING_S), time_s))
     places = sample_master(times, move.master)[:, 0]
     rows = event_rows([Event(s, one.output, one.value, None) for s, one in zip(places, timed, strict=True)])
     events = np.vstack([move.events, rows])

@@ -18,6 +18,7 @@ from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.planned_move import (
+    ROUNDING_S,
     Event,
     PlannedMove,
     event_rows,
@@ -178,7 +179,7 @@ class RoundPlanner:
         if self._broken:  # there is no move that it could belong to
             if output.payload_kg is not None:
                 self.payload = output.payload_kg
-        elif output.before_s > 0.0 and not self._segments:
+        elif output.before_s > ROUNDING_S and not self._segments:
             self._take_lead(due)
         else:
             self._dues.add(due)
@@ -189,7 +190,7 @@ class RoundPlanner:
             raise ProgramError('before_s of an output needs a move or a dwell right before it')
         if self._dwelt is not None:
             time_s = self._dwelt.time_s - due.output.before_s
-            if time_s < 0.0:
+            if time_s < -ROUNDING_S:
                 raise ProgramError(
                     f'{due.output.before_s:g} s before the end of the dwell before it lies before its start, it takes '
                     f'{self._dwelt.time_s:g} s'
@@ -309,9 +310,13 @@ class RoundPlanner:
     def _plan_dwelt(self, dwelt: '_Dwelt') -> None:
         """Plan a dwell; it is as many moves as outputs change in it, because who stands passes no place."""
         del self._planned[dwelt.first :]
-        for begin, end in pairwise((*sorted({0.0, *(time_s for time_s, _ in dwelt.changes)}), dwelt.time_s)):
+        begins = [0.0]
+        for time_s in sorted(time_s for time_s, _ in dwelt.changes):
+            if time_s > begins[-1] + ROUNDING_S:
+                begins.append(time_s)
+        for begin, end in pairwise((*begins, dwelt.time_s)):
             planned = plan_dwell(self.here, end - begin, self.payload, dwelt.name, self._parameters)
-            events = event_rows([event for time_s, event in dwelt.changes if time_s == begin])
+            events = event_rows([event for time_s, event in dwelt.changes if begin <= max(time_s, 0.0) < end])
             if begin == 0.0:
                 events = np.vstack([dwelt.events, events])
             places = ((dwelt.number, 0.0),) if end == dwelt.time_s else ()

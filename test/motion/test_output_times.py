@@ -103,6 +103,42 @@ def test_a_time_that_ends_with_the_dwell_is_its_end(robot):
     assert len(planned.plan) == 2
 
 
+@pytest.mark.parametrize('move', [dwell(0.3), {'cubic': {'to_m': list(B), 'duration_s': 0.3}}])
+def test_outputs_of_one_instant_switch_as_they_are_written(move, robot):
+    moves = [to(*A), output(value=True, after_s=0.1), move, output(value=False, before_s=0.2), to(*C)]
+    planned = plan(robot, moves)
+    changes = [change for change in output_changes(planned.plan) if change['name'] == 'gripper']
+    assert [change['value'] for change in changes] == [1.0, 0.0]
+    assert [change['time_s'] for change in changes] == pytest.approx(
+        [ends(planned)[0] + 0.1] * 2, abs=ROUNDING_S
+    )
+
+
+@pytest.mark.parametrize(
+    ('after_s', 'dwells'), [(0.4, (0.3, 0.1)), (0.3, (0.1, 0.2)), (0.8, (0.1, 0.7)), (0.3, (0.2, 0.1))]
+)
+def test_a_time_that_ends_with_several_dwells_is_their_end(after_s, dwells, robot):
+    planned = plan(robot, [to(*A), output(after_s=after_s), *(dwell(time_s) for time_s in dwells)])
+    assert len(planned.plan) == 1 + len(dwells)
+    assert switched(planned) == [pytest.approx(planned.plan.duration_s, abs=ROUNDING_S)]
+    assert (np.diff(planned.plan.tables.starts) > ROUNDING_S).all()
+
+
+@pytest.mark.parametrize('first', [0.1, 0.2, 0.3, 0.7])
+def test_a_time_that_ends_with_a_path_over_time_is_its_end(first, robot):
+    swing = {'cubic': {'to_m': list(B), 'duration_s': 0.4}}
+    planned = plan(robot, [to(*A), dwell(first), output(after_s=0.4), swing, to(*C)])
+    assert switched(planned) == [pytest.approx(ends(planned)[2], abs=ROUNDING_S)]
+    planned = plan(robot, [to(*A), output(after_s=first + 0.4), dwell(first), swing, to(*C)])
+    assert switched(planned) == [pytest.approx(ends(planned)[2], abs=ROUNDING_S)]
+
+
+def test_before_a_dwell_of_several_times_is_its_begin(robot):
+    planned = plan(robot, [to(*A), dwell(0.3), output(before_s=0.1 + 0.2), to(*B)])
+    assert switched(planned) == [pytest.approx(ends(planned)[0], abs=ROUNDING_S)]
+    assert len(planned.plan) == 3
+
+
 def test_an_output_waits_for_the_position_and_then_its_time(robot):
     moves = [to(*A, in_position=True), output(after_s=0.05), output('output1', before_s=0.05), dwell(0.2)]
     planned = plan(robot, moves)
@@ -167,6 +203,10 @@ def test_an_override_switches_at_the_same_place(robot):
         (
             [output(before_s=0.1), to(*A)],
             'moves[0].output: before_s of an output needs a move or a dwell right before',
+        ),
+        (
+            [dwell(0.1), output(before_m=0.01), to(*A)],
+            'moves[1].output: before_m of an output needs a move right before it',
         ),
         (
             [to(*A), output(after_s=2.0), to(*B)],
