@@ -201,7 +201,10 @@ def test_events_are_in_order_of_their_places_and_the_last_one_decides_the_payloa
             [to(0, 0, -0.8), output(before_m=0.06)],
             'moves[0].move_l: an output 0.06 m before its end would lie before',
         ),
-        ([output(before_m=0.01), to(0, 0, -0.8)], 'would lie before the start of the move'),
+        (
+            [output(before_m=0.01), to(0, 0, -0.8)],
+            'moves[0].output: before_m of an output needs a move right before it',
+        ),
         (
             [dwell(0.1), output(before_m=0.01), dwell(0.1)],
             'before_m of an output needs a move right before it',
