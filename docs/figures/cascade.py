@@ -19,7 +19,8 @@ HEIGHT = 0.62
 TASK_Y, LOOP_Y, OBSERVER_Y, PLANT_Y = 5.55, 3.55, 2.25, 0.75
 BUS_Y, FORWARD_Y = 4.65, 4.15
 MASTER_X, KINEMATICS_X, ERROR_X = 3.6, 6.1, 8.75
-INTERPOLATION_X, POSITION_X, VELOCITY_X, CURRENT_X, WINDING_X = 1.15, 3.15, 5.05, 6.95, 8.85
+INTERPOLATION_X, POSITION_X, VELOCITY_X, FILTER_X, CURRENT_X, WINDING_X = 1.1, 2.73, 4.36, 5.99, 7.62, 9.1
+LOOP_WIDTH = 1.2
 OBSERVER_X, GEAR_X, ARMS_X = 4.1, 7.6, 4.1
 LEFT_X, RIGHT_X = 0.3, 9.78
 
@@ -44,25 +45,26 @@ def make() -> Figure:
     arrow(axes, [(MASTER_X + 0.85, TASK_Y), (KINEMATICS_X - 0.9, TASK_Y)], 'x, y, z')
     arrow(axes, [(KINEMATICS_X + 0.9, TASK_Y), (ERROR_X - 0.85, TASK_Y)], '')
     arrow(axes, [(KINEMATICS_X, TASK_Y - HEIGHT / 2), (KINEMATICS_X, BUS_Y), (LEFT_X - 0.08, BUS_Y),
-                 (LEFT_X - 0.08, LOOP_Y), (INTERPOLATION_X - 0.75, LOOP_Y)], '')  # fmt: skip
+                 (LEFT_X - 0.08, LOOP_Y), (INTERPOLATION_X - LOOP_WIDTH / 2, LOOP_Y)], '')  # fmt: skip
     text(axes, 3.0, BUS_Y + 0.03, f'SERCOS: MDT, {ms(bus.cycle_time_s)}')
 
     loops = [
         (INTERPOLATION_X, 'interpolation', drive.position_period_s),
         (POSITION_X, 'position P', drive.position_period_s),
         (VELOCITY_X, 'velocity PI', drive.velocity_period_s),
+        (FILTER_X, 'notches, limit', drive.velocity_period_s),
         (CURRENT_X, 'current PI', drive.current_period_s),
         (WINDING_X, 'winding', drive.current_period_s),
     ]
     for x, name, period_s in loops:
-        box(axes, x, LOOP_Y, 1.4, name, us(period_s))
-    signals = (r'$\theta_m^*$', r'$\omega^*$', '$I^*$', '$U$')
+        box(axes, x, LOOP_Y, LOOP_WIDTH, name, us(period_s))
+    signals = (r'$\theta_m^*$', r'$\omega^*$', '', '$I^*$', '$U$')
     for (left, *_), (right, *_), symbol in zip(loops[:-1], loops[1:], signals, strict=True):
-        arrow(axes, [(left + 0.7, LOOP_Y), (right - 0.7, LOOP_Y)], symbol)
-    for x, name in ((VELOCITY_X, 'FF_vel'), (CURRENT_X, 'FF_curr')):
+        arrow(axes, [(left + LOOP_WIDTH / 2, LOOP_Y), (right - LOOP_WIDTH / 2, LOOP_Y)], symbol)
+    for x, name in ((VELOCITY_X, 'FF_vel'), (FILTER_X, 'FF_curr or S-0-0081')):
         arrow(axes, [(INTERPOLATION_X, LOOP_Y + HEIGHT / 2), (INTERPOLATION_X, FORWARD_Y), (x, FORWARD_Y),
                      (x, LOOP_Y + HEIGHT / 2)], '', MUTED)  # fmt: skip
-        text(axes, x - 0.95, FORWARD_Y + 0.02, name, MUTED)
+        text(axes, x - 0.82, FORWARD_Y + 0.02, name, MUTED)
     under = LOOP_Y - HEIGHT / 2 - 0.22
     arrow(axes, [(WINDING_X, LOOP_Y - HEIGHT / 2), (WINDING_X, under), (CURRENT_X, under),
                  (CURRENT_X, LOOP_Y - HEIGHT / 2)], '', MUTED)  # fmt: skip
@@ -78,7 +80,14 @@ def make() -> Figure:
     box(axes, GEAR_X, PLANT_Y, 2.0, '$K_m$, friction, brake, gear', us(drive.current_period_s))
     box(axes, ARMS_X, PLANT_Y, 2.2, 'three coupled arms', us(drive.current_period_s))
     arrow(
-        axes, [(WINDING_X + 0.7, LOOP_Y), (RIGHT_X, LOOP_Y), (RIGHT_X, PLANT_Y), (GEAR_X + 1.0, PLANT_Y)], ''
+        axes,
+        [
+            (WINDING_X + LOOP_WIDTH / 2, LOOP_Y),
+            (RIGHT_X, LOOP_Y),
+            (RIGHT_X, PLANT_Y),
+            (GEAR_X + 1.0, PLANT_Y),
+        ],
+        '',
     )
     text(axes, 8.95, 1.85, f'$I_{{eff}}$, 16 in {ms(bus.exchange_period_s)}')
     arrow(axes, [(GEAR_X - 1.0, PLANT_Y), (ARMS_X + 1.1, PLANT_Y)], r'$\tau$')
