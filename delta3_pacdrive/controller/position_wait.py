@@ -116,8 +116,14 @@ class PositionWait:
             return None
         off = np.abs(state['off'])
         worst = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
-        sentence = (
-            f'not in position {waited_s:.3g} s after the set points stand {where}: {DRIVES[worst]} is '
-            f'{off[worst]:.4g} rad off, the position window (S-0-0057) is {self._window_rad:g} rad'
-        )
-        return RobotFault(FaultCode.NOT_IN_POSITION, sentence, DRIVES[worst], cycle=cycle)
+        told = f'not in position {waited_s:.3g} s after the set points stand {where}'
+        if off[worst] <= self._window_rad:
+            counted = min(int(state['within']), cycle + 1 - since)
+            told += (
+                f': all drives are within their position windows (S-0-0057) for only {counted} bus cycles, '
+                f'{self._cycles} are needed'
+            )
+            return RobotFault(FaultCode.NOT_IN_POSITION, told, cycle=cycle)
+        told += f': {DRIVES[worst]} is {off[worst]:.4g} rad off, the position window (S-0-0057) is '
+        told += f'{self._window_rad:g} rad'
+        return RobotFault(FaultCode.NOT_IN_POSITION, told, DRIVES[worst], cycle=cycle)

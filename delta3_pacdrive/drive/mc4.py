@@ -308,7 +308,8 @@ class MC4:
         """Take over other gains, feed-forwards, filters and limits from the next cycle on.
 
         Other notch filters begin where the last ones have ended: what these held back, or ahead, the integrator of the
-        velocity loop takes over, so that the current reference does not jump.
+        velocity loop takes over, so that the current reference does not jump. Without an integral gain nothing would
+        take that out of the integrator again: then it stays as it is.
         """
         constants = drive_constants(parameters)
         constants['motor'] = self.constants['motor']  # is the same
@@ -316,7 +317,8 @@ class MC4:
         self.constants[:] = constants
         if others:
             left = float(self.state['notched_twice'][0])
-            self.state['velocity_integral'] += left - self.state['current_asked']
+            if constants['velocity_integral_step'] != 0.0:
+                self.state['velocity_integral'] += left - self.state['current_asked']
             settle_notches(left, self.state[0])
 
     def clear_fault(self) -> bool:

@@ -48,7 +48,7 @@ class BeltObserver:
     estimate
         Of the instant of the last sample.
     cycles
-        Samples since the first one, or since the last jump.
+        Samples since the first one, with those whose counts have jumped.
     jumps
         How many counts have jumped; the way goes on as before.
 

@@ -109,8 +109,8 @@ class Grid(Pattern):
 
     def __post_init__(self) -> None:
         """Refuse what is no grid."""
-        _count(self.rows, 'rows of a grid')
-        _count(self.columns, 'columns of a grid')
+        object.__setattr__(self, 'rows', _count(self.rows, 'rows of a grid'))
+        object.__setattr__(self, 'columns', _count(self.columns, 'columns of a grid'))
         if self.rows * self.columns > PLACES_MAX:
             raise ProgramError(f'a grid of {self.rows} x {self.columns} has more than {PLACES_MAX} places')
         pitch = _pair(self.pitch_m, 'pitch_m of a grid')
@@ -172,7 +172,7 @@ class Layers(Pattern):
         """Refuse what are no layers."""
         if not isinstance(self.grid, Grid):
             raise ProgramError(f'layers are made of a grid, not of {shown(self.grid)}')
-        _count(self.count, 'count of layers')
+        object.__setattr__(self, 'count', _count(self.count, 'count of layers'))
         if self.count * len(self.grid) > PLACES_MAX:
             raise ProgramError(
                 f'{self.count} layers of {len(self.grid)} places have more than {PLACES_MAX} places'
@@ -216,9 +216,10 @@ def _within(number: int, count: int) -> int:
     return found
 
 
-def _count(value: Any, what: str) -> None:
+def _count(value: Any, what: str) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= PLACES_MAX:
         raise ProgramError(f'{what} must be a whole number from 1 to {PLACES_MAX}, not {shown(value)}')
+    return int(value)
 
 
 def _length(value: Any, what: str) -> float:

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.controller.position_wait import PositionWait
 from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode
@@ -228,3 +229,14 @@ def test_a_program_that_is_given_up_before_its_start_waits_at_no_stop(robot: Par
     for cycle in range(3000):
         task.command(cycle)
     assert (task.loaded, task.end_cycle, task.own_profile) == (False, NEVER, None)
+
+
+def test_a_robot_that_is_there_but_not_for_long_enough_is_told_so(robot):
+    impatient = robot.replace(motion__in_position_timeout_s=0.004)
+    state = {'off': np.array([0.0, 2.2e-5, 0.0]), 'within': 2}
+    fault = PositionWait(impatient).fault(104, 100, 'at the end of the program', state)
+    assert str(fault) == (
+        'not in position 0.004 s after the set points stand at the end of the program: all drives are within their '
+        'position windows (S-0-0057) for only 2 bus cycles, 20 are needed'
+    )
+    assert not fault.sources

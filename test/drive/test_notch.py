@@ -126,6 +126,17 @@ def test_filters_that_change_while_the_current_rises_leave_no_jump(before, after
         assert gap > 5.0 * usual  # otherwise nothing could have jumped
 
 
+def test_a_drive_without_integral_gain_keeps_nothing_of_filters_that_change(robot):
+    exact = robot.replace(bus__exchange_period_s=125e-6, drive__velocity_integral_gain_a_rad=0.0)
+    drive = enabled_drive(exact.replace(**ONE))
+    for n in range(20):
+        _periods(drive, 0.05 * n, 16)
+    assert float(drive.state['current_asked'][0]) != float(drive.state['notched_twice'][0])
+    before = float(drive.state['velocity_integral'][0])
+    drive.configure(exact.replace(**TWO))
+    assert float(drive.state['velocity_integral'][0]) == before
+
+
 def test_filters_that_stay_go_on_while_a_gain_is_changed(robot):
     exact = robot.replace(bus__exchange_period_s=125e-6, **ONE)
     one, other = enabled_drive(exact), enabled_drive(exact)

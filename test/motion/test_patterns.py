@@ -92,3 +92,9 @@ def test_what_is_no_pattern_is_refused(make, sentence):
     with pytest.raises(ProgramError) as caught:
         make()
     assert sentence in str(caught.value)
+
+
+def test_small_whole_numbers_of_numpy_do_not_overflow():
+    grid = Grid(np.int8(20), np.int8(20), PITCH)
+    assert len(grid) == 400
+    assert len(Layers(grid, np.int8(2), 0.02)) == 800

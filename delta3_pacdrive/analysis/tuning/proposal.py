@@ -85,7 +85,7 @@ class Kept:
     Attributes
     ----------
     gain_db, phase_deg
-        How far a gain may grow or fall, and the nearest crossing.
+        How far a gain may grow or fall, and the distance of the nearest crossing.
     gain_where, phase_where
         Loop and load, for people.
     stable
@@ -195,7 +195,7 @@ def margins_kept(parameters: Parameters, loads: Sequence[Load], speed_rad_s: flo
             m, where = loop.margins, f'{loop.name}, {load.name}'
             gains += [(abs(db), where) for db in (m.gain_margin_db, m.gain_reduction_db) if db is not None]
             if m.phase_margin_deg is not None:
-                phases.append((m.phase_margin_deg, where))
+                phases.append((abs(m.phase_margin_deg), where))
     gain, phase = min(gains, default=(NEVER_DB, '')), min(phases, default=(NEVER_DEG, ''))
     return Kept(gain[0], phase[0], gain[1], phase[1], stable)
 

@@ -165,3 +165,9 @@ def test_options_that_do_not_fit_auto_are_refused(arguments, told, capsys):
         main(['tune', *arguments])
     assert caught.value.code == 2
     assert told in capsys.readouterr().err
+
+
+def test_a_phase_margin_is_a_distance_on_either_side(robots):
+    robot = robots['rich'].replace(drive__velocity_gain_a_s_rad=4.0)
+    kept = margins_kept(robot, spread(robot, 2.0)[:1], SPEED_RAD_S)
+    assert kept.phase_deg > 0.0
