@@ -23,6 +23,7 @@ def conduct(
     text: Callable[[dict[str, Any]], Iterable[str]],
     unfinished: Callable[[], str] = lambda: 'interrupted: no report was written',
     writes: Path | str | None = None,
+    then: Callable[[], dict[str, str]] = dict,
 ) -> int:
     """Do what a study does, print its summary and return the exit status.
 
@@ -38,6 +39,8 @@ def conduct(
         Says what an interruption leaves.
     writes
         Folder that it writes into, which is refused at once if that cannot be.
+    then
+        Is done with what the study has left; returns sentences about it, by the names that they have in the summary.
 
     """
     from delta3_pacdrive import parameters as core
@@ -54,5 +57,12 @@ def conduct(
     except KeyboardInterrupt:
         print(unfinished(), file=sys.stderr)
         return INTERRUPTED
-    print(json.dumps(summary) if options.json else '\n'.join([*text(summary), *summary.get('files', ())]))
+    if not options.json:
+        print('\n'.join([*text(summary), *summary.get('files', ())]))
+    told = then()
+    if options.json:
+        print(json.dumps(summary | told))
+    else:
+        for sentence in told.values():
+            print(sentence)
     return 0

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, RobotOptions, flag, option
 from delta3_pacdrive.cli.option_types import NOISE, SEED, finite_number, trace_file
+from delta3_pacdrive.cli.output import print_answer
 from delta3_pacdrive.cli.studies import conduct
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from delta3_pacdrive.analysis.study import OnProgress
 
@@ -80,6 +81,8 @@ class Options(RobotOptions):
             return '--auto looks for the gains itself: it takes no --set or --sweep'
         if self.undo is not None and set(self.given()) - {'--undo', '--output', '--json'}:
             return '--undo takes back what was applied: it takes nothing but --output and --json'
+        if self.undo not in (None, ROBOT) and '--output' in self.given():
+            return '--undo FILE takes no --output: what was before is kept beside the file'
         if self.apply is not None and not self.auto:
             dropped = sorted(set(self.given()) - {'--apply', '--output', '--json', '--namespace'})
             if dropped:
@@ -102,14 +105,15 @@ def run(options: Options) -> int:
     """Run the command; return the exit status."""
     if options.undo is not None:
         return _undo(options)
-    if options.apply is not None:
-        if options.auto and (status := _study(options)):
-            return status
-        return _apply(options)
-    return _study(options)
+    if options.apply is None:
+        return _study(options)
+    if options.auto:
+        _require_target(options)
+        return _study(options, lambda: {'applied': _apply(options)})
+    return print_answer(_apply(options), options)
 
 
-def _study(options: Options) -> int:
+def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int:
     from delta3_pacdrive.analysis.tuning import report, run
     from delta3_pacdrive.analysis.tuning.study import Settings
     from delta3_pacdrive.recording import trace_file
@@ -138,12 +142,23 @@ def _study(options: Options) -> int:
         lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
         report.text,
         writes=options.output,
+        then=then,
     )
 
 
-def _apply(options: Options) -> int:
+def _require_target(options: Options) -> None:
+    """Refuse what gains could not be applied to before they are looked for."""
+    from delta3_pacdrive.analysis.tuning import applied
+    from delta3_pacdrive.configuration import parameter_file
+
+    if options.apply == ROBOT:
+        applied.require_same_robot(options.namespace, Path(options.output))
+    else:
+        parameter_file.read(Path(str(options.apply)))
+
+
+def _apply(options: Options) -> str:
     from delta3_pacdrive.analysis.tuning import applied, gains, gains_in_file
-    from delta3_pacdrive.cli.output import print_answer
 
     folder, target = Path(options.output), str(options.apply)
     values = gains.read(folder)
@@ -156,12 +171,11 @@ def _apply(options: Options) -> int:
         where = 'all drives'
         back = 'delta3 tune --undo' + (f' --output {folder}' if '--output' in options.given() else '')
     told = ', '.join(f'{name} = {value:g}' for name, value in values.items())
-    return print_answer(f'{where}: {told}; {back} takes it back', options)
+    return f'{where}: {told}; {back} takes it back'
 
 
 def _undo(options: Options) -> int:
     from delta3_pacdrive.analysis.tuning import applied, gains_in_file
-    from delta3_pacdrive.cli.output import print_answer
 
     if options.undo != ROBOT:
         gains_in_file.undo(Path(str(options.undo)))

@@ -80,6 +80,18 @@ def _checked_group(given: Any, group: str, cls: Any, errors: Errors) -> dict[str
     return values
 
 
+def checked_some(given: Mapping[str, Any], group: str, cls: Any, errors: Errors) -> dict[str, Any]:
+    """Return values of a group, of which there need not be all; errors are noted, also of what is not finite."""
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    values = {}
+    for key, value in given.items():
+        with errors.noted():
+            if isinstance(value, float) and not math.isfinite(value):
+                refuse(f'{group}.{key} must be finite, not {value}')
+            values[key] = _checked(fields[key], value, f'{group}.{key}')
+    return values
+
+
 def _checked(f: Any, value: Any, name: str) -> Any:
     if f.type is bool:
         if not isinstance(value, bool):

@@ -1,9 +1,12 @@
 """Facts about what the commands of studies share."""
 
+import json
 import re
+import shutil
 
 import pytest
 
+from delta3_pacdrive import parameters
 from delta3_pacdrive.cli.main import main
 
 
@@ -32,3 +35,38 @@ def test_what_a_study_cannot_write_is_refused_before_anything_is_computed(
     assert main([text.format(place) for text in arguments]) == 1
     (sentence,) = capsys.readouterr().err.splitlines()
     assert re.match(rf'error: cannot write (to|trace) {re.escape(str(place))}.*: .*folder', sentence)
+
+
+class _Found:
+    """A search for gains that has found some at once."""
+
+    def __init__(self, settings, output, *_):
+        self.output = output
+
+    def run(self):
+        self.output.mkdir()
+        rows = '/**:\n  ros__parameters:\n    drive: {position_gain_rad_s_rad: 49.77}\n'
+        (self.output / 'gains.yaml').write_text(rows)
+        return {'ok': True}
+
+
+def test_gains_that_are_looked_for_and_applied_are_told_in_one_document(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
+    monkeypatch.setattr('delta3_pacdrive.analysis.tuning.run.Study', _Found)
+    file, output = tmp_path / 'mine.yaml', str(tmp_path / 'tuning')
+    shutil.copy(parameters.config_directory() / parameters.DEFAULT_FILE, file)
+    assert main(['tune', '--auto', '--apply', str(file), '--output', output, '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told['ok']
+    assert told['applied'].startswith(f'{file}: position_gain_rad_s_rad = 49.77')
+
+
+def test_a_file_that_gains_cannot_go_into_is_refused_before_they_are_looked_for(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
+    monkeypatch.setattr('delta3_pacdrive.analysis.tuning.run.Study', _Found)
+    output = tmp_path / 'tuning'
+    assert main(['tune', '--auto', '--apply', str(tmp_path / 'no.yaml'), '--output', str(output)]) == 1
+    assert 'no.yaml' in capsys.readouterr().err
+    assert not output.exists()

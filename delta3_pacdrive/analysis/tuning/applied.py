@@ -88,11 +88,7 @@ def apply(gains: Mapping[str, float], channel: Channel, namespace: str, folder: 
         The record cannot be written; nothing has been applied.
 
     """
-    old = _kept(folder)
-    if old is not None and old.namespace != namespace:
-        raise TuningError(
-            f'the gains of {old.namespace} are still applied from {folder}: --undo first, or another --output'
-        )
+    old = require_same_robot(namespace, folder)
     present = _present(gains, channel)
     after: Values = {axis: dict(gains) for axis in DRIVES}
     before = present
@@ -129,6 +125,16 @@ def undo(channel: Channel, folder: Path) -> Record:
     _write(present, record.before, channel)
     (folder / FILE).unlink()
     return record
+
+
+def require_same_robot(namespace: str, folder: Path) -> Record | None:
+    """Return the record of a folder, None without one; raises TuningError if it is that of another robot."""
+    old = _kept(folder)
+    if old is not None and old.namespace != namespace:
+        raise TuningError(
+            f'the gains of {old.namespace} are still applied from {folder}: --undo first, or another --output'
+        )
+    return old
 
 
 def namespace_in(folder: Path) -> str:

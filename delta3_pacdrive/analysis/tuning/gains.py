@@ -5,8 +5,10 @@ from pathlib import Path
 from delta3_pacdrive.analysis.provenance import Provenance, excused
 from delta3_pacdrive.analysis.tuning.proposal import Proposal
 from delta3_pacdrive.configuration import parameter_file
+from delta3_pacdrive.configuration.checked import Errors
 from delta3_pacdrive.drive.operation_data import OF_PARAMETER
 from delta3_pacdrive.errors import ParameterError, TuningError
+from delta3_pacdrive.parameters.records import Drive
 
 FILE = 'gains.yaml'
 
@@ -31,9 +33,16 @@ def read(folder: Path) -> dict[str, float]:
         raise TuningError(f'there are no gains to be applied: {path} is what --auto leaves')
     try:
         tree = parameter_file.read(path)
-        values = {str(name): float(value) for name, value in tree['drive'].items()}
-    except (ParameterError, KeyError, AttributeError, TypeError, ValueError):
-        raise TuningError(f'{path} holds no gains of --auto') from None
-    if unknown := [name for name in values if f'drive.{name}' not in OF_PARAMETER]:
+        given = {str(name): value for name, value in tree['drive'].items()}
+    except (ParameterError, KeyError, AttributeError):
+        given = {}
+    if not given:
+        raise TuningError(f'{path} holds no gains of --auto')
+    if unknown := [name for name in given if f'drive.{name}' not in OF_PARAMETER]:
         raise TuningError(f'{path} holds {unknown[0]}, which no drive takes')
-    return values
+    errors = Errors(str(path))
+    with errors.raised_as(TuningError):
+        return {
+            name: float(value)
+            for name, value in parameter_file.checked_some(given, 'drive', Drive, errors).items()
+        }

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from delta3_pacdrive import whole_file
+from delta3_pacdrive import parameters, whole_file
 from delta3_pacdrive.analysis.provenance import excused
 from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.errors import ParameterError, TuningError
@@ -34,7 +34,8 @@ def apply(gains: Mapping[str, float], path: Path) -> None:
     Raises
     ------
     TuningError
-        It has no group drive that could be changed, or cannot be written; says why.
+        It has no group drive that could be changed, or cannot be written, or is a robot that would be none any more;
+        says why.
     ParameterError
         It is no parameter file.
 
@@ -53,6 +54,7 @@ def apply(gains: Mapping[str, float], path: Path) -> None:
                 raise TuningError(
                     f'{path}: its group drive is written in a way that cannot be changed line by line'
                 )
+            _require_robot(path, trial)
         finally:
             trial.unlink(missing_ok=True)
         if not _is_as_applied(path):
@@ -82,6 +84,19 @@ def _reads_as(wanted: parameter_file.Tree, path: Path) -> bool:
         return parameter_file.read(path) == wanted
     except ParameterError:
         return False
+
+
+def _require_robot(path: Path, trial: Path) -> None:
+    """Refuse a trial that is no robot any more, if the file that it is to replace is one; raises TuningError."""
+    try:
+        parameters.load(path)
+    except ParameterError:
+        return  # holds differences only
+    try:
+        parameters.load(trial)
+    except ParameterError as error:
+        told = str(error).replace(str(trial), str(path))
+        raise TuningError(f'no robot can have these gains: {told}') from None
 
 
 def _is_as_applied(path: Path) -> bool:

@@ -262,6 +262,7 @@ def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
     ('arguments', 'told'),
     [
         (('--undo', '--auto'), '--undo takes back what was applied'),
+        (('--undo', 'x.yaml', '--output', 'x'), '--undo FILE takes no --output'),
         (('--undo', '--namespace', '/a'), '--undo takes back what was applied'),
         (
             ('--apply', '--set', 'K_Ppos=80'),

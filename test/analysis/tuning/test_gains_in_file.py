@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.analysis.tuning import gains_in_file
+from delta3_pacdrive.analysis.tuning import gains, gains_in_file
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import ParameterError, TuningError
 
@@ -80,6 +80,37 @@ def test_a_file_that_was_changed_since_is_not_taken_back(file):
     with pytest.raises(TuningError, match='was changed after gains were applied: nothing is undone'):
         gains_in_file.undo(file)
     assert file.read_text().endswith('# mine\n')
+
+
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        ({'velocity_gain_a_s_rad': -5.0}, 'velocity_gain_a_s_rad is -5'),
+        ({'notch_1_frequency_hz': 5.0}, 'notch_1_frequency_hz'),
+    ],
+)
+def test_a_robot_that_could_not_be_loaded_any_more_keeps_its_gains(values, told, file):
+    before = file.read_bytes()
+    with pytest.raises(TuningError, match=told):
+        gains_in_file.apply(values, file)
+    assert file.read_bytes() == before
+    assert [one.name for one in file.parent.iterdir()] == [file.name]
+
+
+@pytest.mark.parametrize(
+    ('drive', 'told'),
+    [
+        ('{velocity_gain_a_s_rad: -5.0}', 'velocity_gain_a_s_rad is -5.0, but must be'),
+        ('{velocity_gain_a_s_rad: true}', 'must be a number, not True'),
+        ('{velocity_gain_a_s_rad: .inf}', 'must be finite, not inf'),
+        ('{velocity_gain_a_s_rad: .nan}', 'must be finite, not nan'),
+        ('{}', 'holds no gains of --auto'),
+    ],
+)
+def test_values_that_no_drive_can_have_are_refused_before_anything_is_changed(drive, told, tmp_path):
+    (tmp_path / 'gains.yaml').write_text(f'/**:\n  ros__parameters:\n    drive: {drive}\n')
+    with pytest.raises(TuningError, match=told):
+        gains.read(tmp_path)
 
 
 def test_what_is_no_parameter_file_is_refused(tmp_path):
