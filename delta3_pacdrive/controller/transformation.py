@@ -300,9 +300,11 @@ class Transformation:
             return self.last_cycle
         return self.timeline.end_cycle_of(self._coming) + SETTLE_CYCLES - 1
 
-    def _follow(self, profile: MotionProfile) -> None:
+    def _follow(
+        self, profile: MotionProfile, unlearned: str = 'the program is driven otherwise than planned'
+    ) -> None:
         self.timeline.change(profile)
-        self.learned.drop(profile.cycle, 'the program is driven otherwise than planned')
+        self.learned.drop(profile.cycle, unlearned)
         self.state['end_cycle'] = self.timeline.end_cycle
         self._wait.follow(self.timeline)
         self._mark_measured()
@@ -421,7 +423,7 @@ class Transformation:
 
     def _begin_wait(self, cycle: int) -> None:
         self.own_profile = self._wait.rest_at(cycle, self.timeline)
-        self._follow(self.own_profile)
+        self._follow(self.own_profile, 'the program waits at an exact stop: how long is not known beforehand')
 
     def settling(self, cycle: int) -> bool:
         """Whether a program waits for the robot, at an exact stop or at its end, when a cycle has been answered."""

@@ -168,3 +168,19 @@ def test_the_log_says_whether_they_are_followed_and_none_are_after_a_fault(rig, 
 def test_a_task_that_commands_no_torques_has_none_of_them(robot):
     task = task_with(robot, LEARNED_N_M)
     assert not torques_of(task, START + 200).any()
+
+
+def test_an_exact_stop_drops_them_and_is_told_as_the_reason(model):
+    moves = [
+        {'move_l': {'to_m': [0.1, 0.0, -0.75], 'in_position': True}},
+        {'move_l': {'to_m': [0.0, 0.0, -0.75]}},
+    ]
+    plan = planned(model, moves)
+    cycles = round(plan.duration_s / model.bus.cycle_time_s)
+    learned = Learned(np.tile(LEARNED_N_M, (cycles, 1)), Origin.of('', plan, model))
+    task = Transformation(model, learned)
+    task.locate(Standing(model).motors)
+    task.load(plan)
+    task.start(START)
+    torques_of(task, START + cycles)
+    assert task.learned.reason == 'the program waits at an exact stop: how long is not known beforehand'

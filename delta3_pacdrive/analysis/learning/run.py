@@ -25,7 +25,7 @@ from delta3_pacdrive.motion import plan_times
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.learned import Learned, Origin
 from delta3_pacdrive.motion.plan import sample_plan
-from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program import PathMove, Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 
@@ -64,6 +64,10 @@ class Study(studies.Study):
         self.program = programs.load(chosen.program, robot.motion)
         if self.program.faults:
             raise LearnedError(f'{chosen.program} injects faults: these would be learned')
+        if any(isinstance(one, PathMove) and one.in_position for one in self.program.statements):
+            raise LearnedError(
+                f'{chosen.program} waits at exact stops (in_position): how long is not known beforehand'
+            )
         if not robot.sends_torque:
             raise LearnedError(
                 'torques are learned that the controller commands: control.feed_forward must be model, as with '

@@ -132,7 +132,7 @@ def test_a_controller_that_commands_no_torques_is_refused(learn, robot):
         learn(robot)
 
 
-def test_programs_with_faults_and_those_that_are_too_long_are_refused(learn, model, tmp_path):
+def test_programs_with_faults_or_exact_stops_and_those_that_are_too_long_are_refused(learn, model, tmp_path):
     program = tmp_path / 'program.yaml'
     moves = {'start_m': [0.0, 0.0, -0.75], 'moves': [{'dwell': {'time_s': 40.0}}]}
     program.write_text(json.dumps(moves))
@@ -140,6 +140,10 @@ def test_programs_with_faults_and_those_that_are_too_long_are_refused(learn, mod
         learn(model, program=str(program))
     program.write_text(json.dumps(moves | {'faults': [{'fault': 'emergency_stop', 'after_s': 1.0}]}))
     with pytest.raises(LearnedError, match='injects faults'):
+        learn(model, program=str(program))
+    stops = [{'move_l': {'to_m': [0.1, 0.0, -0.75], 'in_position': True}}]
+    program.write_text(json.dumps(moves | {'moves': stops}))
+    with pytest.raises(LearnedError, match=r'waits at exact stops .*: how long is not known beforehand'):
         learn(model, program=str(program))
     with pytest.raises(LearnedError, match='bandwidth is 600 Hz, a bus of 1 ms has 500 Hz'):
         learn(model, bandwidth_hz=600.0)
