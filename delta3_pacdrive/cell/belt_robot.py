@@ -35,6 +35,7 @@ from delta3_pacdrive.motion.belt_meeting import (
     offset_on,
     require_bearable,
 )
+from delta3_pacdrive.motion.belt_prediction import SETTLED_CYCLES
 from delta3_pacdrive.motion.belt_synchronization import (
     ZERO,
     CannotCatch,
@@ -45,6 +46,7 @@ from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.motion.plan import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output, Statement
 from delta3_pacdrive.motion.program_planner import Planned
+from delta3_pacdrive.sercos.bus_time import NEVER
 
 LATE_CYCLES = 2  # before the last moment at which work on a belt can follow the moves before it
 APART_CYCLES = 2
@@ -178,6 +180,9 @@ class BeltRobot(PartsRobot):
         nearly = self.parameters.decision_cycles + LATE_CYCLES
         self._wait_for(WaitCondition(self._effect, *self._to_the_end(), left_cycles=nearly))
         latest = self._link.look().cycle + self._cycles('timeout_s', block.timeout_s)
+        backwards = (
+            NEVER  # since then; one that has just come to rest is expected for a while to go on braking
+        )
         planned: Planned | None = None
         cycle_s = self.parameters.bus.cycle_time_s
         while True:
@@ -191,7 +196,10 @@ class BeltRobot(PartsRobot):
             found = self._meeting(block, tracking, planned, begin)
             if isinstance(found, Meeting) and found.wait_s <= SURE_S:
                 break
-            if isinstance(found, CannotCatch) and found.reason is not Uncaught.NOT_COMING:
+            reason = found.reason if isinstance(found, CannotCatch) else None
+            backwards = min(backwards, seen.cycle) if reason is Uncaught.BACKWARDS else NEVER
+            settles = backwards <= seen.cycle < backwards + SETTLED_CYCLES
+            if isinstance(found, CannotCatch) and reason is not Uncaught.NOT_COMING and not settles:
                 raise refused(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
             if seen.cycle >= latest:
                 why = (

@@ -297,12 +297,14 @@ def test_a_belt_whose_encoder_shakes_the_robot_is_not_tracked(robot):
     assert 'an increment of the encoder of belt line is 195 um, but must be at most 20 um' in str(error)
 
 
-def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(robot):
+@pytest.mark.parametrize('before_s', [0.0, 0.5])  # while the belt brakes to rest, and when it stands
+def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(before_s, robot):
     stops = [speed_of(0.4), speed_of(0.0, after_s=0.9)]  # the part has passed the light barrier, not more
 
     def waits(called):
         part = called.part('line', timeout_s=5.0)
-        called.wait_time(0.5)
+        if before_s:
+            called.wait_time(before_s)
         with called.track('line', part, timeout_s=1.0, **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)
 
