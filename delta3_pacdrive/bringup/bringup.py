@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool
 
 from delta3_pacdrive import interrupts, simulation
 from delta3_pacdrive.analysis.run_energy import energy_of_round
+from delta3_pacdrive.bringup.braking import brake
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess
@@ -38,7 +39,6 @@ from delta3_pacdrive.sercos.watchdog import BOUND_S
 READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 ENERGY_CYCLES_MAX = 600_000  # of a recording that is read for it
-STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 
 
 class _Monitor(Node):
@@ -54,9 +54,17 @@ class _Monitor(Node):
         interfaces.QUEUE.subscription(self, self._on_queue)
         interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
         interfaces.PARTS.subscription(self, self._on_parts)
-        self.enable = interfaces.ENABLE.client(self)
+        self._enable = interfaces.ENABLE.client(self)
         self.input = interfaces.INPUT.client(self)
         self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
+
+    def can_disable(self) -> bool:
+        """Whether a request to disable the drives would reach the robot."""
+        return self._enable.service_is_ready()
+
+    def disable(self) -> Callable[[], bool]:
+        """Ask the robot to disable its drives; return what says whether it has answered."""
+        return self._enable.call_async(SetBool.Request(data=False)).done
 
     def _on_progress(self, message: String) -> None:
         self.progress = read_progress(message.data) or self.progress
@@ -275,13 +283,8 @@ class Bringup:
         """Disable the drives: a controlled stop, then the brakes."""
         monitor = self._monitor
         running = self._processes.running
-        dead = [one for one in running if one.poll() is not None and one.name not in SPARE]
-        if dead or monitor.progress.get('phase') != 'CP4' or not monitor.enable.service_is_ready():
-            return
-        monitor.enable.call_async(SetBool.Request(data=False))
-        deadline = time.monotonic() + STOP_TIMEOUT_S
-        while monitor.progress.get('in_torque') and time.monotonic() < deadline:
-            self._process.spin_for(LOOK_S)
+        if not any(one.poll() is not None and one.name not in SPARE for one in running):
+            brake(monitor, self._process.spin_for, LOOK_S)
 
     def _result(self) -> dict[str, Any]:
         progress = self._monitor.progress

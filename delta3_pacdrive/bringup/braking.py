@@ -1,0 +1,57 @@
+"""The end of a robot that is up: its drives stop in a controlled way, and close their brakes, before all else ends."""
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+FRESH_S = 0.5  # for the next progress of a robot that comes up
+STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
+
+
+class Driven(Protocol):
+    """What is known of a robot that is up, and how its drives are disabled."""
+
+    @property
+    def progress(self) -> dict[str, Any]:
+        """The newest progress that it has told."""
+
+    def can_disable(self) -> bool:
+        """Whether a request to disable the drives would reach it."""
+
+    def disable(self) -> Callable[[], bool]:
+        """Ask it to disable its drives; return what says whether it has answered, once they are without torque."""
+
+
+def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> None:
+    """Disable the drives of a robot and wait, for a bounded time, until it says that they are without torque.
+
+    What it has told last may be older than that: a robot that has just come up may have been enabled since, and moved.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    spin_for, look_s
+        Lets it tell what it has to tell for some seconds; how long at a time.
+
+    """
+
+    def spin_until(done: Callable[[], bool], patience_s: float) -> None:
+        deadline = time.monotonic() + patience_s
+        while not done() and time.monotonic() < deadline:
+            spin_for(look_s)
+
+    told = robot.progress
+    if not _is_up(told):
+        spin_until(lambda: robot.progress is not told, FRESH_S)
+    if not _is_up(robot.progress):
+        return
+    spin_until(robot.can_disable, FRESH_S)
+    if not robot.can_disable():
+        return
+    answered = robot.disable()
+    spin_until(lambda: answered() and not robot.progress.get('in_torque'), STOP_TIMEOUT_S)
+
+
+def _is_up(progress: dict[str, Any]) -> bool:
+    return progress.get('phase') == 'CP4'

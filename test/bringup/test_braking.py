@@ -1,0 +1,71 @@
+"""Facts about the end of a robot that is up: it is braked, however old what it has told last may be."""
+
+import pytest
+
+from delta3_pacdrive.bringup.braking import FRESH_S, STOP_TIMEOUT_S, brake
+
+LOOK_S = 0.05
+COMING = {'phase': 'CP3', 'in_torque': False}
+UP = {'phase': 'CP4', 'in_torque': False}
+ENABLED = {'phase': 'CP4', 'in_torque': True}
+
+
+class Robot:
+    """A robot that tells one progress after the other; it answers a while after it was asked to disable its drives."""
+
+    def __init__(self, told, reachable_after=0, answers_after=0):
+        self._told = [dict(one) for one in told]
+        self.progress = self._told.pop(0)
+        self._reachable_after, self._answers_after = reachable_after, answers_after
+        self.looks, self.asked_at = 0, None
+
+    def spin_for(self, seconds):
+        assert seconds == LOOK_S
+        self.looks += 1
+        if self._told:
+            self.progress = self._told.pop(0)
+
+    def can_disable(self):
+        return self.looks >= self._reachable_after
+
+    def disable(self):
+        assert self.asked_at is None
+        self.asked_at = self.looks
+        return self.answered
+
+    def answered(self):
+        return self.asked_at is not None and self.looks >= self.asked_at + self._answers_after
+
+
+@pytest.mark.parametrize(
+    ('robot', 'asked_at', 'looks'),
+    [
+        (Robot([ENABLED, ENABLED, UP]), 0, 2),
+        (Robot([COMING, ENABLED, ENABLED, UP]), 1, 3),  # it has come up meanwhile, and is enabled
+        (Robot([UP, UP, UP], answers_after=4), 0, 4),  # it may have been enabled since it told that
+        (Robot([UP, ENABLED, ENABLED, UP], answers_after=1), 0, 3),
+        (Robot([ENABLED, ENABLED, ENABLED, UP], reachable_after=2), 2, 3),
+    ],
+)
+def test_a_robot_is_asked_and_waited_for_until_it_says_that_it_is_without_torque(robot, asked_at, looks):
+    brake(robot, robot.spin_for, LOOK_S)
+    assert (robot.asked_at, robot.looks) == (asked_at, looks)
+    assert robot.progress == UP
+
+
+@pytest.mark.parametrize(
+    'robot', [Robot([{}]), Robot([COMING]), Robot([COMING, COMING]), Robot([ENABLED], reachable_after=10**9)]
+)
+def test_a_robot_that_is_not_up_or_cannot_be_reached_is_left_after_a_while(robot):
+    brake(robot, robot.spin_for, LOOK_S)
+    assert robot.asked_at is None
+
+
+def test_a_robot_that_does_not_answer_is_left_after_a_while():
+    robot = Robot([ENABLED], answers_after=10**9)
+    brake(robot, robot.spin_for, LOOK_S)
+    assert robot.asked_at == 0
+
+
+def test_nobody_waits_long_for_the_end():
+    assert 2.0 * FRESH_S + STOP_TIMEOUT_S <= 2.0
