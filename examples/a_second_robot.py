@@ -7,7 +7,7 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive.ros.discovery import keep_to_this_machine
 
-PROGRAM = 'moves: [move_l: {{to_m: [{}, 0.0, -0.8]}}, move_l: {{to_m: [0.0, 0.0, -0.75]}}]'
+PROGRAM = 'moves: [move_l: {{to_m: [{}, 0.0, -0.8]}}]'
 keep_to_this_machine()
 rclpy.init()
 node = rclpy.create_node('operator')
@@ -37,4 +37,7 @@ for robot in robots:
     robot.start.call_async(Trigger.Request())
 wait_for(lambda robot: robot.states[-1:] == [String(data='idle')])
 for robot in robots:
-    print(f'{robot.answers[-1].data}; it went {max(abs(m.point.x) for m in robot.places):.3f} m to the side')
+    robot.places.clear()  # those of the way there
+wait_for(lambda robot: robot.places)
+for robot in robots:
+    print(f'{robot.answers[-1].data}; it stands at x = {robot.places[-1].point.x:.3f} m')

@@ -153,10 +153,9 @@ class Cell:
 
 
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
-    """All messages of the slow topics, and of cyclic ones the last hundred: the rest is over for longer."""
-    cyclic = {topic: [m for m in messages if m[0] == topic][-100:] for topic in CYCLIC}
-    kept = {id(m) for group in cyclic.values() for m in group}
-    return [m for m in messages if m[0] not in CYCLIC or id(m) in kept]
+    """Of every topic the last hundred messages: what a topic of every bus cycle told before is over for longer."""
+    newest = {id(m) for topic in TOPICS for m in [m for m in messages if m[0] == topic][-100:]}
+    return [m for m in messages if id(m) in newest]
 
 
 @pytest.fixture
