@@ -37,7 +37,4 @@ for robot in robots:
     robot.start.call_async(Trigger.Request())
 wait_for(lambda robot: robot.states[-1:] == [String(data='idle')])
 for robot in robots:
-    robot.places.clear()  # those of the way there
-wait_for(lambda robot: robot.places)
-for robot in robots:
-    print(f'{robot.answers[-1].data}; it stands at x = {robot.places[-1].point.x:.3f} m')
+    print(f'{robot.answers[-1].data}; it stands at x = {robot.places[-1].point.x:.2f} m')
