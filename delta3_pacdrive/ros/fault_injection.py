@@ -1,7 +1,9 @@
 """Injected faults on the graph: the transformation task accepts them, and every node carries out its own.
 
 Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
-in program files; the response says whether it is accepted, and for which bus cycle). Topic: ``faults/schedule``
+in program files; the response says whether it is accepted, and for which bus cycle. Before it may
+stand a mark of the asker's own choice, "#3fa9 {fault: ...}": what is asked for again with the same mark is answered as
+before, and injected once: a response may be lost). Topic: ``faults/schedule``
 (String, JSON), from the transformation task to all nodes, one message for each accepted fault, with the session of the
 bus and its number in it: what is received a second time, or in another session, concerns nobody.
 """
@@ -20,6 +22,7 @@ from std_msgs.msg import String
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.messages import Numbering
 from delta3_pacdrive.controller.robot_controller import RobotController
+from delta3_pacdrive.controller.service_texts import split_mark
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
 from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
@@ -30,6 +33,7 @@ from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node knows of it by then
 REQUEST_MAX = 10_000  # characters
+ANSWERS_MAX = 100  # that are kept for who asks again
 
 
 class FaultInjection:
@@ -45,14 +49,25 @@ class FaultInjection:
     def __init__(self, node: Node, controller: RobotController, cycle_time_s: float) -> None:
         self._node, self._controller, self._cycle_time_s = node, controller, cycle_time_s
         self.accepted = 0
+        self._answers: dict[str, tuple[bool, str]] = {}  # by the mark of the request, the oldest first
         self._schedule = FAULT_SCHEDULE.publisher(node)
         INJECT_FAULT.servers(node, self._on_request)
 
     def _on_request(
         self, request: AddDiagnostics.Request, response: AddDiagnostics.Response
     ) -> AddDiagnostics.Response:
+        mark, text = split_mark(request.load_namespace)
+        if mark not in self._answers:
+            self._answers[mark] = self._answer(text)
+        response.success, response.message = self._answers[mark]
+        self._answers.pop('', None)  # without a mark each request is one of its own
+        if len(self._answers) > ANSWERS_MAX:
+            del self._answers[next(iter(self._answers))]
+        return response
+
+    def _answer(self, text: str) -> tuple[bool, str]:
+        """Return (whether a fault is accepted, the sentence that says so or why not)."""
         try:
-            text = request.load_namespace
             if len(text) > REQUEST_MAX:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
             fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
@@ -60,12 +75,10 @@ class FaultInjection:
             if closed is not None:
                 raise ProgramError(f'a fault needs cyclic operation, {closed}')
             (scheduled,) = self.inject([fault], self._controller.next_cycle + LEAD_CYCLES)
-            response.success = True
-            response.message = f'{fault.text} from bus cycle {scheduled.first} on'
         except Delta3Error as error:
-            response.message = str(error)
             self._node.get_logger().error(f'fault refused: {error}')
-        return response
+            return False, str(error)
+        return True, f'{fault.text} from bus cycle {scheduled.first} on'
 
     def check(self, faults: Sequence[Fault]) -> None:
         """Refuse faults that cannot be carried out; raises ProgramError."""

@@ -1,5 +1,6 @@
 """Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
 
+import math
 import os
 import secrets
 import signal
@@ -14,6 +15,7 @@ import rclpy
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.client import Client
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from std_msgs.msg import Header, String
 
 from delta3_pacdrive import interrupts
@@ -310,17 +312,28 @@ class OperatorNode(PollingNode):
 
     def inject(self, fault: str) -> str:
         """Inject a fault, in YAML as in program files; raises ProgramError if it is refused."""
-        return self._call(self._inject, fault)
+        # marked: however often it is asked for, the fault is injected once
+        return self._call(self._inject, f'#{secrets.token_hex(4)} {fault}')
 
     def input(self, request: str = '') -> str:
         """Set an input, ``{name: part, value: true}`` in YAML, or ask for all of them; raises ProgramError."""
         return self._call(self._input, request)
 
     def _call(self, client: Client, text: str) -> str:
+        """Call a service until it answers: what it answers a client that it has just met may be lost."""
         self.wait_until(client.service_is_ready, f'service {client.srv_name}')
-        future = client.call_async(AddDiagnostics.Request(load_namespace=text))
-        self.wait_until(future.done, f'answer of service {client.srv_name}')
-        response = future.result()
+        calls: list[Future] = []
+        asked = -math.inf
+
+        def answered() -> Future | None:
+            nonlocal asked
+            if time.monotonic() - asked > AGAIN_S:
+                calls.append(client.call_async(AddDiagnostics.Request(load_namespace=text)))
+                asked = time.monotonic()
+            return next((call for call in calls if call.done()), None)
+
+        self.wait_until(answered, f'answer of service {client.srv_name}')
+        response = next(call for call in calls if call.done()).result()
         if not response.success:
             raise ProgramError(response.message)
         return str(response.message)

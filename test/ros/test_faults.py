@@ -6,14 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped
+from rclpy.client import Client
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REPORT
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
 
 LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'
@@ -237,3 +241,36 @@ def test_every_drive_tells_its_state_by_sercos_names(graph: Any) -> None:
     facts = {item.key: item.value for item in newest[min(names)].values}
     assert (facts['S-0-0134 control word'], facts['S-0-0135 status word']) == ('e000', 'c008')
     assert (facts['S-0-0011 class 1 diagnostic'], facts['S-0-0029 MDT losses']) == ('0000', '0')
+
+
+def test_a_fault_that_is_asked_for_again_is_answered_again_and_injected_once(graph: Any) -> None:
+    cell = Cell(graph)
+    injected = graph.listen(String, 'faults/schedule', FAULTS)
+
+    def ask(text: str) -> tuple[bool, str]:
+        response = graph.call(AddDiagnostics, 'inject_fault', AddDiagnostics.Request(load_namespace=text))
+        return response.success, response.message
+
+    first = ask('#3fa9 {fault: drop_mdt, axis: axis1, cycles: 1}')
+    assert first[0], first[1]
+    assert ask('#3fa9 {fault: drop_mdt, axis: axis1, cycles: 1}') == first
+    assert ask('#rain {fault: rain}') == ask('#rain {fault: rain}')
+    assert ask('{fault: drop_mdt, axis: axis1, cycles: 1}')[0]
+    assert ask('{fault: drop_mdt, axis: axis1, cycles: 1}')[0]
+    graph.spin_until(lambda: cell.task.progress()['master_m'] == 0.0 and len(injected) == 3, 'three faults')
+
+
+def test_an_operator_whose_answer_is_lost_asks_again(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = Cell(graph)
+    injected = graph.listen(String, 'faults/schedule', FAULTS)
+    call, asked = Client.call_async, []
+
+    def lose_the_first(client: Client, request: Any) -> Future:
+        asked.append(call(client, request))
+        return Future() if len(asked) == 1 else asked[-1]
+
+    monkeypatch.setattr(Client, 'call_async', lose_the_first)
+    answer = cell.operator.inject('{fault: drop_mdt, axis: axis1, cycles: 1}')
+    assert len(asked) == 2
+    assert asked[0].result().message == asked[1].result().message == answer
+    graph.spin_until(lambda: len(injected) == 1, 'the fault')

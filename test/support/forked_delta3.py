@@ -11,6 +11,7 @@ import os
 import signal
 import socket
 import sys
+from contextlib import suppress
 
 PASSED_ON = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 STREAMS = array.array('i', [0, 1, 2])
@@ -42,7 +43,8 @@ def main(address: str, arguments: list[str]) -> None:
 
     def pass_on(number: int, _: object) -> None:
         if running:
-            os.kill(running[0], number)
+            with suppress(ProcessLookupError):  # it has just ended
+                os.kill(running[0], number)
         else:
             early.append(number)
 
