@@ -23,6 +23,19 @@ PORTS = 20  # that are tried if none is asked for
 BACKLOG = 100
 LISTENING = 'DELTA3_LISTENING'  # number of the socket on which a process finds that others listen for it
 REQUEST_BYTES, GREETING_S, START_S = 65536, 2.0, 10.0
+# The client tries to connect for 5 s, then anew in each second in which the page has the focus. Chromium lets wait for
+# seconds who has failed often, longer than the client does: it would never connect. So it has no focus until the page
+# is there.
+IS_THERE = '/is-there'  # is answered by the page itself
+PATIENT = f"""
+<script>
+document.hasFocus = () => false;
+fetch('{IS_THERE}').finally(() => {{
+  delete document.hasFocus;
+  window.dispatchEvent(new Event('focus'));
+}});
+</script>
+""".encode()
 REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\nContent-Length: %d\r\n\r\n'
 
 
@@ -196,7 +209,7 @@ class Place:
             connection.settimeout(GREETING_S)
             if asks_for_client(connection.recv(REQUEST_BYTES, socket.MSG_PEEK)):
                 connection.recv(REQUEST_BYTES)
-                content = client.read_bytes()
+                content = client.read_bytes() + PATIENT
                 connection.sendall(REPLY % len(content) + content)
                 connection.close()
             else:
@@ -325,6 +338,8 @@ def own_pages_only(host: str, listener: socket.socket) -> Iterator[list[Callable
             headers = request.headers
             if is_foreign(headers.get('Origin'), headers.get('Host', ''), host, names):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
+            if request.path == IS_THERE:
+                return connection.respond(http.HTTPStatus.OK, '')
             return process_request(connection, request)
 
         found = plain(handler, sock=listener, start_serving=False, process_request=judged, **options)
