@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from delta3_pacdrive.cell.values import number
-from delta3_pacdrive.controller.belt_tracking import BeltTracking
+from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
 from delta3_pacdrive.motion.part_queue import PartQueue, QueuedPart, Rule
 
@@ -52,7 +52,7 @@ class BeltParts:
 
     """
 
-    def __init__(self, tracking: BeltTracking, belt: int) -> None:
+    def __init__(self, tracking: BeltKnowledge, belt: int) -> None:
         self._tracking, self._belt = tracking, belt
         self._queue = PartQueue(MERGE_M)
         self._slot_m: float | None = None  # the last one that was given
@@ -80,8 +80,8 @@ class BeltParts:
         self._hear()
         tracking, n, queue = self._tracking, self._belt, self._queue
         there = tracking.now(n)
-        refused = queue.refused + tracking.dropped[n]
-        counts = queue.merged, queue.left, refused, tracking.bounced[n], tracking.jumps(n)
+        refused = queue.refused + tracking.dropped(n)
+        counts = queue.merged, queue.left, refused, tracking.bounced(n), tracking.jumps(n)
         return BeltNow(there.way_m, there.speed_m_s, len(queue), *counts)
 
     def _hear(self) -> None:

@@ -12,7 +12,7 @@ from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.parts_robot import PartsRobot, refused
 from delta3_pacdrive.cell.place import ScriptPlace, of_caller
 from delta3_pacdrive.cell.values import plain
-from delta3_pacdrive.controller.belt_tracking import BeltTracking, TrackOrder
+from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import (
     Code,
@@ -51,6 +51,7 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 LATE_CYCLES = 2  # before the last moment at which work on a belt can follow the moves before it
 APART_CYCLES = 2
 SURE_S = 0.01  # of a wait that is not decided anew
+CLOCK_CYCLES = 30  # from a decision about a belt to its order, beside the time that orders take: with a clock
 
 
 class BeltRobot(PartsRobot):
@@ -70,6 +71,7 @@ class BeltRobot(PartsRobot):
         self._block: Block | None = None
         self._working: Block | None = None  # the last one
         self._leaving: Leaving | None = None
+        self._on_belt_cycle: float | None = None  # in which it is to get on, on a bus with a clock
 
     # calls of scripts -------------------------------------------------------------------------------------------------
 
@@ -167,11 +169,12 @@ class BeltRobot(PartsRobot):
             self._batch.clear()  # what is refused is not ordered later
             raise
         super()._order_batch()
+        self._on_belt_cycle = None
         if block is not None and block.closed:
             self._note_leaving(block, tracking, None)
         return None
 
-    def _get_on(self, block: Block, tracking: BeltTracking) -> None:
+    def _get_on(self, block: Block, tracking: BeltKnowledge) -> None:
         """Put getting on before what is noted, as soon as the part is near enough."""
         check_block(self._batch, block.closed)
         self._ready()
@@ -187,12 +190,13 @@ class BeltRobot(PartsRobot):
         cycle_s = self.parameters.bus.cycle_time_s
         while True:
             seen = self._seen()
-            timeline = self._moves.timeline
-            begin = seen.cycle + self.parameters.decision_cycles
-            begin = begin if timeline is None else max(begin, timeline.end_cycle)
             if planned is None:
                 batch = block.begun_at(self._moves.plan_end_m or seen.planned_m, self._batch)
                 planned = self._moves.preview(batch, seen.planned_m)
+                seen = self._seen()  # a clock has gone on
+            timeline = self._moves.timeline
+            begin = seen.cycle + self.parameters.decision_cycles + self._clock_cycles
+            begin = begin if timeline is None else max(begin, timeline.end_cycle)
             found = self._meeting(block, tracking, planned, begin)
             if isinstance(found, Meeting) and found.wait_s <= SURE_S:
                 break
@@ -213,6 +217,8 @@ class BeltRobot(PartsRobot):
             wait_s = found.wait_s if isinstance(found, Meeting) else SURE_S
             self._go_to(seen.cycle + max(1, int(0.5 * wait_s / cycle_s)))
         self._require_bearable(planned, found, block, tracking)
+        # on a clock nobody knows yet when the order will count: as much of the wait is left then as there is
+        self._on_belt_cycle = begin + found.wait_s / cycle_s if self._clock_cycles else None
         rate = self._moves.override
         ahead: list[Written] = []
         # between leaving one belt and getting on the next the controller has to see that the robot leaves
@@ -229,8 +235,25 @@ class BeltRobot(PartsRobot):
         self._link.get_on(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
         block.begun = True
 
+    @property
+    def _clock_cycles(self) -> int:
+        """How much later an order will count on a bus with a clock, as far as is known; 0 without one."""
+        extra = self._link.extra_cycles
+        return extra + CLOCK_CYCLES if extra else 0
+
+    def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
+        """Let the robot wait only as long as is left until it is to get on its belt."""
+        due, timeline, block = self._on_belt_cycle, self._moves.timeline, self._block
+        if due is None or block is None:
+            return batch
+        begin = cycle if timeline is None else max(cycle, timeline.end_cycle)
+        wait_s = (due - begin) * self.parameters.bus.cycle_time_s
+        on = next(n for n, (one, _) in enumerate(batch) if isinstance(one, Output) and one.name == TRACK)
+        waits = [(Dwell(wait_s * self._moves.override), block.place)] if wait_s > 0.0 else []
+        return [*waits, *batch[on:]]
+
     def _meeting(
-        self, block: Block, tracking: BeltTracking, planned: Planned, begin: int
+        self, block: Block, tracking: BeltKnowledge, planned: Planned, begin: int
     ) -> Meeting | CannotCatch:
         rate, there = self._moves.override, tracking.expected(block.belt, begin)
         work = Work(block.first_s(planned.plan) / rate, planned.plan.duration_s / rate)
@@ -245,7 +268,7 @@ class BeltRobot(PartsRobot):
             block.limits,
         )
 
-    def _offset_at(self, tracking: BeltTracking, cycle: float) -> Motion:
+    def _offset_at(self, tracking: BeltKnowledge, cycle: float) -> Motion:
         """Return what is added to the plan in a bus cycle, once the robot leaves, or has left, its last belt."""
         last = self._leaving
         if last is None:
@@ -254,7 +277,7 @@ class BeltRobot(PartsRobot):
         return tracking.belts[last.belt].to_base(last.way.at(time_s))
 
     def _require_bearable(
-        self, planned: Planned, found: Meeting, block: Block, tracking: BeltTracking
+        self, planned: Planned, found: Meeting, block: Block, tracking: BeltKnowledge
     ) -> None:
         belt, rate = tracking.belts[block.belt], self._moves.override
         whole_s = planned.plan.duration_s / rate
@@ -264,7 +287,7 @@ class BeltRobot(PartsRobot):
 
         require_bearable(planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate)
 
-    def _require_later(self, block: Block, tracking: BeltTracking) -> None:
+    def _require_later(self, block: Block, tracking: BeltKnowledge) -> None:
         """Refuse what the robot does not bear on the belt that it is on, at the speed that this has."""
         batch, timeline = self._batch, self._moves.timeline
         if timeline is None or self._held or all(isinstance(one, Output) for one, _ in batch):
@@ -281,7 +304,7 @@ class BeltRobot(PartsRobot):
 
         require_bearable(planned.plan, 0.0, planned.plan.duration_s / rate, offset, self.parameters, rate)
 
-    def _note_leaving(self, block: Block, tracking: BeltTracking, cycle: int | None) -> None:
+    def _note_leaving(self, block: Block, tracking: BeltKnowledge, cycle: int | None) -> None:
         """Note when and how the robot will leave the belt, as far as is known."""
         timeline = self._moves.timeline
         if timeline is None:
@@ -292,7 +315,7 @@ class BeltRobot(PartsRobot):
         way = leaving(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
         self._leaving = Leaving(end, block.belt, way)
 
-    def _leave_time(self, tracking: BeltTracking) -> None:
+    def _leave_time(self, tracking: BeltKnowledge) -> None:
         """Let moves behind a belt begin so late that the robot has left it before the first of them ends."""
         last, batch = self._leaving, self._batch
         if last is None or all(isinstance(one, Output) for one, _ in batch):

@@ -11,7 +11,8 @@ from delta3_pacdrive.cell.belt_robot import BeltRobot
 from delta3_pacdrive.cell.link import HeldError, Seen
 from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.robot import Robot
-from delta3_pacdrive.controller.belt_tracking import BeltTracking, TrackOrder
+from delta3_pacdrive.controller.belt_axes import read_belts
+from delta3_pacdrive.controller.belt_knowledge import ToldBelts, TrackOrder
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError, ScriptError
@@ -24,11 +25,6 @@ if TYPE_CHECKING:
     from delta3_pacdrive.ros.script_client import ScriptNode
 
 MARGIN = 1.5  # of the time that the last order took, for the next one
-NO_BELTS = Reason(
-    Code.BELT,
-    'a robot that is up cannot work on belts yet: they are there in delta3 simulate, delta3 plan and cell.simulate',
-)
-NO_TRACKING: BeltTracking | None = None  # there are no belts
 LEAD_CYCLES = 30  # of the first order behind that, with a clock
 
 
@@ -45,22 +41,19 @@ class ConnectedLink:
     """
 
     def __init__(self, node: 'ScriptNode', parameters: Parameters) -> None:
-        self._node, self.parameters, self.tracking = node, parameters, NO_TRACKING
+        self._node, self.parameters = node, parameters
         facts = node.attach()
+        belts = read_belts(facts['axes'])
+        self.tracking = ToldBelts(parameters, belts) if belts else None
         self.inputs = tuple(facts['inputs'])
         self._has_clock = bool(facts['clock'])
-        self._seen, self._seen_s = seen_of(facts), time.monotonic()
+        self._take(facts)
         self._extra_cycles = LEAD_CYCLES if self._has_clock else 0
 
     @property
     def extra_cycles(self) -> int:
         """How much later than a decision should take effect it can, as far as is known: planning takes its time."""
         return self._extra_cycles
-
-    @property
-    def no_belts(self) -> Reason | None:
-        """Why a script may ask for no belt."""
-        return NO_BELTS
 
     def look(self) -> Seen:
         """Return the newest bus cycle whose answers are evaluated."""
@@ -70,6 +63,8 @@ class ConnectedLink:
 
     def _take(self, facts: dict[str, Any]) -> dict[str, Any]:
         self._seen, self._seen_s = seen_of(facts), time.monotonic()
+        if self.tracking is not None:
+            self.tracking.take(facts['belts'])
         return facts
 
     def start(self, planned: Planned, cycle: int, override: float) -> int:
@@ -99,26 +94,26 @@ class ConnectedLink:
         return MotionProfile.from_array(facts['held'])
 
     def get_on(self, order: TrackOrder) -> None:
-        """Refuse a belt."""
-        raise RefusedError(NO_BELTS)
+        """Say which belt is meant by the next event of the plan that gets on one."""
+        self._node.get_on(order)
 
     def get_on_again(self, cycle: int) -> None:
-        """Refuse a belt."""
-        raise RefusedError(NO_BELTS)
+        """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
+        self._node.get_on_again(cycle)
 
     def abandon(self, cycle: int) -> None:
-        """Refuse a belt."""
-        raise RefusedError(NO_BELTS)
+        """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
+        self._take(self._node.abandon(cycle))
 
     def wait(self, condition: WaitCondition) -> bool:
         """Let the bus go on until a condition is met or its latest cycle is over."""
         try:
             facts = self._node.wait(condition)
         except RefusedError as error:
-            if error.reason.code is not Code.STATE:
+            if error.reason.code not in (Code.STATE, Code.BELT):
                 raise
             held = self._take(self._node.look())['held']
-            if held is None:
+            if held is None or error.reason.code is Code.BELT:
                 raise
             raise HeldError(error.reason, MotionProfile.from_array(held)) from None
         return bool(self._take(facts)['met'])
@@ -129,6 +124,7 @@ def seen_of(facts: dict[str, Any]) -> Seen:
     seen = facts['seen']
     x, y, z = seen['command_m']
     a, b, c = seen['position_m']
+    u, v, w = seen.get('planned_m', (x, y, z))
     return Seen(
         seen['cycle'],
         MotionState(seen['motion']),
@@ -137,7 +133,7 @@ def seen_of(facts: dict[str, Any]) -> Seen:
         seen['outputs'],
         seen['payload_kg'],
         seen['inputs'],
-        (x, y, z),
+        (u, v, w),
     )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from delta3_pacdrive.controller.belt_tracking import BeltTracking, TrackOrder
+from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Reason, RefusedError
@@ -65,12 +65,8 @@ class Link(Protocol):
         """Names of the inputs."""
 
     @property
-    def tracking(self) -> BeltTracking | None:
-        """Of the belts on the bus, as its controller has it: to look at; None: there are none."""
-
-    @property
-    def no_belts(self) -> Reason | None:
-        """Why a script may ask for no belt, whatever its name; None: it may."""
+    def tracking(self) -> BeltKnowledge | None:
+        """Belts on the bus, as they are known in the cycle that ``look`` tells of; None: there are none."""
 
     def look(self) -> Seen:
         """Return the newest bus cycle whose answers are evaluated; takes no bus time."""

@@ -5,7 +5,7 @@ from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.robot import TIMEOUT_S, Robot
 from delta3_pacdrive.configuration.checked import nearest_of
-from delta3_pacdrive.controller.belt_tracking import BeltTracking
+from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, WaitTimeoutError, shown
 from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
@@ -101,10 +101,8 @@ class PartsRobot(Robot):
             _, n = self._belt(belt)
             return self._parts[n].now()
 
-    def _belt(self, name: str) -> tuple[BeltTracking, int]:
-        tracking, reason = self._link.tracking, self._link.no_belts
-        if reason is not None:
-            raise RefusedError(reason)
+    def _belt(self, name: str) -> tuple[BeltKnowledge, int]:
+        tracking = self._link.tracking
         names = () if tracking is None else tuple(belt.name for belt in tracking.belts)
         if tracking is None or name not in names:
             known = ', '.join(names) or 'none'
@@ -112,7 +110,7 @@ class PartsRobot(Robot):
         return tracking, names.index(name)
 
     @staticmethod
-    def _window(tracking: BeltTracking, n: int) -> TrackWindow:
+    def _window(tracking: BeltKnowledge, n: int) -> TrackWindow:
         belt = tracking.belts[n]
         if belt.window is None:
             raise ProgramError(

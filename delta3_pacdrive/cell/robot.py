@@ -298,9 +298,8 @@ class Robot:
         if timeline is None:
             return
         if self._held:
-            if self._link.tracking is None:
-                self._go_to(timeline.end_cycle)  # on a robot that is up, who stands can go on
-                seen = self._seen()
+            self._go_to(timeline.end_cycle)  # on a robot that is up, who stands can go on
+            seen = self._seen()
             cycle = self._resume_cycle(max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle))
         else:
             cycle = seen.cycle + self.parameters.decision_cycles
@@ -347,7 +346,7 @@ class Robot:
             cycle = max(seen.cycle + self.parameters.decision_cycles, stands)
             if moves.timeline is not None:  # who stands starts as soon as he can
                 cycle += late
-            ordered = moves.order(batch, cycle, here.planned_m)
+            ordered = moves.order(self._on_time(batch, cycle), cycle, here.planned_m)
             if isinstance(ordered, Start):
                 effect = self._link.start(ordered.planned, ordered.cycle, ordered.override)
                 if effect != cycle:
@@ -358,6 +357,10 @@ class Robot:
             return effect
 
         self._take_effect(self._in_time(order, seen.cycle), seen.cycle, stands)
+
+    def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
+        """Return what is ordered if it takes effect in a bus cycle."""
+        return batch
 
     def _in_time(self, order: Callable[[int], int], decided: int) -> int:
         """Give an order that was decided on in a bus cycle; return from which one on it counts.

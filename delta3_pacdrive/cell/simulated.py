@@ -9,7 +9,8 @@ from typing import Any
 from delta3_pacdrive.cell.driven_log import DrivenLog
 from delta3_pacdrive.cell.inputs import Given, inputs_of
 from delta3_pacdrive.cell.link import Seen
-from delta3_pacdrive.controller.belt_tracking import BeltTracking, TrackOrder
+from delta3_pacdrive.controller.belt_knowledge import TrackOrder
+from delta3_pacdrive.controller.belt_tracking import BeltTracking
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.script_gate import first_decision
 from delta3_pacdrive.controller.transformation import Figures, Transformation
@@ -110,11 +111,6 @@ class SimulatedLink:
     def tracking(self) -> BeltTracking | None:
         """Of the belts of the cell; None: it has none."""
         return self._task.tracking
-
-    @property
-    def no_belts(self) -> Reason | None:
-        """Nothing speaks against belts."""
-        return None
 
     def get_on(self, order: TrackOrder) -> None:
         """Say which belt is meant by the next event of the plan that gets on one."""

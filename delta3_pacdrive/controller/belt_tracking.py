@@ -9,19 +9,26 @@ follow the plan through every override and stop.
 """
 
 import math
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import Enum
+from dataclasses import astuple, dataclass
+from typing import Any
 
+from delta3_pacdrive.controller.belt_knowledge import (
+    BeltKnowledge,
+    Observed,
+    Phase,
+    Tracked,
+    TrackOrder,
+)
+from delta3_pacdrive.controller.task_arrays import HISTORY
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RunError
 from delta3_pacdrive.motion.belt_meeting import BeltAxes, behind, leaving
-from delta3_pacdrive.motion.belt_prediction import BeltEstimate, BeltObserver
+from delta3_pacdrive.motion.belt_prediction import BeltObserver
 from delta3_pacdrive.motion.belt_synchronization import (
     ZERO,
     Motion,
-    TrackLimits,
-    TrackWindow,
     Way,
     way_between,
     way_to_stand,
@@ -29,13 +36,11 @@ from delta3_pacdrive.motion.belt_synchronization import (
 from delta3_pacdrive.motion.execution import HARD_RISE_S
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.sercos.bus_time import NEVER
 
 BOUNCE_M = 0.01  # nearer to each other than that no two parts pass a light barrier
-TOLD_MAX = 10_000  # parts that nobody has taken over
-BLIND = 2.5  # times the way between two pictures: so long without one, and the camera is dead
 JUMPS_MAX = 3  # of an encoder: more, and nobody knows where the parts are
 SHORT_M = 0.005  # by which a part may be short of the window, if its belt is a little slower than it was
-CONSTANT_S = 0.05  # for so long the acceleration of a belt is taken to last, when it is told how it will be
 
 
 @dataclass(frozen=True)
@@ -72,43 +77,7 @@ class BeltReading:
     pictures: int = 0
 
 
-@dataclass(frozen=True)
-class TrackOrder:
-    """The robot is to get on a belt when its plan says so.
-
-    Attributes
-    ----------
-    belt
-        Number of the belt.
-    part_m
-        Where along the belt the part is while the way of that is 0 [m].
-    reference_m
-        Where the plan has the part [m].
-    window
-        Along the belt, which the part must not leave.
-    limits
-        Of what is added to the plan.
-    met_s
-        How long after the robot starts to get on the part has to be within the window [s].
-
-    """
-
-    belt: int
-    part_m: float
-    reference_m: float
-    window: TrackWindow
-    limits: TrackLimits
-    met_s: float = 0.0
-
-
-class _Phase(Enum):
-    FREE = 'free'  # nothing is added
-    ON_BELT = 'on the belt'
-    LEAVING = 'leaving'
-    STANDING = 'standing'  # it comes to rest, or stands, somewhere
-
-
-class BeltTracking:
+class BeltTracking(BeltKnowledge):
     """A robot goes with belts.
 
     Parameters
@@ -120,47 +89,36 @@ class BeltTracking:
 
     Attributes
     ----------
-    belts
-        The same.
     offset
         What is added to the plan in the last command, in the frame ``base``.
-    lost
-        Why the robot could not stay on a belt; None: it could, or that is settled.
-    parts
-        Of each belt, the newest 10,000 that were told of parts since ``take_parts``, in the order in which they came.
-    dropped
-        How many of each belt were more.
-    bounced
-        How often the light barrier of each belt has latched a part again.
+    forgets
+        Whether nobody goes on with the belt any more: what was added is to be forgotten once it stands.
 
     """
 
     def __init__(self, parameters: Parameters, belts: Sequence[BeltAxes]) -> None:
-        self.belts = tuple(belts)
-        self._time = parameters.bus.cycle_time_s
-        self._ahead_cycles = parameters.set_point_delay_cycles
+        super().__init__(parameters, belts)
         self._fault_acceleration = parameters.motion.fault_stop_acceleration_m_s2
         self._observers = [BeltObserver(belt.increments_per_m, self._time) for belt in belts]
-        self.parts: list[deque[QueuedPart]] = [deque(maxlen=TOLD_MAX) for _ in belts]
-        self.dropped = [0] * len(self.belts)
-        self.bounced = [0] * len(self.belts)
+        self._history = [self.observed] * HISTORY
+        # of each belt the bus cycles in which the parts were told
+        self._told: list[deque[int]] = [deque(maxlen=parts.maxlen) for parts in self.parts]
+        self._dropped, self._bounced = [0] * len(self.belts), [0] * len(self.belts)
         self._latched_m = [math.inf] * len(self.belts)  # the last part that a light barrier has told
         self._pictures = [(0, 0.0)] * len(self.belts)  # how many, and the way of the belt at the last one [m]
-        self._observed = -1
         self._orders: list[TrackOrder] = []
         self._order: TrackOrder | None = None
-        self._phase = self._before = _Phase.FREE
+        self._phase = self._before = Phase.FREE
         self._asked = False
         self._way, self._since, self._again = Way.standing(ZERO, 0.0), 0, -1
         self._jumps = 0
+        self.forgets = False
         self.offset = Motion(ZERO)
-        self.lost: Reason | None = None
 
     # what comes in ----------------------------------------------------------------------------------------------------
 
     def observe(self, cycle: int, readings: Sequence[BeltReading]) -> None:
         """Take what the AT of a bus cycle tells of each belt, in the order of the cycles."""
-        self._observed = cycle
         told = zip(self.belts, self._observers, readings, strict=True)
         for n, (belt, observer, reading) in enumerate(told):
             there = observer.step(reading.count)
@@ -172,66 +130,72 @@ class BeltTracking:
                 way = observer.way_of(count) - speed * belt.barrier_delay_s
                 along = belt.barrier_m - way
                 if abs(along - self._latched_m[n]) < BOUNCE_M:
-                    self.bounced[n] += 1  # the first time counts
+                    self._bounced[n] += 1  # the first time counts
                 else:
                     self._latched_m[n] = along
-                    self._tell(n, QueuedPart('', along, 0.0, belt=belt.name))
+                    self._tell(cycle, n, QueuedPart('', along, 0.0, belt=belt.name))
             for seen in reading.sighted:
                 along = seen.along_m - observer.way_of(seen.count)
-                self._tell(n, QueuedPart(seen.type, along, seen.across_m, seen.angle_rad, belt=belt.name))
+                self._tell(
+                    cycle, n, QueuedPart(seen.type, along, seen.across_m, seen.angle_rad, belt=belt.name)
+                )
 
-    def _tell(self, belt: int, part: QueuedPart) -> None:
+        self.observed = self._history[cycle % HISTORY] = Observed(
+            cycle,
+            tuple(observer.estimate for observer in self._observers),
+            tuple(way for _, way in self._pictures),
+            tuple(observer.jumps for observer in self._observers),
+            tuple(self._bounced),
+            tuple(self._dropped),
+        )
+
+    def _tell(self, cycle: int, belt: int, part: QueuedPart) -> None:
         parts = self.parts[belt]
-        self.dropped[belt] += len(parts) == parts.maxlen
+        self._dropped[belt] += len(parts) == parts.maxlen
         parts.append(part)
+        self._told[belt].append(cycle)
 
-    def take_parts(self, belt: int) -> list[QueuedPart]:
-        """Return what has been told of parts on a belt since the last time; it is told no more."""
-        parts = list(self.parts[belt])
-        self.parts[belt].clear()
-        return parts
+    def take_parts(self, belt: int, until: int = NEVER) -> list[QueuedPart]:
+        """Return what has been told of parts on a belt up to a bus cycle; it is told no more."""
+        parts, told = self.parts[belt], self._told[belt]
+        return [(told.popleft(), parts.popleft())[1] for _ in range(bisect_right(told, until))]
+
+    def drop_passed(self) -> None:
+        """Forget parts that nobody can work on any more, for a script that begins."""
+        for n, belt in enumerate(self.belts):
+            last = -math.inf if belt.window is None else belt.window.end_m - self.now(n).way_m
+            kept = [
+                (cycle, one)
+                for cycle, one in zip(self._told[n], self.parts[n], strict=True)
+                if one.along_m <= last
+            ]
+            self._told[n].clear()
+            self.parts[n].clear()
+            for cycle, part in kept:
+                self._told[n].append(cycle)
+                self.parts[n].append(part)
+
+    def told(self, cycle: int, tracked: Tracked) -> dict[str, Any]:
+        """Return what a script is told that decides on a bus cycle, one of the last 64, as a reply has it.
+
+        ``tracked`` is what the command of that cycle has left.
+        """
+        parts = [[astuple(one) for one in self.take_parts(n, cycle)] for n in range(len(self.belts))]
+        observed = self._history[cycle % HISTORY]
+        return {'observed': observed.to_document(), 'tracked': tracked.to_document(), 'parts': parts}
 
     def order(self, order: TrackOrder) -> None:
         """Take an order for the next event of the plan that gets on a belt."""
         self._orders.append(order)
 
-    def expected(self, belt: int, cycle: int) -> BeltEstimate:
-        """Return how a belt will be when the command of a bus cycle is reached, as far as is known now."""
-        seconds = (cycle - self._observed + self._ahead_cycles) * self._time
-        soon = self._observers[belt].estimate.after(min(seconds, CONSTANT_S))
-        return (
-            BeltEstimate(*soon[:2], 0.0).after(max(seconds - CONSTANT_S, 0.0))
-            if seconds > CONSTANT_S
-            else soon
-        )
-
-    def now(self, belt: int) -> BeltEstimate:
-        """Return how a belt is in the last bus cycle that has been answered."""
-        return self._observers[belt].estimate
-
-    def blind_m(self, belt: int) -> float:
-        """Return how far a belt has gone without a picture that was due [m]; 0: its camera takes its pictures."""
-        every = self.belts[belt].camera_every_m
-        since = self.now(belt).way_m - self._pictures[belt][1]
-        return since if 0.0 < BLIND * every < since else 0.0
-
-    def jumps(self, belt: int) -> int:
-        """Return how often the encoder of a belt has jumped."""
-        return self._observers[belt].jumps
-
     # what goes out ----------------------------------------------------------------------------------------------------
 
     @property
-    def free(self) -> bool:
-        """Whether nothing is added to the plan."""
-        return self._phase is _Phase.FREE
-
-    @property
-    def rest_cycle(self) -> int:
-        """First bus cycle in which what is added stands, after ``halt``; 0 if nothing was halted."""
-        if self._phase is not _Phase.STANDING:
-            return 0
-        return self._since + math.ceil(self._way.duration_s / self._time)
+    def tracked(self) -> Tracked:
+        """What the last command has left."""
+        return Tracked(
+            self._phase, self._before, self._since, self._way.duration_s, self.offset, self._order, self.lost
+        )
 
     def step(self, cycle: int, asked: bool) -> bool:
         """Go on to the command of a bus cycle; return whether anything is added to the plan.
@@ -249,13 +213,13 @@ class BeltTracking:
                 )
             self._order = self._orders.pop(0)
             self._jumps = self.jumps(self._order.belt)
-            self._phase = _Phase.ON_BELT
+            self._phase = Phase.ON_BELT
             self._begin(cycle)
-        elif not asked and self._phase is _Phase.ON_BELT:
-            self._phase = _Phase.LEAVING
+        elif not asked and self._phase is Phase.ON_BELT:
+            self._phase = Phase.LEAVING
             self._begin(cycle)
         elif not asked and self.works:
-            self._before = _Phase.LEAVING  # the work was done while it came to rest
+            self._before = Phase.LEAVING  # the work was done while it came to rest
         self._asked = asked
         return self._go_on(cycle)
 
@@ -267,7 +231,7 @@ class BeltTracking:
         belt = self.belts[order.belt]
         offset = belt.of_base(self._continued())
         self._since = cycle
-        if self._phase is _Phase.LEAVING:
+        if self._phase is Phase.LEAVING:
             self._way = leaving(offset, order.limits)
             return
         there = self.expected(order.belt, cycle)
@@ -281,11 +245,11 @@ class BeltTracking:
 
     def _go_on(self, cycle: int) -> bool:
         order = self._order
-        if order is None or self._phase is _Phase.FREE:
+        if order is None or self._phase is Phase.FREE:
             return False
         time = (cycle - self._since) * self._time
         own = self._way.at(time)
-        if self._phase is _Phase.ON_BELT:
+        if self._phase is Phase.ON_BELT:
             there = self.expected(order.belt, cycle)
             part = order.part_m + there.way_m
             (u, v, w), (du, dv, dw), (ddu, ddv, ddw) = own
@@ -295,8 +259,8 @@ class BeltTracking:
                 (ddu + there.acceleration_m_s2, ddv, ddw),
             )
             self._watch(cycle, order, part, there.speed_m_s, time >= max(order.met_s, self._way.duration_s))
-        elif self._phase is _Phase.LEAVING and time >= self._way.duration_s:
-            self._phase, self.offset = _Phase.FREE, Motion(ZERO)
+        elif self._phase is Phase.LEAVING and time >= self._way.duration_s:
+            self._phase, self.offset = Phase.FREE, Motion(ZERO)
             return False
         self.offset = self.belts[order.belt].to_base(own)
         return True
@@ -335,8 +299,8 @@ class BeltTracking:
         A hard stop takes over from a soft one that is under way.
         """
         self._again = -1  # who was to go on stands
-        order, standing = self._order, self._phase is _Phase.STANDING
-        if order is None or self._phase is _Phase.FREE:
+        order, standing = self._order, self._phase is Phase.STANDING
+        if order is None or self._phase is Phase.FREE:
             return
         if standing and not (hard and cycle < self.rest_cycle):
             return
@@ -345,7 +309,7 @@ class BeltTracking:
             acceleration, jerk = self._fault_acceleration, max(jerk, self._fault_acceleration / HARD_RISE_S)
         self._way = way_to_stand(self.belts[order.belt].of_base(self._continued()), acceleration, jerk)
         if not standing:
-            self._before, self._phase = self._phase, _Phase.STANDING
+            self._before, self._phase = self._phase, Phase.STANDING
         self._since = cycle
 
     def _continued(self) -> Motion:
@@ -358,30 +322,13 @@ class BeltTracking:
         faster = tuple(v + t * a for v, a in zip(velocity, acceleration, strict=True))
         return Motion(moved, faster, acceleration)  # type: ignore[arg-type]
 
-    @property
-    def works(self) -> bool:
-        """Whether the robot works on a belt, or did so before ``halt``."""
-        return _Phase.ON_BELT in (self._phase, self._before if self._phase is _Phase.STANDING else None)
-
     def again(self, cycle: int) -> None:
         """Get on the belt again, or leave it, after ``halt``, from the command of a bus cycle on."""
-        if self._phase is _Phase.STANDING:
+        if self._phase is Phase.STANDING:
             self._again = cycle
-
-    def back_s(self, cycle: int) -> float:
-        """Return how long it will take after ``halt`` to get on the belt again, or to leave it, from a cycle on [s]."""
-        order = self._order
-        if order is None or self._phase is not _Phase.STANDING:
-            return 0.0
-        offset = self.belts[order.belt].of_base(self.offset)
-        if self._before is _Phase.LEAVING:
-            return leaving(offset, order.limits).duration_s
-        there = self.expected(order.belt, cycle)
-        start = behind(offset, order.part_m + there.way_m, there.speed_m_s, order.reference_m)
-        return way_between(start, Motion(ZERO), order.limits, there.speed_m_s).duration_s
 
     def release(self) -> None:
         """Forget belt and order: what is added becomes part of the place at which the robot stands."""
         self._orders.clear()
-        self._order, self._phase, self._asked, self._again = None, _Phase.FREE, False, -1
-        self.offset, self.lost = Motion(ZERO), None
+        self._order, self._phase, self._asked, self._again = None, Phase.FREE, False, -1
+        self.offset, self.lost, self.forgets = Motion(ZERO), None, False

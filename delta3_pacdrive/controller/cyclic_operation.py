@@ -6,6 +6,8 @@ All of it happens in each bus cycle, a thousand times a second on a clock and mo
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+from delta3_pacdrive.controller.belt_image import BeltImage
+from delta3_pacdrive.controller.belt_tracking import BeltReading
 from delta3_pacdrive.controller.cycle import Command, ControllerCycle, emergency_stop
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.script_gate import GateEvent, ScriptGate
@@ -76,8 +78,8 @@ class CyclicOperation:
         Whether the bus is in cyclic operation.
     next_cycle, answered
         Next cycle to start, next one to be complete.
-    answers, inputs
-        What has been answered, until a cycle is complete; and what the inputs were then.
+    answers, inputs, belts
+        What has been answered, until a cycle is complete; what the inputs were then, and the belts.
     scheduler, watchdog, statistics
         Decides when cycles start, knows for how long none was answered, counts.
     last_answer_s
@@ -103,14 +105,15 @@ class CyclicOperation:
     ) -> None:
         self._state, self._axes, self._services, self._faults = state, axes, services, faults
         self._port, self._gate, self._fall = port, gate, fall
-        self._cycle = ControllerCycle(task, axes, parameters)
+        self._task, self._cycle = task, ControllerCycle(task, axes, parameters)
         self.watchdog = Watchdog(look_s)
         self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
         self._now_s, self._now_ns = now_s, now_ns
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
         self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max)
         self.answers: AnswerBuffer[Content] = AnswerBuffer()
-        self.inputs = InputImage()
+        self.inputs, self.belts = InputImage(), BeltImage()
+        self._observed = -1  # bus cycle up to which the task knows its belts
         self.running = False
         self.next_cycle = self.answered = 0
         self.last_answer_s = 0.0
@@ -120,6 +123,11 @@ class CyclicOperation:
         self.next_cycle = self.answered = cycle
         self.answers.begin(cycle)
         self.inputs.begin(cycle, inputs)
+        tracking = self._task.tracking
+        self.belts.begin(cycle, 0 if tracking is None else len(tracking.belts))
+        self._observed = cycle - 1
+        # a command rests on what the belts have told in the cycle before: two cannot start at once
+        self.scheduler.catches_up = tracking is None
         self._link.clear()
         self.last_answer_s = self._now_s()
         self.watchdog.received(self.last_answer_s)
@@ -137,21 +145,39 @@ class CyclicOperation:
         while (
             not gate.closed
             and self.running
-            and may_start(self.next_cycle, self.next_cycle - self.answered, self._now_s())
+            and may_start(self.next_cycle, self._outstanding(), self._now_s())
         ):
             cycle = self.next_cycle
             outstanding = cycle - self.answered
             if cycle >= self._faults.next_cycle:
                 self._begin_faults(cycle)
+            if self._observed < cycle - 1:
+                self._observe(cycle - 1)
             command = self._cycle.command(cycle)
             self.statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
             self._port.send(cycle, command)
             self.next_cycle = cycle + 1
             state.commanded(cycle)
             if gate.commanded(cycle):
-                state.hold()
+                if gate.abandons:
+                    gate.stands = state.abandon()
+                else:
+                    state.hold()
             if state.actions:
                 self._port.change()
+
+    def _outstanding(self) -> int:
+        """Return how many cycles wait for answers: as many as may, where a command has to know its belts first."""
+        if self.belts.is_complete(self.next_cycle - 1):
+            return self.next_cycle - self.answered
+        return self.scheduler.outstanding_max
+
+    def _observe(self, cycle: int) -> None:
+        """Let the task know its belts up to a bus cycle."""
+        tracking = self._task.tracking
+        while tracking is not None and self._observed < cycle:
+            self._observed += 1
+            tracking.observe(self._observed, self.belts.take(self._observed))
 
     def _begin_faults(self, cycle: int) -> None:
         """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
@@ -189,14 +215,27 @@ class CyclicOperation:
         self.inputs.put(cycle, bits)
         self.complete()
 
+    def take_belts(self, cycle: int, readings: Sequence[BeltReading]) -> None:
+        """Take what the plant tells of its belts in a bus cycle; the next command has waited for it."""
+        if not self.running:
+            return
+        if self.next_cycle <= cycle:
+            self._port.refuse(f'belts of bus cycle {cycle} are ahead of bus time')
+            return
+        self.belts.put(cycle, readings)
+        self.complete()
+        if not self.scheduler.period_s:
+            self.start_due()
+
     def complete(self, received_ns: int = 0) -> None:
         """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
         buffer, inputs, state, services = self.answers, self.inputs, self._state, self._services
-        if not buffer.is_complete(self.answered) or not inputs.is_complete(self.answered):
+        belts, first = self.belts, self.answered
+        if not (buffer.is_complete(first) and inputs.is_complete(first) and belts.is_complete(first)):
             return  # nothing that is held back may start, either
         gate = self._gate
         while not gate.closed and (cycle := self.answered) < self.next_cycle:
-            if not (buffer.is_complete(cycle) and inputs.is_complete(cycle)):
+            if not (buffer.is_complete(cycle) and inputs.is_complete(cycle) and belts.is_complete(cycle)):
                 break
             answers = buffer.get(cycle)
             if services.busy:
@@ -207,6 +246,8 @@ class CyclicOperation:
             self.watchdog.received(self.last_answer_s)
             self.answered = cycle + 1
             stop = self._cycle.evaluate(cycle, answers, state.checked_from, bool(state.fault))
+            if self._observed < cycle:
+                self._observe(cycle)
             self._port.tell(cycle)
             if stop is not None:
                 state.stop_for(stop)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any, Protocol
 
+from delta3_pacdrive.controller.belt_axes import read_belts
 from delta3_pacdrive.controller.control import Control
 from delta3_pacdrive.controller.cyclic_operation import Content, CyclePort, CyclicOperation
 from delta3_pacdrive.controller.enabling import Enabling
@@ -101,7 +102,7 @@ class RobotController:
         self.services = ServiceRequests(self.bus.channel_closed)
         self.state = RobotState(self, self.task, self.axes)
         self.enabling = Enabling(self, self.task, self.axes, self.state)
-        self.gate = ScriptGate(self.task, has_clock=period_s > 0.0)
+        self.gate = ScriptGate(self.task, period_s > 0.0, bus.cycle_time_s)
         self.cycles = CyclicOperation(
             parameters,
             period_s,
@@ -122,7 +123,14 @@ class RobotController:
         self.orders = Orders(parameters, self.state, self.control, self.planners, port.check_faults)
         self.orders.begin_session(self.bus.session.decode())
         self.scripts = ScriptService(
-            self.state, self.task, self.cycles, self.gate, self.orders, self.control, period_s > 0.0
+            self.state,
+            self.task,
+            self.cycles,
+            self.gate,
+            self.orders,
+            self.control,
+            period_s > 0.0,
+            parameters.in_position_cycles,
         )
         if parameters.motion.enable_cycle >= 0:
             self.task.enable(parameters.motion.enable_cycle)
@@ -215,6 +223,7 @@ class RobotController:
         if cycle or self.state.fault:
             self.task.disable()  # who comes back enables nothing by himself
         self.axes.begin()
+        self.task.follow_belts(read_belts(self.bus.belts))
         self.cycles.begin(cycle, self.bus.inputs)
         if self._start_s is None:
             self._start_s = self.cycles.last_answer_s

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from delta3_pacdrive.controller import robot_actions
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
-from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
+from delta3_pacdrive.controller.motion_state import TRANSITIONS, UNDER_WAY, Event, MotionState
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
@@ -90,6 +90,7 @@ class RobotState:
         self.located = 0
         self.tcp_m: Floats = task.state['tcp'][0].copy()
         self._aborting = False
+        self._beside = False  # something is added to the plan that goes with a belt
         self._due = NEVER  # command cycle at which something ends
         self._told: MotionProfile | None = None  # the motion profile that was told last
         self._own_told: MotionProfile | None = None  # the same of those that the task goes over to by itself
@@ -182,6 +183,17 @@ class RobotState:
         self._enter(Event.START)
         return None
 
+    def abandon(self) -> int:
+        """Stop path and belt motion from the next cycle on, forget both then; return from which cycle on they stand."""
+        task, tracking = self._task, self._task.tracking
+        if self.motion in UNDER_WAY:
+            self.abort()
+        if tracking is None:
+            return task.next_cycle
+        task.leave_belt()
+        tracking.lost = None  # nobody has to be told any more
+        return max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, task.next_cycle)
+
     def _misplaced(self, order: Order) -> Reason | None:
         """Say why an order fits neither the present bus time nor the place of the robot, None if it does."""
         latest = self._task.next_cycle + START_CYCLES_MAX
@@ -190,7 +202,9 @@ class RobotState:
                 f'an order starts in bus cycle {order.cycle:g}, but must be between 0 and {latest}, or -1'
             )
             return Reason(Code.CONTENT, sentence)
-        away = float(sum((order.plan.start_m() - self._task.state['tcp'][0]) ** 2)) ** 0.5
+        # beside what goes with a belt
+        stands = self._task.state['tcp' if self._task.tracking is None else 'planned'][0]
+        away = float(sum((order.plan.start_m() - stands) ** 2)) ** 0.5
         if away > STANDING_M:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from where the robot stands')
         return None
@@ -277,7 +291,18 @@ class RobotState:
 
     def hold(self) -> Reason | str:
         """Stop on the path from the next cycle on; returns why not, or what happens."""
-        return self._refused(Event.HOLD) or self._stop_on_path(Event.HOLD)
+        reason = self._refused(Event.HOLD)
+        if reason is None:
+            return self._stop_on_path(Event.HOLD)
+        return self._stop_beside_belt() or reason
+
+    def _stop_beside_belt(self) -> str:
+        """Stop a robot that goes with a belt though no moves are left; returns what happens, empty if it does not."""
+        tracking = self._task.tracking
+        if tracking is None or not tracking.works or self.motion is not MotionState.IDLE:
+            return ''
+        self._task.leave_belt()
+        return f'goes with its belt no longer, in bus cycle {tracking.rest_cycle} it stands'
 
     def _stop_on_path(self, event: Event) -> str:
         profile = self._task.hold()
@@ -290,7 +315,7 @@ class RobotState:
         """Stop on the path and forget the program; returns why not, or what happens."""
         reason = self._refused(Event.ABORT)
         if reason is not None:
-            return reason
+            return self._stop_beside_belt() or reason
         if self.motion == MotionState.MOVING:
             sentence = self._stop_on_path(Event.ABORT)
         else:
@@ -321,7 +346,11 @@ class RobotState:
         task = self._task
         if task.own_profile is not self._own_told:
             self._own_told = task.own_profile
-            if self._own_told is not None and self.motion == MotionState.MOVING:
+            if self._own_told is not None and self.motion == MotionState.MOVING and task.lost_belt:
+                self._look_at_extension()
+                self._follow()
+                self._enter(Event.HOLD)
+            elif self._own_told is not None and self.motion == MotionState.MOVING:
                 self._told = self._own_told
                 self.actions.append(robot_actions.Followed(self._told))
                 self.ends = task.coming_last_cycle
@@ -332,12 +361,21 @@ class RobotState:
             self.actions.append(robot_actions.Switched(cycle))
         if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._told:
             self._tell_profile()
+        if task.tracking is not None:
+            self._look_at_belt(cycle)
         if cycle >= self._due:
             self._due = NEVER
             if self._aborting:
                 self._end(Event.GIVE_UP, cycle)
             elif task.held:
                 self._enter(Event.STAND)
+
+    def _look_at_belt(self, cycle: int) -> None:
+        """Tell where the robot stands that goes with no belt any more."""
+        beside = self._task.tracking is not None and not self._task.tracking.free
+        if self._beside and not beside and self.motion is MotionState.IDLE:
+            self.locate(self._task.state['tcp'][0], cycle)
+        self._beside = beside
 
     def answered(self, cycle: int) -> None:
         """Note that the last answer of a program is there, and ask the drives for its currents."""
@@ -361,6 +399,8 @@ class RobotState:
     def _end(self, event: Event, cycle: int) -> None:
         self._forget_program()
         self._task.unload()
+        if event is Event.GIVE_UP:
+            self._task.release()
         self._look_at_extension()
         self._enter(event)
         self.locate(self._task.state['tcp'][0], cycle)

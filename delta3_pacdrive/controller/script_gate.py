@@ -12,7 +12,7 @@ from enum import Enum
 from delta3_pacdrive.controller.task_arrays import HISTORY
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import Reason, RunError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 
@@ -86,6 +86,8 @@ class ScriptGate:
         Of the same controller.
     has_clock
         Whether bus cycles are due by a clock: then the bus waits for nobody.
+    cycle_time_s
+        Of the bus [s].
 
     Attributes
     ----------
@@ -95,6 +97,10 @@ class ScriptGate:
         The bus cycle on whose answers the script decides, and whether they meet what it has waited for.
     hold_cycle
         From which cycle on the robot is to be stopped on its path, ``NEVER`` if it is not.
+    abandons, stands
+        Whether the robot is to forget moves and belt then, instead; and the first bus cycle in which it stands.
+    lost
+        Why the robot could not stay on a belt, where that is what the script decides on; None: it is not.
     begins
         Bus cycle on whose answers a script begins that was announced before, ``NEVER`` if none was.
     on_decision
@@ -102,11 +108,14 @@ class ScriptGate:
 
     """
 
-    def __init__(self, task: Transformation, has_clock: bool) -> None:
-        self._task, self._has_clock = task, has_clock
+    def __init__(self, task: Transformation, has_clock: bool, cycle_time_s: float = 1e-3) -> None:
+        self._task, self._has_clock, self._cycle_time_s = task, has_clock, cycle_time_s
         self.state = GateState.FREE
         self.cycle, self.met = -1, False
         self.hold_cycle = self.begins = NEVER
+        self.abandons, self.stands = False, 0
+        self.lost: Reason | None = None
+        self._told_lost = False
         self.on_decision: Callable[[], None] = lambda: None
         self._condition = WaitCondition(0, NEVER)
         self._commanded: list[Commanded] = [Commanded.of(task)] * HISTORY
@@ -145,12 +154,12 @@ class ScriptGate:
 
         ``inputs`` are those of these answers, as bits.
         """
-        self._condition = condition
+        self._condition, self.lost = condition, None
         self.happen(GateEvent.WAIT)
         self._look(self.cycle, inputs)
 
     def commanded(self, cycle: int) -> bool:
-        """Note what the command of a bus cycle has left; return whether the robot is held from the next one on."""
+        """Note what the command of a bus cycle has left; return whether the robot stops from the next one on."""
         if self.state is GateState.FREE:
             return False
         self._commanded[cycle % HISTORY] = Commanded.of(self._task)
@@ -162,6 +171,7 @@ class ScriptGate:
     def answered(self, cycle: int, inputs: int = 0) -> None:
         """Look whether the answers of a bus cycle meet what the script waits for."""
         if self.state is GateState.RUNNING:
+            self.lost = self._newly_lost(cycle)
             self._look(cycle, inputs)
         elif cycle == self.begins:
             self.attach(cycle + 1)
@@ -169,12 +179,27 @@ class ScriptGate:
     def interrupt(self, answered: int) -> None:
         """Let the script decide now, on the newest answers, though what it waits for is not there."""
         if self.state is GateState.RUNNING:
-            self.cycle, self.met = answered - 1, False
+            self.cycle, self.met, self.lost = answered - 1, False, None
             self.happen(GateEvent.REACH)
 
     def command_of(self, cycle: int) -> Commanded:
         """Return what the command of a bus cycle has left, one of the last 64."""
         return self._commanded[cycle % HISTORY]
+
+    def _newly_lost(self, cycle: int) -> Reason | None:
+        """Return why the robot could not stay on a belt, once, as soon as it stands; None: it could."""
+        command = self.command_of(cycle)
+        tracked = command.tracked
+        if tracked is None or tracked.lost is None:
+            self._told_lost = False
+            return None
+        stands = 0 < tracked.rest_cycle(self._cycle_time_s) <= cycle
+        if self._task.loaded:
+            stands = stands and command.held and command.end_cycle <= cycle
+        if self._told_lost or not stands:
+            return None
+        self._told_lost = True
+        return tracked.lost
 
     def _look(self, cycle: int, inputs: int) -> None:
         if self.state is not GateState.RUNNING:
@@ -183,6 +208,6 @@ class ScriptGate:
         self.met = self._condition.met(
             cycle, self.command_of(cycle), self._task.loaded, int(state['within']), inputs
         )
-        if self.met or cycle >= self._condition.latest:
+        if self.met or self.lost is not None or cycle >= self._condition.latest:
             self.cycle = cycle
             self.happen(GateEvent.REACH)

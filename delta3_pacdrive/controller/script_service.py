@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import asdict, fields
 from typing import Any
 
+from delta3_pacdrive.controller.belt_axes import belts_text
+from delta3_pacdrive.controller.belt_knowledge import TrackOrder
 from delta3_pacdrive.controller.control import Control
 from delta3_pacdrive.controller.cyclic_operation import CyclicOperation
 from delta3_pacdrive.controller.messages import Request
@@ -22,6 +24,7 @@ from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.sercos.bus_time import NEVER
 
 ATTACH, LOOK, WAIT, HOLD, LEAVE = 'attach', 'look', 'wait', 'hold', 'leave'
+GET_ON, GET_ON_AGAIN, ABANDON = 'get on', 'get on again', 'abandon'
 Reply = Callable[[Request, Reason | None, str, bool], None]
 HELD = Reason(Code.STATE, 'somebody has stopped the robot on its path: resume() goes on')
 ABORTED = Reason(Code.WITHDRAWN, 'an operator has given the script up')
@@ -37,6 +40,8 @@ class ScriptService:
         Of the same controller.
     has_clock
         Whether bus cycles are due by a clock.
+    in_position_cycles
+        For how many cycles every drive has to be within its window.
 
     Attributes
     ----------
@@ -54,10 +59,13 @@ class ScriptService:
         orders: Orders,
         control: Control,
         has_clock: bool,
+        in_position_cycles: int = 1,
     ) -> None:
         self._state, self._task, self._cycles = state, task, cycles
         self._gate, self._orders, self._control, self._has_clock = gate, orders, control, has_clock
         self.reply: Reply = lambda *_: None
+        self._in_position_cycles = in_position_cycles
+        self._comes_to_rest = False  # a robot whose script has abandoned it
         self._waiting: Request | None = None
         self._held_outside = False  # while the script decided: it does not know yet
         gate.on_decision = self._decided
@@ -79,16 +87,19 @@ class ScriptService:
                 WAIT: self._wait,
                 HOLD: self._hold,
                 LEAVE: self._leave,
+                GET_ON: self._get_on,
+                GET_ON_AGAIN: self._get_on_again,
+                ABANDON: self._abandon,
             }
-            outcome = acts[request.action](request)
+            act = acts.get(request.action)
+            content = Reason(Code.CONTENT, f'a script cannot ask for {shown(request.action)}')
+            outcome = content if act is None else act(request)
         if isinstance(outcome, Reason):
             self.reply(request, outcome, '', True)
         elif outcome is not None:
             self.reply(request, None, outcome, True)
 
     def _refusal(self, request: Request) -> Reason | None:
-        if request.action not in (ATTACH, LOOK, WAIT, HOLD, LEAVE):
-            return Reason(Code.CONTENT, f'a script cannot ask for {shown(request.action)}')
         operator = self._control.operator
         if operator is None or operator.identity != request.operator:
             return self._control.refusal(request.operator) or LOST
@@ -119,10 +130,18 @@ class ScriptService:
         if self._cycles.answered <= self._gate.begins < NEVER:
             self._orders.script = ''
             return Reason(Code.LATE, f'the script begins in bus cycle {self._gate.begins}: ask again then')
+        tracking = self._task.tracking
+        if tracking is not None and not tracking.free:
+            self._orders.script = ''
+            return Reason(Code.LATE, 'the robot still goes with a belt: ask again once it has left that')
         self._gate.begins = NEVER
         self._held_outside = False
         self._gate.attach(self._cycles.answered)
-        return self._told(inputs=list(self._cycles.inputs.names), clock=self._has_clock)
+        axes = '[]'
+        if tracking is not None:
+            axes = belts_text(tracking.belts)
+            tracking.drop_passed()
+        return self._told(inputs=list(self._cycles.inputs.names), clock=self._has_clock, axes=axes)
 
     def _look(self, _: Request) -> str:
         self._gate.refresh(self._cycles.answered)
@@ -133,19 +152,64 @@ class ScriptService:
         if isinstance(condition, Reason):
             return condition
         held, self._held_outside = self._held_outside, False
-        if held and self._held_profile() is not None:
+        if held and (self._held_profile() is not None or self._task.tracking is not None):
             return HELD
         return self._go_on(request, condition)
 
     def _hold(self, request: Request) -> Reason | str | None:
-        if not request.text.isdecimal() or len(request.text) > 15:
-            return Reason(Code.CONTENT, f'a hold is asked for a bus cycle, not {shown(request.text)}')
-        cycle = int(request.text)
-        if self._has_clock:
-            cycle = max(cycle, self._cycles.next_cycle + 1)
-        self._gate.hold_cycle = cycle
+        return self._stop(request, abandons=False)
+
+    def _stop(self, request: Request, abandons: bool) -> Reason | None:
+        """Let the bus go on to a cycle, from which on the robot stops."""
+        cycle = self._cycle_of(request)
+        if isinstance(cycle, Reason):
+            return cycle
+        self._gate.hold_cycle, self._gate.abandons = cycle, abandons
         self._held_outside = False
         return self._go_on(request, WaitCondition(cycle - 1, cycle - 1))
+
+    def _cycle_of(self, request: Request) -> int | Reason:
+        """Return the bus cycle that a request is about; on a bus with a clock that may be over."""
+        if not request.text.isdecimal() or len(request.text) > 15:
+            return Reason(
+                Code.CONTENT, f'{request.action} is asked for a bus cycle, not {shown(request.text)}'
+            )
+        cycle = int(request.text)
+        return max(cycle, self._cycles.next_cycle + 1) if self._has_clock else cycle
+
+    def _get_on(self, request: Request) -> Reason | str:
+        tracking = self._task.tracking
+        try:
+            order = TrackOrder.from_document(json.loads(request.text))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return Reason(Code.CONTENT, f'a script gets on a belt by an order, not by {shown(request.text)}')
+        belts = () if tracking is None else tracking.belts
+        if tracking is None or not 0 <= order.belt < len(belts) or belts[order.belt].window is None:
+            return Reason(Code.CONTENT, f'nobody may work on belt number {order.belt}, of {len(belts)}')
+        tracking.order(order)
+        return 'the order counts for the next event that gets on a belt'
+
+    def _get_on_again(self, request: Request) -> Reason | str:
+        cycle, tracking = self._cycle_of(request), self._task.tracking
+        if isinstance(cycle, Reason):
+            return cycle
+        if tracking is None or tracking.free:
+            return Reason(Code.STATE, 'the robot is on no belt')
+        if cycle < self._cycles.next_cycle:
+            return Reason(Code.LATE, f'bus cycle {cycle} is over, the next one is {self._cycles.next_cycle}')
+        tracking.again(cycle)
+        return f'from bus cycle {cycle} on'
+
+    def _abandon(self, request: Request) -> Reason | None:
+        self._comes_to_rest = True
+        return self._stop(request, abandons=True)
+
+    def _come_to_rest(self, request: Request) -> None:
+        """Wait until a robot stands that has been stopped, and is to forget moves and belt."""
+        gate, self._comes_to_rest = self._gate, False
+        last = max(gate.stands, gate.cycle + 1) + self._in_position_cycles - 1
+        self._waiting = request
+        gate.wait(WaitCondition(last, last), self._cycles.inputs.bits)
 
     def _go_on(self, request: Request, condition: WaitCondition) -> Reason | None:
         gate, cycles = self._gate, self._cycles
@@ -180,6 +244,10 @@ class ScriptService:
             self.reply(request, fault, '', True)
         elif self._gate.state is GateState.FREE:
             self.reply(request, LOST, '', True)
+        elif request.action == ABANDON and self._comes_to_rest:
+            self._come_to_rest(request)
+        elif self._gate.lost is not None:
+            self.reply(request, self._gate.lost, '', True)
         elif request.action == HOLD:
             if self._held_profile() is None:
                 sentence = 'hold: the moves were over before it took effect'
@@ -235,7 +303,7 @@ class ScriptService:
     def _lose(self) -> None:
         holds = self._gate.happen(GateEvent.LOSE)
         self._orders.script = ''
-        if holds and self._state.motion is MotionState.MOVING:
+        if holds and self._state.motion in (MotionState.MOVING, MotionState.IDLE):
             self._state.hold()
 
     def _told(self, **more: Any) -> str:
@@ -251,6 +319,10 @@ class ScriptService:
             'payload_kg': commanded.payload_kg,
             'inputs': self._cycles.inputs.bits,
         }
+        tracking, tracked = self._task.tracking, commanded.tracked
+        if tracking is not None and tracked is not None:
+            seen['planned_m'] = commanded.planned_m
+            more['belts'] = tracking.told(gate.cycle, tracked)
         return json.dumps({'seen': seen, 'held': self._held_profile(), **more})
 
     def _held_profile(self) -> list[float] | None:

@@ -5,6 +5,7 @@ the drives answer serves only the following error and supervision, never the nex
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,7 @@ from delta3_pacdrive.controller.task_arrays import (
 from delta3_pacdrive.dynamics import gravity, inertia
 from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
 from delta3_pacdrive.kinematics import geometry
+from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
 from delta3_pacdrive.motion.learned import Learned
@@ -136,6 +138,11 @@ class Transformation:
         self.current_peak: list[float | None] = [None] * 3
         self.current_rms: list[float | None] = [None] * 3
 
+    def follow_belts(self, belts: Sequence[BeltAxes]) -> None:
+        """Know these belts from now on, and forget what was known of any: the bus begins."""
+        self.release()
+        self.tracking = BeltTracking(self._parameters, belts) if belts else None
+
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
         theta, twist, tcp = self._place(motor_positions_rad)
@@ -232,6 +239,7 @@ class Transformation:
     def give_up(self) -> None:
         """Forget program, stop and enabling: there are no more cycles."""
         self.unload()
+        self.release()
         self.learned.drop(self.next_cycle, FAULT, for_good=True)
         self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
         self._stop_hard = False
@@ -400,6 +408,19 @@ class Transformation:
             state['tracks'], state['offset'] = 1, tracking.offset
         elif state['tracks']:
             state['tracks'], state['tcp'] = 0, state['planned']
+        if tracking.forgets and not self.loaded and cycle > tracking.rest_cycle:
+            self.release()
+
+    @property
+    def lost_belt(self) -> bool:
+        """Whether the robot could not stay on a belt, and nobody has settled that."""
+        return self.tracking is not None and self.tracking.lost is not None
+
+    def leave_belt(self) -> None:
+        """Stop what goes with a belt from the next cycle on, and forget it once it stands, as a program is over."""
+        if self.tracking is not None and not self.tracking.free:
+            self._halt(hard=False)
+            self.tracking.forgets = True
 
     def release(self) -> None:
         """Forget belt and program of a robot that stands: it stands there beside the belt."""

@@ -4,9 +4,10 @@ Pure. Commands of later cycles may be out already when the answers of a cycle ar
 command of the same cycle has left: so a condition is met in the same cycle however many cycles are outstanding.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
+from delta3_pacdrive.controller.belt_knowledge import Tracked
 from delta3_pacdrive.controller.transformation import Transformation
 
 
@@ -24,6 +25,10 @@ class Commanded:
         As bits: bit n is output n.
     payload_kg
         What the outputs have gripped.
+    planned_m
+        Where the plan has the TCP, beside what goes with a belt [m].
+    tracked
+        What goes with a belt; None: the robot has no belts.
 
     """
 
@@ -31,11 +36,17 @@ class Commanded:
     held: bool
     outputs: int
     payload_kg: float
+    planned_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tracked: Tracked | None = None
 
     @classmethod
     def of(cls, task: Transformation) -> Self:
         """Return what the last command of a task has left."""
-        return cls(task.end_cycle, task.loaded and task.held, task.outputs, task.payload)
+        left = cls(task.end_cycle, task.loaded and task.held, task.outputs, task.payload)
+        if task.tracking is None:
+            return left
+        x, y, z = task.state['planned'][0].tolist()
+        return replace(left, planned_m=(x, y, z), tracked=task.tracking.tracked)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ class WorldPort(Protocol):
     def send_inputs(self, cycle: int, inputs: Mapping[str, bool]) -> None:
         """Send the inputs of a bus cycle."""
 
+    def send_belts(self, cycle: int) -> None:
+        """Send what the belts tell in a bus cycle."""
+
     def tell_parts(self, told: dict[str, Any]) -> None:
         """Tell what has happened to parts in a bus cycle."""
 
@@ -85,6 +88,8 @@ class BusWorld:
             self._tell(now)
         if world.inputs:
             self._port.send_inputs(cycle, world.inputs)
+        if world.belts:
+            self._port.send_belts(cycle)
         return world.carried_kg
 
     def _tell(self, cycle: int) -> None:

@@ -8,11 +8,12 @@ from dataclasses import asdict, fields
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from delta3_pacdrive.controller.belt_axes import read_belts
 from delta3_pacdrive.controller.messages import TEXT_MAX
 from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.recording.signals import CELL_INPUTS
+from delta3_pacdrive.recording.signals import CELL_BELTS, CELL_INPUTS
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity
@@ -32,10 +33,12 @@ class Participant:
 
     """
 
-    def __init__(self, node: Node, name: str, parameters: Parameters, inputs: Sequence[str] = ()) -> None:
+    def __init__(
+        self, node: Node, name: str, parameters: Parameters, inputs: Sequence[str] = (), belts: str = '[]'
+    ) -> None:
         self._publisher = interfaces.PARTICIPANTS.publisher(node)
         self._name, self._inputs = name, json.dumps(list(inputs))
-        self._identity = Identity.of(parameters)
+        self._belts, self._identity = belts, Identity.of(parameters)
         self.instance = secrets.token_hex(INSTANCE_DIGITS // 2)
 
     def announce(
@@ -47,7 +50,7 @@ class Participant:
     ) -> None:
         """Publish the identity in a session, the partners linked in it and the bus time that is over [cycles]."""
         facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
-        facts |= {'session': session.decode(), 'inputs': self._inputs}
+        facts |= {'session': session.decode(), 'inputs': self._inputs, 'belts': self._belts}
         message = DiagnosticStatus(name=self._name, message=str(occasion), hardware_id=self.instance)
         message.values = [KeyValue(key=key, value=value) for key, value in facts.items()]
         self._publisher.publish(message)
@@ -57,7 +60,8 @@ def read_announcement(message: DiagnosticStatus) -> Announcement:
     """Read what ``Participant`` has published; raises TelegramError."""
     facts = {item.key: item.value for item in message.values}
     links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
-    inputs = _inputs(message.name, facts.pop('inputs', '[]'))
+    inputs, belts = _inputs(message.name, facts.pop('inputs', '[]')), facts.pop('belts', '[]')
+    _require_belts(message.name, belts)
     if message.name not in (*PARTICIPANTS, UNIT_ROBOT) or facts.keys() != {f.name for f in fields(Identity)}:
         raise TelegramError(f'{shown(message.name)} announces itself without what the bus asks for')
     if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
@@ -77,7 +81,18 @@ def read_announcement(message: DiagnosticStatus) -> Announcement:
         tuple(links.split()),
         int(bus_cycle),
         inputs,
+        belts,
     )
+
+
+def _require_belts(who: str, text: str) -> None:
+    """Raise TelegramError for what says nothing of belts."""
+    try:
+        known = len(read_belts(text)) <= CELL_BELTS
+    except ValueError:
+        known = False
+    if not known:
+        raise TelegramError(f'{shown(who)} announces belts {shown(text)}')
 
 
 def _inputs(who: str, text: str) -> tuple[str, ...]:

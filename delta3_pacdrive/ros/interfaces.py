@@ -324,6 +324,13 @@ INPUTS = Topic(
     'cycle are there in the next one',
     'every cycle, if there is a cell with inputs', 'hhhh', one_writer=True, recorded=True,
 )
+BELTS = Topic(
+    telegrams.BELTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK,),
+    'belts of a cell by name: as position the count of the encoder at the start of the cycle, as velocity how many '
+    'pictures the camera has taken; six efforts for each part that is told: number of the belt, of the type in the '
+    'cell file (-1: latched by the light barrier), count of that instant, place along and across [m], angle [rad]',
+    'every cycle, if there is a cell with belts', 'hhhh', one_writer=True, recorded=True,
+)
 PARTS = Topic(
     'cell/parts', String, FACTS, (PLANT,), (),
     'JSON: cycle, and what has happened in it to parts of a cell, with the numbers of the picks and places; misses',

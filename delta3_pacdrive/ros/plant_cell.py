@@ -1,6 +1,7 @@
 """The cell of the plant node on the graph: its inputs, the log of its parts, and inputs that are set from outside.
 
-In: ``sercos/mdt`` (outputs). Out: ``sercos/at/io`` (inputs, in every cycle), ``cell/parts`` (JSON). Service: ``input``.
+In: ``sercos/mdt`` (outputs). Out, in every cycle: ``sercos/at/io`` (inputs), ``sercos/at/belts`` (counts, parts). And
+``cell/parts`` (JSON). Service: ``input``.
 """
 
 import json
@@ -8,9 +9,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.srv import AddDiagnostics
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, RefusedError, TelegramError, shown
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals import cell_file
@@ -18,12 +22,14 @@ from delta3_pacdrive.peripherals.bus_world import BusWorld
 from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.plant.bus_plant import BusPlant
 from delta3_pacdrive.ros import cdr
-from delta3_pacdrive.ros.interfaces import INPUT, INPUTS, MDT, PARTS
+from delta3_pacdrive.ros.belt_receiver import parts_of
+from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS
 from delta3_pacdrive.ros.parameters import declare, descriptor
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.simulation.belts import axes_of, readings
 
 CELL = descriptor('cell file: what stands around the robot; empty: nothing', 0, 0, str)
 CELL_START = descriptor(
@@ -51,6 +57,8 @@ class PlantCell:
         The cell on the bus.
     inputs
         Names of its inputs.
+    belts
+        What is announced of its belts.
 
     """
 
@@ -58,14 +66,19 @@ class PlantCell:
         self._node, self._clock = node, Clock(parameters.bus.cycle_time_s)
         cell = cell_file.load(path)
         start = parameters.motion.start_cycle if start_cycle < 0 else start_cycle
-        self.around = BusWorld(World(cell, parameters.bus.cycle_time_s, start), self)
-        self.inputs = cell.input_names
+        self._world = World(cell, parameters.bus.cycle_time_s, start)
+        self.around = BusWorld(self._world, self)
+        self.inputs, self._axes = cell.input_names, axes_of(cell)
+        self.belts = belts_text(self._axes)
         self._bus_plant: BusPlant
         self._frame = b''  # of the last MDT: it rarely changes
         self._outputs = 0
         self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque))
         self._codec = cdr.codec(telegrams.inputs(self.inputs or ('',)))  # without inputs nothing is sent
         self._publish = cdr.raw_publish(INPUTS.publisher(node))
+        names = [belt.name for belt in self._axes]
+        self._belts_codec = cdr.codec(telegrams.belts(names or ('',)))
+        self._publish_belts = cdr.raw_publish(BELTS.publisher(node))
         self._parts = PARTS.publisher(node)
 
     def receive_for(self, bus_plant: BusPlant) -> None:
@@ -98,6 +111,22 @@ class PlantCell:
         """Send the inputs of a bus cycle."""
         values = [float(value) for value in inputs.values()]
         self._publish(self._codec.encode(self._clock.stamp(cycle), self._bus_plant.slave.session, values))
+
+    def send_belts(self, cycle: int) -> None:
+        """Send what the belts tell in a bus cycle."""
+        told = readings(self._world)
+        counts, pictures = [float(one.count) for one in told], [float(one.pictures) for one in told]
+        stamp, session = self._clock.stamp(cycle), self._bus_plant.slave.session
+        parts = parts_of(self._axes, told)
+        if not parts:
+            self._publish_belts(self._belts_codec.encode(stamp, session, counts + pictures))
+            return
+        message = JointState(
+            name=[belt.name for belt in self._axes], position=counts, velocity=pictures, effort=parts
+        )
+        message.header.frame_id = session.decode()
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        self._publish_belts(serialize_message(message))
 
     def tell_parts(self, told: dict[str, Any]) -> None:
         """Tell what has happened to parts in a bus cycle."""

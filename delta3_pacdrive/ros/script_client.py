@@ -14,10 +14,21 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
+from delta3_pacdrive.controller.belt_knowledge import TrackOrder
 from delta3_pacdrive.controller.messages import COURSE, EXACT, EXTEND, ORDER, Origin, Verdict
 from delta3_pacdrive.controller.plan_rows import PlanRows
 from delta3_pacdrive.controller.planner_actions import Ordered
-from delta3_pacdrive.controller.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT, condition_text
+from delta3_pacdrive.controller.script_service import (
+    ABANDON,
+    ATTACH,
+    GET_ON,
+    GET_ON_AGAIN,
+    HOLD,
+    LEAVE,
+    LOOK,
+    WAIT,
+    condition_text,
+)
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError, TelegramError
 from delta3_pacdrive.motion.execution import MotionProfile
@@ -128,6 +139,18 @@ class ScriptNode(OperatorNode):
     def hold(self, cycle: int) -> dict[str, Any]:
         """Let the bus go on to a cycle, and stop the robot on its path from there on."""
         return self._facts(HOLD, str(cycle))
+
+    def get_on(self, order: TrackOrder) -> None:
+        """Say which belt is meant by the next event of the plan that gets on one."""
+        self.ask('script', GET_ON, json.dumps(order.to_document()))
+
+    def get_on_again(self, cycle: int) -> None:
+        """Get on the belt again after a hold, or leave it, from a bus cycle on."""
+        self.ask('script', GET_ON_AGAIN, str(cycle))
+
+    def abandon(self, cycle: int) -> dict[str, Any]:
+        """Let the bus go on to a cycle, stop from there on, forget moves and belt; return what is seen at rest."""
+        return self._facts(ABANDON, str(cycle))
 
     def end(self) -> None:
         """End the script, and give control back."""

@@ -173,6 +173,11 @@ class BusMaster:
         """Names of the inputs that the plant answers for."""
         return self._participants.inputs
 
+    @property
+    def belts(self) -> str:
+        """What the plant tells of its belts."""
+        return self._participants.belts
+
     def closed(self) -> Reason | None:
         """Say why nothing that needs cyclic operation can be done, None if it can."""
         return None if self.cyclic else Reason(Code.BUS, f'the bus is in {self.phase.name}')

@@ -33,6 +33,8 @@ class Announcement:
         First bus cycle that it has not seen yet.
     inputs
         Names of the inputs that it answers for.
+    belts
+        What it tells of the belts that it answers for: JSON, as ``controller/belt_axes.py`` has it.
 
     """
 
@@ -44,6 +46,7 @@ class Announcement:
     links: tuple[str, ...] = ()
     bus_cycle: int = 0
     inputs: tuple[str, ...] = ()
+    belts: str = '[]'
 
 
 class Participants:
@@ -56,8 +59,8 @@ class Participants:
         something.
     bus_cycle
         First bus cycle that nobody has seen yet.
-    inputs
-        Names of the inputs that the plant answers for.
+    inputs, belts
+        Names of the inputs that the plant answers for, and what it tells of its belts.
 
     """
 
@@ -66,6 +69,7 @@ class Participants:
         self.links: dict[str, tuple[str, ...]] = {}
         self.bus_cycle = 0
         self.inputs: tuple[str, ...] = ()
+        self.belts = '[]'
         self._session = ''
         self._cyclic = False
         self._told: set[tuple[str, str, Occasion]] = set()
@@ -89,7 +93,7 @@ class Participants:
             self.identities[announcement.name] = announcement.identity
             self.links[announcement.name] = announcement.links
             if announcement.name == PLANT:
-                self.inputs = announcement.inputs
+                self.inputs, self.belts = announcement.inputs, announcement.belts
             return False
         key = (announcement.name, announcement.instance, announcement.occasion)
         if announcement.occasion == Occasion.CALLED or key in self._told:

@@ -56,6 +56,8 @@ class CycleScheduler:
         Wall-clock time per cycle [s]; 0 = as fast as possible.
     outstanding_max
         Most cycles that may wait for answers.
+    catches_up
+        Whether cycles that are late are caught up; else the schedule slips as soon as it lags by more than one.
     late_s
         How long after its due time the last cycle has started [s]; 0 without a clock.
 
@@ -66,6 +68,7 @@ class CycleScheduler:
     overruns: int = 0
     slip_s: float = 0.0
     late_s: float = 0.0
+    catches_up: bool = True
     _origin_s: float | None = None
     _held: bool = False
 
@@ -92,7 +95,7 @@ class CycleScheduler:
             return False
         self._held = False
         self.late_s = now_s - due if self.period_s else 0.0
-        lag = now_s - due - self.outstanding_max * self.period_s
+        lag = now_s - due - (self.outstanding_max if self.catches_up else 1) * self.period_s
         if self.period_s and lag > 0.0:
             # by whole periods: ticks and due times keep together
             slip = math.ceil(lag / self.period_s - ROUNDING) * self.period_s

@@ -64,7 +64,7 @@ MDT = Telegram('sercos/mdt', JOINT_STATE, DRIVES, (3, 0, 0), len(MDT_FRAME))
 # with the additive torque commands S-0-0081 [N m] as efforts
 TORQUE_MDT = MDT._replace(lengths=(3, 0, 3))
 AT = tuple(Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME)) for axis in DRIVES)
-INPUTS_TOPIC = 'sercos/at/io'
+INPUTS_TOPIC, BELTS_TOPIC = 'sercos/at/io', 'sercos/at/belts'
 SHAFTS = Telegram('plant/motor_shafts', JOINT_STATE, DRIVES, (3, 3, 3), len(NO_SESSION))
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
 # the joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
@@ -102,6 +102,11 @@ class BrakeOutput(NamedTuple):
 def inputs(names: Sequence[str]) -> Telegram:
     """Return that of inputs with these names: 1 is on, 0 is off."""
     return Telegram(INPUTS_TOPIC, JOINT_STATE, tuple(names), (len(names), 0, 0), len(NO_SESSION))
+
+
+def belts(names: Sequence[str]) -> Telegram:
+    """Return that of belts with these names, of a bus cycle without parts: counts, and how many pictures were taken."""
+    return Telegram(BELTS_TOPIC, JOINT_STATE, tuple(names), (len(names), len(names), 0), len(NO_SESSION))
 
 
 def mdt(torques: bool) -> Telegram:

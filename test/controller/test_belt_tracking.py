@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters
-from delta3_pacdrive.controller import belt_tracking
+from delta3_pacdrive.controller import belt_knowledge
 from delta3_pacdrive.controller.belt_tracking import (
     JUMPS_MAX,
     BeltReading,
@@ -247,7 +247,7 @@ def test_a_light_barrier_that_bounces_tells_a_part_once():
     bench.tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), latched)])
     (part,) = bench.tracking.parts[0]
     assert part.along_m == pytest.approx(0.3 - 0.14 + 0.0005, abs=5e-6)
-    assert bench.tracking.bounced == [2]
+    assert bench.tracking.bounced(0) == 2
 
 
 def test_a_camera_that_takes_no_picture_for_too_long_is_dead():
@@ -327,7 +327,7 @@ def test_the_plan_gets_on_and_leaves_and_ends_where_it_is_told():
 def test_torques_on_a_belt_are_those_of_the_whole_motion():
     class Moves:
         offset = Motion((0.05, -0.02, 0.01), (0.8, -0.3, 0.2), (6.0, 9.0, -4.0))
-        lost = None
+        lost, forgets = None, False
 
         def step(self, cycle, asked):
             return True
@@ -350,14 +350,14 @@ def test_torques_on_a_belt_are_those_of_the_whole_motion():
 
 
 def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(monkeypatch):
-    monkeypatch.setattr(belt_tracking, 'TOLD_MAX', 3)
+    monkeypatch.setattr(belt_knowledge, 'TOLD_MAX', 3)
     tracking = BeltTracking(parameters.load(), [BELT])
     counts = [math.floor(PER_M * 0.1 * n) for n in range(5)]
     for cycle, count in enumerate(counts):
         tracking.observe(cycle, [BeltReading(math.floor(PER_M * 0.01), (count,))])
-    assert tracking.dropped == [2]
+    assert tracking.dropped(0) == 2
     taken = tracking.take_parts(0)
     assert [part.along_m for part in taken] == pytest.approx([0.3 - 0.1 * n for n in (2, 3, 4)], abs=1e-3)
     assert tracking.take_parts(0) == []
     tracking.observe(5, [BeltReading(math.floor(PER_M * 0.01), (counts[-1] + 1,))])
-    assert tracking.bounced == [1]  # the last one that was told is not forgotten
+    assert tracking.bounced(0) == 1  # the last one that was told is not forgotten

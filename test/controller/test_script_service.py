@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import cell
-from delta3_pacdrive.cell.belt_robot import BeltRobot
 from delta3_pacdrive.cell.connected import ConnectedLink, connected
 from delta3_pacdrive.cell.robot import Robot
 from delta3_pacdrive.controller.control import Operator
@@ -67,21 +66,6 @@ def test_a_script_that_asks_has_the_bits_of_one_that_is_simulated(robot, node, c
     assert np.array_equal(np.array(node.bus.commands[:cycles]), trace['motor_command'][:cycles])
     assert np.array_equal(np.array(node.bus.answers[:cycles]), trace['motor_position'][:cycles])
     assert (called.late, called.late_cycles) == (0, 0)
-
-
-BELT_CALLS = {
-    'part': lambda robot: robot.part('line'),
-    'slot': lambda robot: robot.slot('line', 0.1),
-    'belt': lambda robot: robot.belt('line'),
-    'track': lambda robot: robot.track('line').__enter__(),
-}
-
-
-@pytest.mark.parametrize('call', BELT_CALLS)
-def test_a_robot_that_is_up_refuses_belts_and_says_where_they_work(node, robot, call):
-    with pytest.raises(ScriptError, match=r'cannot work on belts yet: .* cell\.simulate') as told:
-        BELT_CALLS[call](BeltRobot(ConnectedLink(node, robot), 'script'))
-    assert told.value.code is Code.BELT
 
 
 def test_who_has_no_control_decides_nothing(node):

@@ -7,27 +7,41 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.cell.link import Seen
+from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.controller.control import Operator
 from delta3_pacdrive.controller.messages import COURSE, EXACT, EXTEND, ORDER, Origin, Request
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
 from delta3_pacdrive.controller.robot_actions import Answered
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.controller.script_gate import GateState
-from delta3_pacdrive.controller.script_service import ATTACH, HOLD, LOOK, WAIT, condition_text
+from delta3_pacdrive.controller.script_service import (
+    ABANDON,
+    ATTACH,
+    GET_ON,
+    GET_ON_AGAIN,
+    HOLD,
+    LOOK,
+    WAIT,
+    condition_text,
+)
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.motion.extension import Row
+from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.simulation.belts import axes_of, readings
 from delta3_pacdrive.simulation.robot import Robot
 
 
 class BusPort:
     """What the controller does on the bus: commands wait for their answers, as many as may be outstanding."""
 
-    def __init__(self, parameters: Any, first_decision: int) -> None:
+    def __init__(self, parameters: Any, first_decision: int, around: Any) -> None:
         self.machine = Robot(parameters)
+        self.world = None if around is None else World(around, parameters.bus.cycle_time_s, first_decision)
+        self._outputs = 0  # of the MDT before: they are there now
         self.sent: deque[Any] = deque()
         self.most_outstanding = 0
         self._first_decision = first_decision
@@ -49,6 +63,17 @@ class BusPort:
         kept = command._replace(motors=command.motors.copy(), torques=np.copy(command.torques))
         self.sent.append((cycle, kept))
         self.most_outstanding = max(self.most_outstanding, len(self.sent))
+
+    def drive(self, cycle: int, command: Any) -> float:
+        """Let the cell go on to a bus cycle; return what hangs at the robot from then on [kg]."""
+        if self.world is None:
+            return command.payload
+        self.world.step(cycle, self.machine.plant.tcp().tolist(), self._outputs)
+        self._outputs = command.outputs
+        if self.world.carried_kg is None:
+            return command.payload
+        self.machine.grip(self.world.carried_kg)
+        return self.world.carried_kg
 
     def tell(self, cycle: int) -> None:
         if cycle == self._first_decision:
@@ -84,10 +109,13 @@ class ScriptBus:
 
     inputs: tuple[str, ...] = ()
 
-    def __init__(self, parameters: Any) -> None:
-        self.parameters = parameters
-        self._port = BusPort(parameters, parameters.motion.start_cycle - parameters.decision_cycles)
+    def __init__(self, parameters: Any, around: Any = None, belts_first: bool = False) -> None:
+        self.parameters, self._belts_first = parameters, belts_first
+        first = parameters.motion.start_cycle - parameters.decision_cycles
+        self._port = BusPort(parameters, first, around)
+        belts = '[]' if around is None else belts_text(axes_of(around))
         self.controller = self._port.controller
+        self.lose_answer = -1  # bus cycle in which the second drive is not heard
         self.commands: list[list[float]] = []
         self.answers: list[list[float]] = []
         ours = Identity.of(parameters)
@@ -95,7 +123,8 @@ class ScriptBus:
             for name in PARTICIPANTS:
                 session = self.controller.bus.session.decode()
                 occasion = Occasion.CALLED
-                self.controller.announced(Announcement(name, 'first', session, occasion, ours, DRIVES, 0))
+                told = Announcement(name, 'first', session, occasion, ours, DRIVES, 0, belts=belts)
+                self.controller.announced(told)
             self.controller.look_at_start_up(None)
         while self.controller.gate.state is GateState.FREE:
             self.exchange()
@@ -117,13 +146,19 @@ class ScriptBus:
         if not self._port.sent:
             return False
         cycle, command = self._port.sent.popleft()
-        machine = self._port.machine
-        machine.cycle(command.motors, command.control, command.payload, torques=command.torques)
+        machine, world = self._port.machine, self._port.world
+        payload = self._port.drive(cycle, command)
+        if world is not None and self._belts_first:
+            cycles.take_belts(cycle, readings(world))
+        machine.cycle(command.motors, command.control, payload, torques=command.torques)
         self.commands.append(command.motors.tolist())
         self.answers.append(machine.answers[0].tolist())
         for index, status in enumerate(machine.status.tolist()):
             content = (tuple(machine.answers[:, index].tolist()), status, 0)
-            cycles.take(index, cycle, content, 0)
+            if index != 1 or cycle != self.lose_answer:
+                cycles.take(index, cycle, content, 0)
+        if world is not None and not self._belts_first:
+            cycles.take_belts(cycle, readings(world))
         return True
 
     def look(self) -> Seen:
@@ -188,8 +223,8 @@ class ServedNode:
 
     identity = 'a1b2c3d4e5f60718'
 
-    def __init__(self, parameters: Any) -> None:
-        self.bus = ScriptBus(parameters)
+    def __init__(self, parameters: Any, around: Any = None, belts_first: bool = False) -> None:
+        self.bus = ScriptBus(parameters, around, belts_first)
         self.controller = self.bus.controller
         self.controller.control.take(Operator(self.identity, 'script test'), False, 0.0)
         self.controller.scripts.reply = lambda _, *reply: self.replies.append(reply)
@@ -215,10 +250,13 @@ class ServedNode:
         self.controller.scripts.ask(Request(self.bus.session, operator, self._numbers, 0, action, text))
 
     def _facts(self, action: str, text: str = '') -> Any:
+        return json.loads(self._told(action, text))
+
+    def _told(self, action: str, text: str = '') -> str:
         reason, told = self.ask(action, text)
         if reason is not None:
             raise RefusedError(reason)
-        return json.loads(told)
+        return str(told)
 
     def attach(self) -> Any:
         return self._facts(ATTACH)
@@ -231,6 +269,15 @@ class ServedNode:
 
     def hold(self, cycle: int) -> Any:
         return self._facts(HOLD, str(cycle))
+
+    def get_on(self, order: Any) -> None:
+        self._told(GET_ON, json.dumps(order.to_document()))
+
+    def get_on_again(self, cycle: int) -> None:
+        self._told(GET_ON_AGAIN, str(cycle))
+
+    def abandon(self, cycle: int) -> Any:
+        return self._facts(ABANDON, str(cycle))
 
     def start(self, plan: Any, cycle: int, override: float, exact: bool) -> int:
         row = (float(cycle), override, *plan.tables.order.tolist())

@@ -44,7 +44,8 @@ class PlantNode(RobotNode):
         self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read
         self._waiting = ''
         self._looks = 0
-        self._participant = Participant(self, PLANT, parameters, cell.inputs if cell else ())
+        around = (cell.inputs, cell.belts) if cell else ()
+        self._participant = Participant(self, PLANT, parameters, *around)
         self.announce = self._participant.announce
         faults = Faults(self, PLANT, lambda: plant.clock.cycle, lambda: plant.slave.session)
         self._bus_plant = plant = BusPlant(

@@ -20,6 +20,7 @@ from delta3_pacdrive.motion import learned
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import receive_announcements
 from delta3_pacdrive.ros.at_receiver import AtReceiver
+from delta3_pacdrive.ros.belt_receiver import BeltReceiver
 from delta3_pacdrive.ros.command_sender import CommandSender
 from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
 from delta3_pacdrive.ros.input_receiver import InputReceiver
@@ -101,6 +102,7 @@ class TransformationTaskNode(PollingNode):
             self, clock, factor > 0.0, self._cycles.statistics, self._cycles.take, controller.greeted
         )
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
+        self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         offer_service_requests(self, controller.services)
         self._injection = FaultInjection(self, controller, cycle_time_s)
         self._planner = PlannerLink(self, controller, self.change)
@@ -178,6 +180,7 @@ class TransformationTaskNode(PollingNode):
     def _tick(self) -> None:
         self._receiver.poll(self._cycles.due)
         self._inputs.poll()
+        self._belts.poll()
         self._cycles.start_due()
 
     def _look(self) -> None:

@@ -1,0 +1,56 @@
+"""What the plant announces of its belts, so that the controller, and scripts, know them: JSON, numbers to the bit."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from delta3_pacdrive.motion.belt_meeting import BeltAxes
+from delta3_pacdrive.motion.belt_synchronization import TrackWindow
+
+LARGEST = 1e9  # of a number that is announced
+
+
+def belts_text(belts: Sequence[BeltAxes]) -> str:
+    """Return belts as an announcement has them."""
+    return json.dumps(
+        [
+            {
+                **belt._asdict(),
+                'window': None if belt.window is None else [belt.window.begin_m, belt.window.end_m],
+            }
+            for belt in belts
+        ]
+    )
+
+
+def read_belts(text: str) -> tuple[BeltAxes, ...]:
+    """Return the belts of an announcement; raises ValueError for what announces none."""
+    try:
+        told = json.loads(text)
+        found = tuple(_belt(one) for one in told)
+    except (KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError('belts are announced otherwise') from error
+    if not isinstance(told, list) or len({belt.name for belt in found}) < len(found):
+        raise ValueError('belts are announced otherwise, or two have one name')
+    return found
+
+
+def _belt(facts: dict[str, Any]) -> BeltAxes:
+    window, (x, y, z) = facts['window'], map(float, facts['origin_m'])
+    names = 'direction_rad', 'increments_per_m', 'barrier_m', 'barrier_delay_s', 'camera_every_m'
+    numbers = {name: float(facts[name]) for name in names}
+    begin_m, end_m = (0.0, 0.0) if window is None else map(float, window)
+    if facts.keys() != set(BeltAxes._fields) or not isinstance(facts['name'], str):
+        raise ValueError('a belt is announced otherwise')
+    if not all(abs(number) < LARGEST for number in (x, y, z, begin_m, end_m, *numbers.values())):
+        raise ValueError(f'a number of belt {facts["name"]} is out of its range')
+    if numbers['increments_per_m'] <= 0.0 or math.copysign(1.0, end_m - begin_m) < 0.0:
+        raise ValueError(f'belt {facts["name"]} has no increments, or its window ends before it begins')
+    return BeltAxes(
+        name=facts['name'],
+        origin_m=(x, y, z),
+        window=None if window is None else TrackWindow(begin_m, end_m),
+        types=tuple(str(kind) for kind in facts['types']),
+        **numbers,
+    )

@@ -1,0 +1,135 @@
+"""The master's end of ``sercos/at/belts``: takes counts and parts off the wire and refuses what is none of its session.
+
+A message without parts has one fixed layout, as all telegrams; one with parts has six efforts more for each of them.
+"""
+
+from collections.abc import Callable, Sequence
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.controller.belt_tracking import BeltReading, Sighted
+from delta3_pacdrive.controller.robot_controller import RobotController
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.motion.belt_meeting import BeltAxes
+from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.interfaces import BELTS
+from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
+
+COUNT_MAX = 2.0**53
+EVENT = 6  # numbers of a part: belt, type (-1: the light barrier has latched it), count, along, across, angle
+
+
+class BeltReceiver:
+    """The master reads here what the belts are in each bus cycle.
+
+    Parameters
+    ----------
+    node
+        Subscribes.
+    clock
+        Bus time.
+    polled
+        Whether telegrams are read by ``poll`` alone.
+    controller
+        Takes them.
+    refuse
+        Called with a sentence about what is no telegram of this robot.
+
+    """
+
+    def __init__(
+        self,
+        node: PollingNode,
+        clock: Clock,
+        polled: bool,
+        controller: RobotController,
+        refuse: Callable[[str], None],
+    ) -> None:
+        self._clock, self._controller, self._refuse = clock, controller, refuse
+        self._codec: TelegramCodec | None = None
+        self._belts: tuple[BeltAxes, ...] = ()
+        self._take = BELTS.polled_subscription(node) if polled else None
+        if not polled:
+            BELTS.subscription(node, self._on_belts, raw=True)
+
+    def poll(self) -> None:
+        """Read what has come, as long as anything is due."""
+        cycles = self._controller.cycles
+        while self._take is not None and cycles.belts.expected < cycles.next_cycle:
+            taken = self._take()
+            if taken is None:
+                return
+            self._on_belts(taken[0])
+
+    def _on_belts(self, data: bytes) -> None:
+        controller = self._controller
+        tracking, session = controller.task.tracking, controller.bus.session
+        if session == NO_SESSION or not controller.bus.cyclic or tracking is None:
+            return
+        if self._codec is None or tracking.belts != self._belts:
+            self._belts = tracking.belts
+            self._codec = cdr.codec(telegrams.belts([belt.name for belt in self._belts]), COUNT_MAX)
+        try:
+            cycle, readings = self._read(data, self._codec, session)
+        except TelegramError as error:
+            self._refuse(f'belts: {error}')
+            return
+        controller.cycles.take_belts(cycle, readings)
+
+    def _read(self, data: bytes, codec: TelegramCodec, session: bytes) -> tuple[int, list[BeltReading]]:
+        """Return bus cycle and readings of a message; raises TelegramError."""
+        head = codec.decode_layout(data)
+        if head is None:
+            sec, nanosec, frame, values, events = self._with_parts(data)
+        else:
+            (sec, nanosec, frame, values), events = codec.decode(data), ()
+        telegrams.require_session(frame, session, 'a message of belts')
+        n = len(self._belts)
+        latched: list[list[int]] = [[] for _ in range(n)]
+        sighted: list[list[Sighted]] = [[] for _ in range(n)]
+        for at in range(0, len(events), EVENT):
+            belt, kind, count, along, across, angle = events[at : at + EVENT]
+            types = self._belts[int(belt)].types if 0 <= belt < n else ()
+            if not 0 <= belt < n or not -1 <= kind < len(types):
+                raise TelegramError(f'a part is of type {kind:g} on belt {belt:g}')
+            if kind < 0:
+                latched[int(belt)].append(int(count))
+            else:
+                sighted[int(belt)].append(Sighted(types[int(kind)], along, across, angle, int(count)))
+        readings = [
+            BeltReading(int(values[k]), tuple(latched[k]), tuple(sighted[k]), int(values[n + k]))
+            for k in range(n)
+        ]
+        return self._clock.count(sec, nanosec), readings
+
+    def _with_parts(self, data: bytes) -> tuple[int, int, bytes, Sequence[float], Sequence[float]]:
+        try:
+            message = deserialize_message(data, JointState)
+        except (RuntimeError, ValueError) as error:
+            raise TelegramError('a telegram is no JointState') from error
+        names, n = [belt.name for belt in self._belts], len(self._belts)
+        lengths = len(message.position), len(message.velocity), len(message.effort) % EVENT
+        if list(message.name) != names or lengths != (n, n, 0):
+            raise TelegramError(f'a telegram names {list(message.name)!r:.80}, expected {names}')
+        values = [*message.position, *message.velocity]
+        if not all(abs(value) < COUNT_MAX for value in (*values, *message.effort)):
+            raise TelegramError('a number is out of its range, or none')
+        head = message.header
+        return head.stamp.sec, head.stamp.nanosec, head.frame_id.encode(), values, list(message.effort)
+
+
+def parts_of(belts: Sequence[BeltAxes], readings: Sequence[BeltReading]) -> list[float]:
+    """Return the efforts of a message: what the belts tell of parts in a bus cycle."""
+    efforts: list[float] = []
+    for n, (belt, reading) in enumerate(zip(belts, readings, strict=True)):
+        for count in reading.latched:
+            efforts += (n, -1.0, count, 0.0, 0.0, 0.0)
+        for seen in reading.sighted:
+            kind = belt.types.index(seen.type)
+            efforts += (n, kind, seen.count, seen.along_m, seen.across_m, seen.angle_rad)
+    return [float(value) for value in efforts]

@@ -1,0 +1,338 @@
+"""Facts about belts on a robot that is up: a script has the bits of its simulation, and is told the same."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from belts import QUICK, around, pick, speed_of
+from delta3_pacdrive import cell, parameters
+from delta3_pacdrive.cell.belt_robot import BeltRobot
+from delta3_pacdrive.cell.connected import ConnectedLink
+from delta3_pacdrive.controller.belt_axes import belts_text, read_belts
+from delta3_pacdrive.controller.belt_knowledge import TrackOrder
+from delta3_pacdrive.controller.belt_tracking import BeltReading
+from delta3_pacdrive.controller.control import Operator
+from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.script_gate import GateEvent
+from delta3_pacdrive.controller.script_service import GET_ON, GET_ON_AGAIN
+from delta3_pacdrive.errors import Code
+from delta3_pacdrive.motion.belt_synchronization import TrackLimits, TrackWindow
+from delta3_pacdrive.simulation.belts import axes_of
+from script_bus import ServedNode
+
+CAMERA = {
+    'at_mm': 200,
+    'length_mm': 200,
+    'every_mm': 120,
+    'latency_s': 0.03,
+    'noise_mm': 0.05,
+    'doubled_share': 0.3,
+}
+SLOW = [speed_of(0.4)]
+
+
+@pytest.fixture(scope='module')
+def robot():
+    return parameters.load(parameters.MODEL_CONTROLLER)
+
+
+def picks(called):
+    pick(called)
+    pick(called)
+    called.output('gripper', False)
+
+
+def holds(called):
+    """Stop on the belt, and behind it, and go on."""
+    with called.track('line', timeout_s=5.0, **QUICK):
+        called.move_l(to_mm=[0, 0, 40], **QUICK)
+        called.wait()
+        called.hold()
+        called.wait_time(0.1)
+        called.resume()
+        called.move_l(to_mm=[0, 0, 30], **QUICK)
+    called.wait(left_s=0.02)
+    called.hold()
+    called.resume()
+    called.move_l(to_mm=[0, 0, -800])
+
+
+def overrides(called):
+    """Work on the belt at another speed, and look at it meanwhile."""
+    with called.track('line', timeout_s=5.0, **QUICK):
+        called.move_l(to_mm=[0, 0, 60], **QUICK)
+        called.wait()
+        called.override(60)
+        called.move_l(to_mm=[0, 0, 40], **QUICK)
+        called.wait()
+        if called.belt('line').way_m > 0.1:
+            called.override(100)
+        called.dwell(0.05)
+
+
+def stays(called):
+    """Stay above a part that the belt carries away, and go on when that is lost."""
+    refused = []
+    try:
+        with called.track('line', timeout_s=5.0, **QUICK):
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+            called.wait_time(5.0)
+    except cell.ScriptError as error:
+        refused.append(error.code)
+    assert refused == [Code.BELT]
+    called.move_l(to_mm=[50, 0, -800])
+
+
+def gives_up(called):
+    """Leave the work for a reason of its own."""
+    try:
+        with called.track('line', timeout_s=5.0, **QUICK):
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+            called.wait_time(0.6)
+            called.move_l(to_mm=[0, 30, 60])
+            raise ValueError
+    except ValueError:
+        called.move_l(to_mm=[50, 0, -800])
+
+
+def puts(called):
+    """Put something down on free places."""
+    for _ in range(2):
+        with called.track('line', called.slot('line', 0.1), timeout_s=5.0, **QUICK):
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+            called.dwell(0.02)
+        called.move_l(to_mm=[0, 0, -800], **QUICK)
+
+
+SCRIPTS = {
+    'picks': (picks, SLOW, {}),
+    'picks what a camera sees': (picks, SLOW, {'camera': CAMERA}),
+    'holds': (holds, SLOW, {}),
+    'overrides': (overrides, SLOW, {}),
+    'stays on a belt that gets faster': (stays, [speed_of(0.3), speed_of(1.2, after_s=2.0)], {}),
+    'stays on a belt that runs back': (stays, [speed_of(0.3), speed_of(-0.3, after_s=2.6)], {}),
+    'gives up': (gives_up, SLOW, {}),
+    'puts': (puts, SLOW, {}),
+}
+
+
+@pytest.mark.parametrize('belts_first', [False, True], ids=['answers first', 'belts first'])
+@pytest.mark.parametrize('name', SCRIPTS)
+def test_a_script_has_the_bits_of_its_simulation(robot, name, belts_first):
+    script, speed, of_belt = SCRIPTS[name]
+    there = around(speed, 3, **of_belt)
+    with cell.simulate(robot, around=there) as simulated:
+        script(simulated)
+        known = simulated.belt('line')
+    trace = simulated.trace
+    node = ServedNode(robot, there, belts_first)
+    called = BeltRobot(ConnectedLink(node, robot), 'script')
+    script(called)
+    assert called.belt('line') == known
+    called.finish()
+    bus = node.bus
+    assert bus.most_outstanding > 0
+    cycles = min(len(bus.commands), len(trace.time_s))
+    assert cycles > len(trace.time_s) - 10
+    assert np.array_equal(np.array(bus.commands[:cycles]), trace['motor_command'][:cycles])
+    assert np.array_equal(np.array(bus.answers[:cycles]), trace['motor_position'][:cycles])
+    assert np.ptp(trace['tcp_command'], axis=0).max() > 0.04
+
+
+@pytest.fixture
+def node(robot):
+    return ServedNode(robot, around(SLOW, 3))
+
+
+@pytest.fixture
+def called(node, robot):
+    return BeltRobot(ConnectedLink(node, robot), 'script')
+
+
+def gets_on(called, *then):
+    """Get on the belt above a part, do something there, and be left in the middle of it."""
+    block = called.track('line', timeout_s=5.0, **QUICK)
+    block.__enter__()
+    called.move_l(to_mm=[0, 0, 60], **QUICK)
+    called.wait()
+    return block
+
+
+def stands(node, cycles=8):
+    """Whether the robot is commanded to stand."""
+    return np.ptp(np.array(node.bus.commands[-cycles:]), axis=0).max() == 0.0
+
+
+def goes_on(node, cycles=400):
+    """Let bus cycles go by for which no script decides."""
+    for _ in range(cycles):
+        node.bus.exchange()
+
+
+def test_an_operator_stops_a_robot_that_works_on_a_belt_and_the_script_goes_on(node, called):
+    gets_on(called)
+    called.dwell(0.8)
+    called.wait_time(0.1)
+    assert isinstance(node.controller.scripts.hold(), str)
+    with pytest.raises(cell.ScriptError, match='somebody has stopped the robot on its path'):
+        called.wait()
+    called.wait_time(0.3)
+    assert node.controller.state.motion is MotionState.STOPPED
+    assert stands(node)
+    there = called.position()
+    called.resume()
+    called.wait_time(0.2)
+    assert called.position()[0] - there[0] > 0.1  # the belt has gone on meanwhile
+    assert not stands(node)
+
+
+@pytest.mark.parametrize('ask', ['hold', 'abort'])
+def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called, ask):
+    gets_on(called)
+    called.wait_time(0.1)
+    assert node.controller.state.motion is MotionState.IDLE
+    assert not stands(node)
+    located = node.controller.state.located
+    answer = getattr(node.controller.scripts, ask)()
+    assert answer.startswith('goes with its belt no longer, in bus cycle ')
+    node.controller.gate.happen(GateEvent.LEAVE)
+    goes_on(node)
+    assert stands(node)
+    assert node.controller.task.tracking.free
+    assert node.controller.state.located == located + 1  # whoever plans knows from where
+
+
+def test_a_script_that_is_lost_on_a_belt_leaves_the_robot_beside_it(robot, node, called):
+    gets_on(called)
+    called.wait_time(0.1)
+    node.controller.control.release(node.identity)
+    node.controller.look(1.0)
+    goes_on(node)
+    assert stands(node)
+    node.controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
+    another = BeltRobot(ConnectedLink(node, robot), 'another')
+    pick(another)
+    another.wait()
+    assert another.position() == pytest.approx((0.0, -0.2, -0.85), abs=1e-4)
+
+
+def test_a_script_does_not_begin_on_a_robot_that_still_leaves_a_belt(node, called):
+    pick(called)
+    called.wait_until(0.0)
+    while node.controller.state.motion is not MotionState.IDLE:
+        called.wait_time(0.01)
+    gets_on(called).__exit__(None, None, None)
+    while node.controller.state.motion is not MotionState.IDLE or node.controller.task.tracking.free:
+        called.wait_time(0.001)
+    node.ask('leave')
+    node.controller.gate.happen(GateEvent.LEAVE)
+    reason, _ = node.ask('attach')
+    assert (reason.code, str(reason)) == (
+        Code.LATE, 'the robot still goes with a belt: ask again once it has left that'
+    )  # fmt: skip
+
+
+def test_an_emergency_stop_on_a_belt_ends_with_a_robot_that_takes_moves_again(robot, node, called):
+    gets_on(called)
+    controller = node.controller
+    controller.state.emergency_stop()
+    controller.look(1.0)
+    goes_on(node)
+    assert stands(node)
+    controller.state.recover(controller.task.locate(node.bus.answers[-1]))
+    assert controller.task.tracking.free
+    controller.task.enable(controller.next_cycle + 2)
+    goes_on(node)
+    controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
+    another = BeltRobot(ConnectedLink(node, robot), 'another')
+    pick(another)
+    another.wait()
+    assert another.position() == pytest.approx((0.0, -0.2, -0.85), abs=1e-4)
+
+
+def test_an_answer_of_a_drive_that_is_lost_keeps_no_robot_with_belts_waiting(node, called):
+    node.bus.lose_answer = 1200
+    pick(called)
+    called.wait()
+    assert node.controller.cycles.answers.lost == 1
+    assert called.position() == pytest.approx((0.0, -0.2, -0.85), abs=1e-4)
+
+
+def test_belts_that_are_told_again_count_once(robot, node, called):
+    before = node.controller.task.tracking.observed
+    node.controller.cycles.take_belts(before.cycle, [BeltReading(10**6, (5,))])
+    pick(called)
+    assert called.belt('line').jumps == 0
+    assert called.belt('line').bounced == 0
+
+
+ORDER = TrackOrder(0, -0.1, 0.7, TrackWindow(0.4, 1.1), TrackLimits(4.0, 40.0, 4000.0), 0.3)
+
+
+def changed(**values):
+    return json.dumps(ORDER.to_document() | values)
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        ('null', 'gets on a belt by an order'),
+        ('{}', 'gets on a belt by an order'),
+        (changed(part_m='far'), 'gets on a belt by an order'),
+        (changed(part_m=math.nan), 'gets on a belt by an order'),
+        (changed(window_m=[0.1]), 'gets on a belt by an order'),
+        (changed(limits=[4.0, -40.0, 4000.0, 2.0]), 'gets on a belt by an order'),
+        (changed(more=1), 'gets on a belt by an order'),
+        (changed(belt=1), 'nobody may work on belt number 1, of 1'),
+        (changed(belt=-1), 'nobody may work on belt number -1, of 1'),
+    ],
+)
+def test_an_order_that_is_none_is_refused(node, called, text, sentence):
+    reason, _ = node.ask(GET_ON, text)
+    assert reason.code is Code.CONTENT
+    assert sentence in str(reason)
+
+
+def test_an_order_comes_over_the_wire_to_the_bit():
+    assert TrackOrder.from_document(json.loads(json.dumps(ORDER.to_document()))) == ORDER
+
+
+def test_who_is_on_no_belt_gets_on_none_again(node, called):
+    reason, _ = node.ask(GET_ON_AGAIN, '5000')
+    assert (reason.code, str(reason)) == (Code.STATE, 'the robot is on no belt')
+
+
+def test_a_robot_without_belts_names_none(robot):
+    node = ServedNode(robot)
+    called = BeltRobot(ConnectedLink(node, robot), 'script')
+    with pytest.raises(cell.ScriptError, match=r"unknown belt 'line', the belts are: none"):
+        called.part('line')
+    reason, _ = node.ask(GET_ON, changed())
+    assert str(reason) == 'nobody may work on belt number 0, of 0'
+
+
+def test_belts_are_announced_to_the_bit():
+    axes = axes_of(around(SLOW, 3, camera=CAMERA))
+    assert read_belts(belts_text(axes)) == axes
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['', 'null', '{}', '[{}]', '[1]', '[[]]', 'NaN', '[' * 10_000]
+    + [
+        belts_text(axes_of(around(SLOW, 3))).replace(old, new)
+        for old, new in (
+            ('"line"', '7'),
+            ('0.45', 'NaN'),
+            ('0.45', '5.0'),
+            ('-0.7', '1e300'),
+            ('"increments_per_m": ', '"increments_per_m": -'),
+            ('"types"', '"kinds"'),
+        )
+    ],
+)
+def test_what_announces_no_belts_is_no_announcement(text):
+    with pytest.raises(ValueError):  # noqa: PT011  of json and of the reader
+        read_belts(text)
