@@ -30,7 +30,7 @@ class Bench:
     """A cell whose robot is where the test says, and all that it sends."""
 
     def __init__(self, document=DOCUMENT):
-        self.inputs, self.parts = {}, []
+        self.inputs, self.parts, self.belts = {}, [], []
         self.world = World(cell_file.parse(document), CYCLE_S)
         self.around = BusWorld(self.world, self)
         self.around.begin(0)
@@ -39,6 +39,9 @@ class Bench:
     def send_inputs(self, cycle, inputs):
         assert cycle not in self.inputs
         self.inputs[cycle] = dict(inputs)
+
+    def send_belts(self, cycle):
+        self.belts.append((cycle, [belt.count for belt in self.world.belts.values()]))
 
     def tell_parts(self, told):
         self.parts.append(told)

@@ -159,6 +159,7 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
         *(f'{axis}/motor_current' for axis in DRIVES),
         'plant/motor_shafts',
         'sercos/at/io',
+        'sercos/at/belts',
     }
 
 

@@ -155,6 +155,19 @@ def test_late_cycles_are_caught_up():
     assert scheduler.slip_s == 0.0
 
 
+def test_a_schedule_with_belts_that_cannot_catch_up_slips_at_once_and_is_on_time_again():
+    scheduler = CycleScheduler(1e-3, 8, catches_up=False)
+    scheduler.begin(0, 0.0)
+    assert scheduler.may_start(0, 0, 0.0)
+    assert not scheduler.may_start(1, 8, 0.0012)  # the belts of cycle 0 are not told yet
+    assert scheduler.overruns == 1
+    assert scheduler.may_start(1, 1, 0.0032)
+    assert scheduler.slip_s == pytest.approx(0.002)
+    assert not scheduler.may_start(2, 1, 0.0033)
+    assert scheduler.may_start(2, 1, 0.0042)
+    assert (scheduler.overruns, scheduler.late_s) == (1, pytest.approx(0.0002))
+
+
 def test_a_schedule_that_lags_too_far_slips_for_good_and_skips_nothing():
     scheduler = CycleScheduler(1e-3, 8)
     assert scheduler.may_start(0, 0, 0.0)

@@ -86,6 +86,85 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     assert told == wanted != []
 
 
+PICKS = """
+QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
+
+
+def main(robot):
+    with robot.track('line', timeout_s=5.0, **QUICK):
+        robot.move_l(to_mm=[0, 0, 40], **QUICK)
+        robot.move_l(to_mm=[0, 0, 20], **QUICK)
+        robot.output('gripper', True, payload_kg=0.2)
+        robot.dwell(0.06)
+        robot.move_l(to_mm=[0, 0, 40], **QUICK)
+    robot.arch(to_mm=[0, -200, -850], up_mm=20, down_mm=20, **QUICK)
+    robot.output('gripper', False, payload_kg=0.0)
+    robot.dwell(0.03)
+"""
+BELT = """
+name: one belt
+cup:
+  {output: gripper, diameter_mm: 60, vacuum_pa: 60000, build_up_s: 0.006, valve: {on_s: 0.005, off_s: 0.004}}
+parts: {bar: {mass_kg: 0.2, size_mm: [60, 40, 20], friction: 0.5}}
+boxes: {tray: {at_mm: [0, -200, -870], clears_s: 0.02}}
+belts:
+  line:
+    origin_mm: [-700, 100, -870]
+    length_mm: 1500
+    encoder: {bits: 14, circumference_mm: 200}
+    speed: [{after_s: 0, speed_m_s: 0.4}]
+    barrier: {at_mm: 300, delay_s: 0.0005}
+    window_mm: [450, 1100]
+    stream: {part: bar, count: 2, spacing_mm: 450}
+"""
+
+
+@pytest.fixture
+def belt(tmp_path: Path) -> tuple[Path, Path]:
+    """Give a script that picks from a belt, and its cell."""
+    script, around = tmp_path / 'picks.py', tmp_path / 'belt.yaml'
+    script.write_text(PICKS)
+    around.write_text(BELT)
+    return script, around
+
+
+@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
+    delta3: Runner, tmp_path: Path, belt: tuple[Path, Path], options: list[str], nothing_left_behind: None
+) -> None:
+    script, around = belt
+    robot = parameters.load(parameters.of_run(None, str(script)))
+    with cell.simulate(robot, around=around) as simulated:
+        scripts.load(script).run(simulated)
+    trace, bag = simulated.trace, tmp_path / 'bag'
+    done = delta3(
+        'run', script, '--cell', around, '--real-time-factor', '0', '--bag', bag, '--json', *options
+    )
+    assert done.returncode == 0, done.stderr
+    recorded = trace_file.load(bag)
+    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
+    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
+    assert len(common) > 0.95 * len(trace.time_s) > 1800
+    for name in COMPARED:
+        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+    assert json.loads(done.stdout)['cell']['outcomes']['placed'] == 1
+    told = [reader for reader in bag.rglob('*.mcap') if b'sercos/at/belts' in reader.read_bytes()]
+    assert told != []
+
+
+def test_a_script_picks_from_a_belt_on_a_bus_with_a_clock(
+    delta3: Runner, belt: tuple[Path, Path], nothing_left_behind: None
+) -> None:
+    script, around = belt
+    slowly = ['--single-process', '--real-time-factor', '0.2']
+    done = delta3('run', script, '--cell', around, '--json', *slowly)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result['cell']['outcomes']['placed'] == 1
+    (part,) = [one for one in result['cell']['parts'] if one['outcome'] == 'placed']
+    assert np.hypot(*part['place_error_m'][:2]) < 0.5e-3
+
+
 def test_a_script_that_dies_ends_the_run_with_its_line(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
