@@ -20,7 +20,7 @@ from delta3_pacdrive.controller.script_service import GET_ON, GET_ON_AGAIN
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.motion.belt_synchronization import TrackLimits, TrackWindow
 from delta3_pacdrive.simulation.belts import axes_of
-from script_bus import ServedNode
+from script_bus import ANSWERS_LATE, BELTS_FIRST, ServedNode
 
 CAMERA = {
     'at_mm': 200,
@@ -72,6 +72,17 @@ def overrides(called):
         called.dwell(0.05)
 
 
+def waits(called):
+    """Stay on the belt without moves, decide, and go on there."""
+    with called.track('line', timeout_s=5.0, **QUICK):
+        called.move_l(to_mm=[0, 0, 60], **QUICK)
+        called.wait_time(0.6)
+        if called.state().motion == 'idle':
+            called.move_l(to_mm=[0, 20, 50], **QUICK)
+        called.wait()
+    called.move_l(to_mm=[0, 0, -800], **QUICK)
+
+
 def stays(called):
     """Stay above a part that the belt carries away, and go on when that is lost."""
     refused = []
@@ -111,6 +122,7 @@ SCRIPTS = {
     'picks what a camera sees': (picks, SLOW, {'camera': CAMERA}),
     'holds': (holds, SLOW, {}),
     'overrides': (overrides, SLOW, {}),
+    'waits': (waits, SLOW, {}),
     'stays on a belt that gets faster': (stays, [speed_of(0.3), speed_of(1.2, after_s=2.0)], {}),
     'stays on a belt that runs back': (stays, [speed_of(0.3), speed_of(-0.3, after_s=2.6)], {}),
     'gives up': (gives_up, SLOW, {}),
@@ -118,16 +130,16 @@ SCRIPTS = {
 }
 
 
-@pytest.mark.parametrize('belts_first', [False, True], ids=['answers first', 'belts first'])
+@pytest.mark.parametrize('order', ['', BELTS_FIRST, ANSWERS_LATE])
 @pytest.mark.parametrize('name', SCRIPTS)
-def test_a_script_has_the_bits_of_its_simulation(robot, name, belts_first):
+def test_a_script_has_the_bits_of_its_simulation(robot, name, order):
     script, speed, of_belt = SCRIPTS[name]
     there = around(speed, 3, **of_belt)
     with cell.simulate(robot, around=there) as simulated:
         script(simulated)
         known = simulated.belt('line')
     trace = simulated.trace
-    node = ServedNode(robot, there, belts_first)
+    node = ServedNode(robot, there, order)
     called = BeltRobot(ConnectedLink(node, robot), 'script')
     script(called)
     assert called.belt('line') == known

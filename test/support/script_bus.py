@@ -34,6 +34,9 @@ from delta3_pacdrive.sercos.participants import Announcement, Occasion
 from delta3_pacdrive.simulation.belts import axes_of, readings
 from delta3_pacdrive.simulation.robot import Robot
 
+# which of them reach the master first, if not the answers of the drives: those come a bus cycle later still
+BELTS_FIRST, ANSWERS_LATE = 'belts first', 'answers a cycle late'
+
 
 class BusPort:
     """What the controller does on the bus: commands wait for their answers, as many as may be outstanding."""
@@ -109,8 +112,10 @@ class ScriptBus:
 
     inputs: tuple[str, ...] = ()
 
-    def __init__(self, parameters: Any, around: Any = None, belts_first: bool = False) -> None:
-        self.parameters, self._belts_first = parameters, belts_first
+    def __init__(self, parameters: Any, around: Any = None, order: str = '') -> None:
+        self.parameters, self._belts_first = parameters, order != ''
+        self._answers_late = order == ANSWERS_LATE
+        self._waiting: deque[Any] = deque()  # answers that have not reached the master
         first = parameters.motion.start_cycle - parameters.decision_cycles
         self._port = BusPort(parameters, first, around)
         belts = '[]' if around is None else belts_text(axes_of(around))
@@ -144,7 +149,7 @@ class ScriptBus:
         cycles = self.controller.cycles
         cycles.start_due()
         if not self._port.sent:
-            return False
+            return self._answer()
         cycle, command = self._port.sent.popleft()
         machine, world = self._port.machine, self._port.world
         payload = self._port.drive(cycle, command)
@@ -153,12 +158,23 @@ class ScriptBus:
         machine.cycle(command.motors, command.control, payload, torques=command.torques)
         self.commands.append(command.motors.tolist())
         self.answers.append(machine.answers[0].tolist())
-        for index, status in enumerate(machine.status.tolist()):
-            content = (tuple(machine.answers[:, index].tolist()), status, 0)
-            if index != 1 or cycle != self.lose_answer:
-                cycles.take(index, cycle, content, 0)
+        words = machine.status.tolist()
+        told = [(tuple(machine.answers[:, index].tolist()), word, 0) for index, word in enumerate(words)]
+        self._waiting.append((cycle, told))
+        if not self._answers_late or len(self._waiting) > 1:
+            self._answer()
         if world is not None and not self._belts_first:
             cycles.take_belts(cycle, readings(world))
+        return True
+
+    def _answer(self) -> bool:
+        """Let the drives be heard of the oldest bus cycle of which they are not yet; return whether there was one."""
+        if not self._waiting:
+            return False
+        cycle, told = self._waiting.popleft()
+        for index, content in enumerate(told):
+            if index != 1 or cycle != self.lose_answer:
+                self.controller.cycles.take(index, cycle, content, 0)
         return True
 
     def look(self) -> Seen:
@@ -223,8 +239,8 @@ class ServedNode:
 
     identity = 'a1b2c3d4e5f60718'
 
-    def __init__(self, parameters: Any, around: Any = None, belts_first: bool = False) -> None:
-        self.bus = ScriptBus(parameters, around, belts_first)
+    def __init__(self, parameters: Any, around: Any = None, order: str = '') -> None:
+        self.bus = ScriptBus(parameters, around, order)
         self.controller = self.bus.controller
         self.controller.control.take(Operator(self.identity, 'script test'), False, 0.0)
         self.controller.scripts.reply = lambda _, *reply: self.replies.append(reply)
