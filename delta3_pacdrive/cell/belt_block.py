@@ -37,6 +37,7 @@ class Block:
     place: ScriptPlace
     begun: bool = False
     closed: bool = False
+    stopped: bool = False  # somebody has stopped the robot, which goes with the belt no longer
     stands: bool = False  # its first move leads to where the plan stands already
 
     @property

@@ -26,7 +26,7 @@ class BeltNow:
         How often a part was told again, how many have left the window before they were handed out, and how many found
         the queue full.
     bounced, jumps
-        How often the light barrier has latched a part again, and the encoder has jumped.
+        How often the light barrier has latched a part again, and the encoder has jumped, since the script began.
 
     """
 
@@ -56,6 +56,7 @@ class BeltParts:
         self._tracking, self._belt = tracking, belt
         self._queue = PartQueue(MERGE_M)
         self._slot_m: float | None = None  # the last one that was given
+        self._before = self._counts()  # the script begins: what was before does not concern it
 
     def next(self, window: TrackWindow, robot_m: float, rule: Rule, kind: str) -> QueuedPart | None:
         """Return the next part, which leaves the queue; None: there is none.
@@ -80,9 +81,16 @@ class BeltParts:
         self._hear()
         tracking, n, queue = self._tracking, self._belt, self._queue
         there = tracking.now(n)
-        refused = queue.refused + tracking.dropped(n)
-        counts = queue.merged, queue.left, refused, tracking.bounced(n), tracking.jumps(n)
-        return BeltNow(there.way_m, there.speed_m_s, len(queue), *counts)
+        counts = (now - before for now, before in zip(self._counts(), self._before, strict=True))
+        dropped, bounced, jumps = counts
+        refused = queue.refused + dropped
+        return BeltNow(
+            there.way_m, there.speed_m_s, len(queue), queue.merged, queue.left, refused, bounced, jumps
+        )
+
+    def _counts(self) -> tuple[int, int, int]:
+        tracking, n = self._tracking, self._belt
+        return tracking.dropped(n), tracking.bounced(n), tracking.jumps(n)
 
     def _hear(self) -> None:
         for one in self._tracking.take_parts(self._belt):

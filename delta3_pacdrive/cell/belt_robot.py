@@ -1,13 +1,12 @@
 """The robot of a script that works on belts: parts that come, getting on, working there, leaving."""
 
+import math
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any
 
-import numpy as np
-
 from delta3_pacdrive.cell.belt_block import Block, Leaving, check_block, limits_of, require_fine
-from delta3_pacdrive.cell.link import Link
+from delta3_pacdrive.cell.link import Link, StoppedError
 from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.parts_robot import PartsRobot, refused
 from delta3_pacdrive.cell.place import ScriptPlace, of_caller
@@ -19,6 +18,7 @@ from delta3_pacdrive.errors import (
     Delta3Error,
     ProgramError,
     Reason,
+    RefusedError,
     RunError,
     ScriptError,
     WaitTimeoutError,
@@ -50,6 +50,7 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 
 LATE_CYCLES = 2  # before the last moment at which work on a belt can follow the moves before it
 APART_CYCLES = 2
+ABANDON_TRIES = 2
 SURE_S = 0.01  # of a wait that is not decided anew
 CLOCK_CYCLES = 30  # from a decision about a belt to its order, beside the time that orders take: with a clock
 
@@ -158,9 +159,14 @@ class BeltRobot(PartsRobot):
         block, tracking = self._block, self._link.tracking
         if tracking is None:
             return super()._order_batch()
+        self._on_belt_cycle = None
         try:
             if block is None:
                 self._leave_time(tracking)
+            elif block.stopped:
+                raise refused(
+                    'the robot was stopped, and goes with its belt no longer: there is nothing to do there'
+                )
             elif not block.begun:
                 self._get_on(block, tracking)
             else:
@@ -169,9 +175,10 @@ class BeltRobot(PartsRobot):
             self._batch.clear()  # what is refused is not ordered later
             raise
         super()._order_batch()
-        self._on_belt_cycle = None
-        if block is not None and block.closed:
-            self._note_leaving(block, tracking, None)
+        if block is not None:
+            block.begun = True
+            if block.closed:
+                self._note_leaving(block, tracking, None)
         return None
 
     def _get_on(self, block: Block, tracking: BeltKnowledge) -> None:
@@ -233,7 +240,6 @@ class BeltRobot(PartsRobot):
         met_s = found.pad_s + block.first_s(planned.plan) / rate
         part_m, reference_m = block.part.along_m, block.reference_m
         self._link.get_on(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
-        block.begun = True
 
     @property
     def _clock_cycles(self) -> int:
@@ -339,25 +345,36 @@ class BeltRobot(PartsRobot):
 
         require_bearable(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
 
-    def _resume_cycle(self, cycle: int) -> int:
+    def _come_to_rest(self) -> None:
         tracking = self._link.tracking
+        if tracking is not None:
+            self._go_to(tracking.rest_cycle)  # from where it gets on again is known once it stands
+
+    def _way_back(self, cycle: int) -> int:
+        tracking, block = self._link.tracking, self._working
         if tracking is None or tracking.free:
             return cycle
-        self._go_to(tracking.rest_cycle)  # from where it gets on again is known once it stands
-        cycle = max(cycle, self._link.look().cycle + self.parameters.decision_cycles)
-        cycle_s, block = self.parameters.bus.cycle_time_s, self._working
-        goes_on = cycle + int(np.ceil(tracking.back_s(cycle) / cycle_s))
+        goes_on = cycle + math.ceil(tracking.back_s(cycle) / self.parameters.bus.cycle_time_s)
         if block is not None and tracking.works:
-            left_s = self._moves.left_on_belt_s(cycle) / self._moves.override
             there = tracking.expected(block.belt, goes_on)
-            done = block.part.along_m + there.way_m + there.speed_m_s * left_s
+            done = block.part.along_m + there.way_m + there.speed_m_s * self._left_on_belt_s(cycle)
             if done > block.window.end_m:
                 raise refused(
                     f'resume: the part would be done with at {1e3 * done:.1f} mm of belt '
                     f'{tracking.belts[block.belt].name}, but the window ends at {1e3 * block.window.end_m:.1f} mm'
                 )
-            if left_s > 0.0:
-                self._note_leaving(block, tracking, goes_on + int(left_s / cycle_s))
+        return goes_on
+
+    def _left_on_belt_s(self, cycle: int) -> float:
+        return self._moves.left_on_belt_s(cycle) / self._moves.override
+
+    def _go_back(self, cycle: int) -> int:
+        goes_on, tracking, block = self._way_back(cycle), self._link.tracking, self._working
+        if tracking is None or tracking.free:
+            return goes_on
+        left_s = self._left_on_belt_s(cycle)
+        if block is not None and tracking.works and left_s > 0.0:
+            self._note_leaving(block, tracking, goes_on + int(left_s / self.parameters.bus.cycle_time_s))
         self._link.get_on_again(cycle)
         return goes_on
 
@@ -366,7 +383,12 @@ class BeltRobot(PartsRobot):
         """Say where a call stands that is refused; a robot that could not stay on its belt gives up what is ordered."""
         try:
             with super()._told(place):
-                yield
+                try:
+                    yield
+                except StoppedError:
+                    if self._block is not None:
+                        self._block.stopped = True
+                    raise
         except ScriptError as error:
             tracking = self._link.tracking
             lost = tracking is not None and tracking.lost is not None
@@ -390,14 +412,17 @@ class BeltRobot(PartsRobot):
 
     def _abandon(self) -> None:
         self._block = self._leaving = None
-        try:
-            seen = self._link.look()
-            self._link.abandon(max(self._effect, seen.cycle + self.parameters.decision_cycles))
-        except RunError:
-            return  # a fault has stopped the robot meanwhile
-        seen = self._link.look()
-        self._moves.drop(seen.payload_kg)
-        self._effect = seen.cycle
+        for _ in range(ABANDON_TRIES):
+            with suppress(RefusedError):  # somebody has stopped the robot meanwhile, or taken control of it
+                try:
+                    seen = self._link.look()
+                    self._link.abandon(max(self._effect, seen.cycle + self.parameters.decision_cycles))
+                    seen = self._link.look()
+                except RunError:
+                    return  # a fault has stopped the robot meanwhile
+                self._moves.drop(seen.payload_kg)
+                self._effect = seen.cycle
+                return
 
     def finish(self) -> None:
         """Order what is noted, and let the bus go on until nothing is under way and the robot has left its belt."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.cell.belt_robot import BeltRobot
-from delta3_pacdrive.cell.link import HeldError, Seen
+from delta3_pacdrive.cell.link import HeldError, Seen, StoppedError
 from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.robot import Robot
 from delta3_pacdrive.controller.belt_axes import read_belts
@@ -63,13 +63,21 @@ class ConnectedLink:
 
     def _take(self, facts: dict[str, Any]) -> dict[str, Any]:
         self._seen, self._seen_s = seen_of(facts), time.monotonic()
+        self._held = facts['held']
         if self.tracking is not None:
             self.tracking.take(facts['belts'])
         return facts
 
     def start(self, planned: Planned, cycle: int, override: float) -> int:
         """Start a program at a bus cycle."""
-        return self._timed(lambda: self._node.start(planned.plan, cycle, override, exact=not self._has_clock))
+        try:
+            return self._timed(
+                lambda: self._node.start(planned.plan, cycle, override, exact=not self._has_clock)
+            )
+        except RefusedError as error:
+            if error.reason.code is not Code.BELT:
+                raise
+            raise StoppedError(error.reason) from None
 
     def extend(self, extension: Extension) -> int:
         """Let moves follow those that are driven."""
@@ -90,7 +98,7 @@ class ConnectedLink:
 
     def hold(self, cycle: int) -> MotionProfile:
         """Let the bus go on to a cycle, and stop the robot on its path from there on."""
-        facts = self._take(self._node.hold(cycle))
+        facts = self._gone_on(lambda: self._node.hold(cycle))
         return MotionProfile.from_array(facts['held'])
 
     def get_on(self, order: TrackOrder) -> None:
@@ -103,20 +111,27 @@ class ConnectedLink:
 
     def abandon(self, cycle: int) -> None:
         """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
-        self._take(self._node.abandon(cycle))
+        self._gone_on(lambda: self._node.abandon(cycle))
+
+    def _gone_on(self, ask: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Ask for what lets the bus go on, and see it as it is then, also where it is refused in the end."""
+        try:
+            return self._take(ask())
+        except RefusedError:
+            self._take(self._node.look())
+            raise
 
     def wait(self, condition: WaitCondition) -> bool:
         """Let the bus go on until a condition is met or its latest cycle is over."""
         try:
-            facts = self._node.wait(condition)
+            return bool(self._gone_on(lambda: self._node.wait(condition))['met'])
         except RefusedError as error:
-            if error.reason.code not in (Code.STATE, Code.BELT):
-                raise
-            held = self._take(self._node.look())['held']
-            if held is None or error.reason.code is Code.BELT:
+            code, held = error.reason.code, self._held
+            if code is Code.BELT and self.tracking is not None and self.tracking.lost is None:
+                raise StoppedError(error.reason) from None
+            if code is not Code.STATE or held is None:
                 raise
             raise HeldError(error.reason, MotionProfile.from_array(held)) from None
-        return bool(self._take(facts)['met'])
 
 
 def seen_of(facts: dict[str, Any]) -> Seen:

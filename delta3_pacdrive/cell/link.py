@@ -53,6 +53,10 @@ class Seen:
     planned_m: Point
 
 
+class StoppedError(RefusedError):
+    """Somebody has stopped a robot that goes with a belt, and does so no longer."""
+
+
 class Link(Protocol):
     """A robot on which a script runs. Every order is for a bus cycle that is still to come; all raise Delta3Error."""
 

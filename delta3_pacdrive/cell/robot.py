@@ -297,30 +297,39 @@ class Robot:
         timeline = self._moves.timeline
         if timeline is None:
             return
-        if self._held:
+        held = self._held
+        if held:
             self._go_to(timeline.end_cycle)  # on a robot that is up, who stands can go on
+            self._come_to_rest()
             seen = self._seen()
-            cycle = self._resume_cycle(max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle))
-        else:
-            cycle = seen.cycle + self.parameters.decision_cycles
-        if not self._held and cycle >= timeline.end_cycle:
+        cycle = seen.cycle + self.parameters.decision_cycles
+        if held:
+            cycle = max(cycle, timeline.end_cycle)
+        elif cycle >= timeline.end_cycle:
             return  # for the next program
-        stands = cycle if self._held else 0
+        stands = self._way_back(cycle) if held else 0
 
         def change(late: int) -> int:
             self._seen()
             if self._moves.timeline is None:
                 return seen.cycle  # over meanwhile: for the next program
-            profile = resume(timeline, cycle + late, override)
+            profile = resume(timeline, self._go_back(cycle + late) if held else cycle + late, override)
             effect = self._link.change(profile)
             self._moves.follow(replace(profile, cycle=effect))
             return effect
 
         self._take_effect(self._in_time(change, seen.cycle), seen.cycle, stands)
 
-    def _resume_cycle(self, cycle: int) -> int:
-        """Return the bus cycle in which the plan goes on, if the robot may begin to move in a cycle."""
+    def _come_to_rest(self) -> None:
+        """Let the bus go on until a robot stands whose plan was held."""
+
+    def _way_back(self, cycle: int) -> int:
+        """Return the bus cycle in which the plan can go on, if a robot that was held begins to move in a cycle."""
         return cycle
+
+    def _go_back(self, cycle: int) -> int:
+        """Let the robot begin to move in a cycle if it goes on; return in which one the plan goes on."""
+        return self._way_back(cycle)
 
     # orders -----------------------------------------------------------------------------------------------------------
 

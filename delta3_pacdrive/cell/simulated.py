@@ -120,7 +120,8 @@ class SimulatedLink:
     def get_on_again(self, cycle: int) -> None:
         """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
         if self.tracking is not None:
-            self.tracking.again(cycle)
+            self.tracking.again_cycle = cycle
+            self.tracking.go_on()  # the change of the motion profile follows
 
     def abandon(self, cycle: int) -> None:
         """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
@@ -134,7 +135,7 @@ class SimulatedLink:
             if profile is not None:
                 self._log.follow(task.timeline.copy(), profile.cycle, goes_on=True)
         tracking.halt(task.next_cycle)
-        tracking.lost = None  # nobody has to be told any more
+        tracking.settle()
         stands = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
         self._operation.go_to(stands + self.parameters.in_position_cycles)
         if task.loaded:

@@ -9,6 +9,7 @@ from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
 
 LARGEST = 1e9  # of a number that is announced
+NAME_MAX = 200  # characters
 
 
 def belts_text(belts: Sequence[BeltAxes]) -> str:
@@ -29,7 +30,7 @@ def read_belts(text: str) -> tuple[BeltAxes, ...]:
     try:
         told = json.loads(text)
         found = tuple(_belt(one) for one in told)
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise ValueError('belts are announced otherwise') from error
     if not isinstance(told, list) or len({belt.name for belt in found}) < len(found):
         raise ValueError('belts are announced otherwise, or two have one name')
@@ -41,7 +42,7 @@ def _belt(facts: dict[str, Any]) -> BeltAxes:
     names = 'direction_rad', 'increments_per_m', 'barrier_m', 'barrier_delay_s', 'camera_every_m'
     numbers = {name: float(facts[name]) for name in names}
     begin_m, end_m = (0.0, 0.0) if window is None else map(float, window)
-    if facts.keys() != set(BeltAxes._fields) or not isinstance(facts['name'], str):
+    if facts.keys() != set(BeltAxes._fields) or not all(map(_is_name, (facts['name'], *facts['types']))):
         raise ValueError('a belt is announced otherwise')
     if not all(abs(number) < LARGEST for number in (x, y, z, begin_m, end_m, *numbers.values())):
         raise ValueError(f'a number of belt {facts["name"]} is out of its range')
@@ -51,6 +52,10 @@ def _belt(facts: dict[str, Any]) -> BeltAxes:
         name=facts['name'],
         origin_m=(x, y, z),
         window=None if window is None else TrackWindow(begin_m, end_m),
-        types=tuple(str(kind) for kind in facts['types']),
+        types=tuple(facts['types']),
         **numbers,
     )
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= NAME_MAX and value.isprintable()

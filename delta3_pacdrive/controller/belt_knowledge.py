@@ -18,6 +18,7 @@ from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
 
 TOLD_MAX = 10_000  # parts that nobody has taken over
+NUMBER_MAX, LIMIT_MIN = 1e6, 1e-3  # of an order for a belt, in SI units
 BLIND = 2.5  # times the way between two pictures: so long without one, and the camera is dead
 CONSTANT_S = 0.05  # for so long the acceleration of a belt is taken to last, when it is told how it will be
 
@@ -75,15 +76,17 @@ class TrackOrder:
             != cls(0, 0.0, 0.0, TrackWindow(0.0, 0.0), TrackLimits(0.0, 0.0, 0.0)).to_document().keys()
         ):
             raise ValueError('an order for a belt has other keys')
-        window, limits = map(float, document['window_m']), map(float, document['limits'])
-        part_m, reference_m = float(document['part_m']), float(document['reference_m'])
-        belt, met_s = int(document['belt']), float(document['met_s'])
-        found = cls(belt, part_m, reference_m, TrackWindow(*window), TrackLimits(*limits), met_s)
-        numbers = (found.part_m, found.reference_m, found.met_s, found.window.begin_m, found.window.end_m)
-        of_limits = found.to_document()['limits']
-        if not all(math.isfinite(number) for number in (*numbers, *of_limits)) or min(of_limits) <= 0.0:
+        numbers = [*document['window_m'], *(document[name] for name in ('part_m', 'reference_m', 'met_s'))]
+        limits = document['limits']
+        if len(document['window_m']) != 2 or type(document['belt']) is not int:
+            raise ValueError('an order for a belt has another window, or no number of a belt')
+        if not all(-NUMBER_MAX <= number <= NUMBER_MAX for number in numbers):
             raise ValueError('a number of an order for a belt is out of its range')
-        return found
+        if not all(LIMIT_MIN <= limit <= NUMBER_MAX for limit in limits):
+            raise ValueError('a limit of an order for a belt is out of its range')
+        begin_m, end_m, part_m, reference_m, met_s = map(float, numbers)
+        window = TrackWindow(begin_m, end_m)
+        return cls(document['belt'], part_m, reference_m, window, TrackLimits(*map(float, limits)), met_s)
 
 
 class Phase(Enum):

@@ -23,7 +23,7 @@ from delta3_pacdrive.controller.belt_knowledge import (
     TrackOrder,
 )
 from delta3_pacdrive.controller.task_arrays import HISTORY
-from delta3_pacdrive.errors import Code, ProgramError, Reason, RunError
+from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.motion.belt_meeting import BeltAxes, behind, leaving
 from delta3_pacdrive.motion.belt_prediction import BeltObserver
 from delta3_pacdrive.motion.belt_synchronization import (
@@ -93,6 +93,8 @@ class BeltTracking(BeltKnowledge):
         What is added to the plan in the last command, in the frame ``base``.
     forgets
         Whether nobody goes on with the belt any more: what was added is to be forgotten once it stands.
+    again_cycle
+        Bus cycle from which on a robot that stands gets on its belt again, or leaves it, if it goes on; -1: none.
 
     """
 
@@ -106,11 +108,13 @@ class BeltTracking(BeltKnowledge):
         self._dropped, self._bounced = [0] * len(self.belts), [0] * len(self.belts)
         self._latched_m = [math.inf] * len(self.belts)  # the last part that a light barrier has told
         self._pictures = [(0, 0.0)] * len(self.belts)  # how many, and the way of the belt at the last one [m]
-        self._orders: list[TrackOrder] = []
+        # for the next event that gets on a belt, and that of the last one
+        self._coming: TrackOrder | None = None
         self._order: TrackOrder | None = None
         self._phase = self._before = Phase.FREE
         self._asked = False
         self._way, self._since, self._again = Way.standing(ZERO, 0.0), 0, -1
+        self.again_cycle = -1
         self._jumps = 0
         self.forgets = False
         self.offset = Motion(ZERO)
@@ -160,10 +164,15 @@ class BeltTracking(BeltKnowledge):
         parts, told = self.parts[belt], self._told[belt]
         return [(told.popleft(), parts.popleft())[1] for _ in range(bisect_right(told, until))]
 
-    def drop_passed(self) -> None:
-        """Forget parts that nobody can work on any more, for a script that begins."""
+    def begin(self, cycle: int) -> None:
+        """Forget what concerns nobody any more, for a script that begins with the answers of a bus cycle.
+
+        That are orders of the last one, and parts that nobody can work on.
+        """
+        self._coming = None
+        estimates = self._history[cycle % HISTORY].estimates
         for n, belt in enumerate(self.belts):
-            last = -math.inf if belt.window is None else belt.window.end_m - self.now(n).way_m
+            last = -math.inf if belt.window is None else belt.window.end_m - estimates[n].way_m
             kept = [
                 (cycle, one)
                 for cycle, one in zip(self._told[n], self.parts[n], strict=True)
@@ -185,8 +194,8 @@ class BeltTracking(BeltKnowledge):
         return {'observed': observed.to_document(), 'tracked': tracked.to_document(), 'parts': parts}
 
     def order(self, order: TrackOrder) -> None:
-        """Take an order for the next event of the plan that gets on a belt."""
-        self._orders.append(order)
+        """Take an order for the next event of the plan that gets on a belt; it counts instead of the one before."""
+        self._coming = order
 
     # what goes out ----------------------------------------------------------------------------------------------------
 
@@ -207,14 +216,7 @@ class BeltTracking(BeltKnowledge):
             self._phase = self._before
             self._begin(cycle)
         if asked and not self._asked:
-            if not self._orders:
-                raise RunError(
-                    f'the plan gets on a belt in bus cycle {cycle}, but nobody has said on which one'
-                )
-            self._order = self._orders.pop(0)
-            self._jumps = self.jumps(self._order.belt)
-            self._phase = Phase.ON_BELT
-            self._begin(cycle)
+            self._get_on(cycle)
         elif not asked and self._phase is Phase.ON_BELT:
             self._phase = Phase.LEAVING
             self._begin(cycle)
@@ -222,6 +224,15 @@ class BeltTracking(BeltKnowledge):
             self._before = Phase.LEAVING  # the work was done while it came to rest
         self._asked = asked
         return self._go_on(cycle)
+
+    def _get_on(self, cycle: int) -> None:
+        self._order, self._coming = self._coming, None
+        if self._order is None:
+            self._lose(f'the plan gets on a belt in bus cycle {cycle}, but nobody has said on which one')
+            return
+        self._jumps = self.jumps(self._order.belt)
+        self._phase = Phase.ON_BELT
+        self._begin(cycle)
 
     def _begin(self, cycle: int) -> None:
         """Begin to get on the belt, or to leave it, with the command of a bus cycle."""
@@ -298,7 +309,7 @@ class BeltTracking(BeltKnowledge):
 
         A hard stop takes over from a soft one that is under way.
         """
-        self._again = -1  # who was to go on stands
+        self._again = self.again_cycle = -1  # who was to go on stands
         order, standing = self._order, self._phase is Phase.STANDING
         if order is None or self._phase is Phase.FREE:
             return
@@ -322,13 +333,19 @@ class BeltTracking(BeltKnowledge):
         faster = tuple(v + t * a for v, a in zip(velocity, acceleration, strict=True))
         return Motion(moved, faster, acceleration)  # type: ignore[arg-type]
 
-    def again(self, cycle: int) -> None:
-        """Get on the belt again, or leave it, after ``halt``, from the command of a bus cycle on."""
+    def go_on(self) -> None:
+        """Get on the belt again, or leave it, after ``halt``, from the command of ``again_cycle`` on."""
         if self._phase is Phase.STANDING:
-            self._again = cycle
+            self._again = self.again_cycle
+        self.again_cycle = -1
+
+    def settle(self) -> None:
+        """Forget why the robot could not stay on a belt, and an order that nobody goes on with."""
+        self.lost = self._coming = None
 
     def release(self) -> None:
         """Forget belt and order: what is added becomes part of the place at which the robot stands."""
-        self._orders.clear()
-        self._order, self._phase, self._asked, self._again = None, Phase.FREE, False, -1
-        self.offset, self.lost, self.forgets = Motion(ZERO), None, False
+        self.settle()
+        self._order, self._phase, self._asked = None, Phase.FREE, False
+        self._again = self.again_cycle = -1
+        self.offset, self.forgets = Motion(ZERO), False

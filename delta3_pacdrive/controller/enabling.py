@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from delta3_pacdrive.controller.fault_reset import FaultReset, ResetEvent, ResetState
-from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.robot_actions import Answered, Asked, Said
 from delta3_pacdrive.controller.robot_state import Bus, RobotState
 from delta3_pacdrive.controller.transformation import Transformation
@@ -61,7 +60,7 @@ class Enabling:
         """Disable the drives, after a stop on the path if the TCP moves; returns when."""
         cycle, state = self._bus.next_cycle, self._state
         self._answer_waiting(lambda _: Reason(Code.STATE, 'the drives were disabled meanwhile'))
-        if state.motion in (MotionState.MOVING, MotionState.STOPPING):
+        if state.moves:
             sentence = f'disabled by the operator in motion, in bus cycle {cycle}'
             state.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
             return f'stops on its path from bus cycle {cycle} on'
@@ -83,6 +82,7 @@ class Enabling:
             where = f'{1e3 * away:.1f} mm from where its program was held'
             return Reason(Code.STATE, f'the robot was moved {where}: abort it first')
         if away > SETTLED_M:
+            self._task.release()
             self._state.locate(self._task.locate(self._axes.positions), self._bus.answered)
         return None
 

@@ -271,12 +271,10 @@ class RobotController:
         if not self.bus.cyclic or next_cycle == answered or self.gate.closed:
             self.cycles.watchdog.received(now_s)
             return
-        answers = self.cycles.answers
-        self._do(
-            self.bus.missed(
-                answers.behind(answered), silence_s, answers.ahead(answered), next_cycle, answered
-            )
-        )
+        answers, cycles = self.cycles.answers, self.cycles
+        silent, ahead = answers.behind(answered), answers.ahead(answered)
+        of_plant = 'the inputs' if cycles.belts.is_complete(answered) else 'the belts'
+        self._do(self.bus.missed(silent, silence_s, ahead, next_cycle, answered, of_plant))
 
     # reports ----------------------------------------------------------------------------------------------------------
 

@@ -33,6 +33,7 @@ PEAK_CURRENT, RMS_CURRENT = (Access(parse_idn(idn), Operation.READ) for idn in (
 START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
 FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node knows of it by then
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
+STOPPED_BESIDE = Reason(Code.BELT, 'somebody has stopped the robot, which goes with its belt no longer')
 
 
 Told = Callable[[Reason | None, str], None]
@@ -124,7 +125,18 @@ class RobotState:
     @property
     def checked_from(self) -> int:
         """Bus cycle from which on every drive must be in torque, because the TCP moves; ``NEVER`` if it stands."""
-        return self.starts if self.motion in (MotionState.MOVING, MotionState.STOPPING) else NEVER
+        if self.motion in (MotionState.MOVING, MotionState.STOPPING):
+            return self.starts
+        return 0 if self._goes_with_belt and self.motion is MotionState.IDLE else NEVER
+
+    @property
+    def moves(self) -> bool:
+        """Whether the TCP moves, on its path or with a belt."""
+        return self.checked_from < NEVER
+
+    @property
+    def _goes_with_belt(self) -> bool:
+        return self._task.tracking is not None and not self._task.tracking.free
 
     def refusal(self) -> Reason | None:
         """Say why no program can be started now, None if one can."""
@@ -165,7 +177,7 @@ class RobotState:
 
     def start(self, order: Order) -> Reason | None:
         """Start a program; returns why not."""
-        reason = self.refusal() or self._misplaced(order) or self._belated(order)
+        reason = self.refusal() or self._beside_belt() or self._misplaced(order) or self._belated(order)
         if reason is not None:
             return reason
         self._task.load(order.plan)
@@ -184,15 +196,24 @@ class RobotState:
         return None
 
     def abandon(self) -> int:
-        """Stop path and belt motion from the next cycle on, forget both then; return from which cycle on they stand."""
+        """Stop path and belt motion from the next cycle on, forget both then; return from which cycle on they stand.
+
+        It is 0 if nothing moves.
+        """
         task, tracking = self._task, self._task.tracking
         if self.motion in UNDER_WAY:
             self.abort()
+        stands = task.end_cycle if task.loaded else 0
         if tracking is None:
-            return task.next_cycle
+            return stands
         task.leave_belt()
-        tracking.lost = None  # nobody has to be told any more
-        return max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, task.next_cycle)
+        tracking.settle()
+        return max(tracking.rest_cycle, stands)
+
+    def _beside_belt(self) -> Reason | None:
+        """Say why a robot that was stopped while it went with a belt takes no moves yet, None if it takes them."""
+        tracking = self._task.tracking
+        return STOPPED_BESIDE if tracking is not None and tracking.forgets else None
 
     def _misplaced(self, order: Order) -> Reason | None:
         """Say why an order fits neither the present bus time nor the place of the robot, None if it does."""
@@ -228,15 +249,34 @@ class RobotState:
         if isinstance(timely, Reason):
             return timely
         profile = timely
+        reason = self._cannot_get_on_again()
+        if reason is not None:
+            return reason
         try:
             self._task.change(profile)
         except ProgramError as error:
             return Reason.of(error)
+        if self.motion is MotionState.STOPPED and self._task.tracking is not None:
+            self._task.tracking.go_on()
         self.ends = self._task.coming_last_cycle
         self._due = NEVER
         self._told = profile
         self.actions.append(robot_actions.Followed(profile))
         self._enter(Event.CHANGE)
+        return None
+
+    def _cannot_get_on_again(self) -> Reason | None:
+        """Say why a robot that was held while it went with a belt cannot go on, None if it can."""
+        tracking = self._task.tracking
+        if self.motion is not MotionState.STOPPED or tracking is None or tracking.free:
+            return None
+        if tracking.again_cycle < 0:
+            return Reason(
+                Code.STATE, 'the robot stands beside its belt: nobody has said when it gets on again'
+            )
+        if tracking.again_cycle < self._task.next_cycle:
+            over = f'bus cycle {tracking.again_cycle} is over, the next one is {self._task.next_cycle}'
+            return Reason(Code.LATE, f'{over}: the robot cannot get on its belt again')
         return None
 
     def _in_time(self, event: Event, profile: MotionProfile) -> MotionProfile | Reason:
@@ -291,10 +331,12 @@ class RobotState:
 
     def hold(self) -> Reason | str:
         """Stop on the path from the next cycle on; returns why not, or what happens."""
-        reason = self._refused(Event.HOLD)
-        if reason is None:
-            return self._stop_on_path(Event.HOLD)
-        return self._stop_beside_belt() or reason
+        return self._refused(Event.HOLD) or self._stop_on_path(Event.HOLD)
+
+    def stand(self) -> Reason | str:
+        """Stop on the path, or a robot that goes with a belt beside that; returns why not, or what happens."""
+        outcome = self.hold()
+        return outcome if isinstance(outcome, str) else self._stop_beside_belt() or outcome
 
     def _stop_beside_belt(self) -> str:
         """Stop a robot that goes with a belt though no moves are left; returns what happens, empty if it does not."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
+from delta3_pacdrive.controller.belt_knowledge import Phase
 from delta3_pacdrive.controller.task_arrays import HISTORY
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
@@ -182,6 +183,10 @@ class ScriptGate:
             self.cycle, self.met, self.lost = answered - 1, False, None
             self.happen(GateEvent.REACH)
 
+    def forget(self) -> None:
+        """Forget that the robot was to be stopped for the script: somebody else has done so."""
+        self.hold_cycle, self.abandons = NEVER, False
+
     def command_of(self, cycle: int) -> Commanded:
         """Return what the command of a bus cycle has left, one of the last 64."""
         return self._commanded[cycle % HISTORY]
@@ -193,7 +198,7 @@ class ScriptGate:
         if tracked is None or tracked.lost is None:
             self._told_lost = False
             return None
-        stands = 0 < tracked.rest_cycle(self._cycle_time_s) <= cycle
+        stands = tracked.phase is Phase.FREE or 0 < tracked.rest_cycle(self._cycle_time_s) <= cycle
         if self._task.loaded:
             stands = stands and command.held and command.end_cycle <= cycle
         if self._told_lost or not stands:

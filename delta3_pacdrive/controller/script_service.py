@@ -16,7 +16,7 @@ from delta3_pacdrive.controller.cyclic_operation import CyclicOperation
 from delta3_pacdrive.controller.messages import Request
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.orders import Orders
-from delta3_pacdrive.controller.robot_state import RobotState
+from delta3_pacdrive.controller.robot_state import STOPPED_BESIDE, RobotState
 from delta3_pacdrive.controller.script_gate import GateEvent, GateState, ScriptGate
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.controller.wait_condition import WaitCondition
@@ -67,7 +67,8 @@ class ScriptService:
         self._in_position_cycles = in_position_cycles
         self._comes_to_rest = False  # a robot whose script has abandoned it
         self._waiting: Request | None = None
-        self._held_outside = False  # while the script decided: it does not know yet
+        # why somebody has stopped the robot while the script decided: it does not know yet
+        self._held_outside: Reason | None = None
         gate.on_decision = self._decided
 
     @property
@@ -135,12 +136,12 @@ class ScriptService:
             self._orders.script = ''
             return Reason(Code.LATE, 'the robot still goes with a belt: ask again once it has left that')
         self._gate.begins = NEVER
-        self._held_outside = False
+        self._held_outside = None
         self._gate.attach(self._cycles.answered)
         axes = '[]'
         if tracking is not None:
             axes = belts_text(tracking.belts)
-            tracking.drop_passed()
+            tracking.begin(self._gate.cycle)
         return self._told(inputs=list(self._cycles.inputs.names), clock=self._has_clock, axes=axes)
 
     def _look(self, _: Request) -> str:
@@ -151,9 +152,9 @@ class ScriptService:
         condition = read_condition(request.text)
         if isinstance(condition, Reason):
             return condition
-        held, self._held_outside = self._held_outside, False
-        if held and (self._held_profile() is not None or self._task.tracking is not None):
-            return HELD
+        held, self._held_outside = self._held_outside, None
+        if held is not None and (held is not HELD or self._held_profile() is not None):
+            return held
         return self._go_on(request, condition)
 
     def _hold(self, request: Request) -> Reason | str | None:
@@ -165,7 +166,7 @@ class ScriptService:
         if isinstance(cycle, Reason):
             return cycle
         self._gate.hold_cycle, self._gate.abandons = cycle, abandons
-        self._held_outside = False
+        self._held_outside = None
         return self._go_on(request, WaitCondition(cycle - 1, cycle - 1))
 
     def _cycle_of(self, request: Request) -> int | Reason:
@@ -181,7 +182,7 @@ class ScriptService:
         tracking = self._task.tracking
         try:
             order = TrackOrder.from_document(json.loads(request.text))
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
             return Reason(Code.CONTENT, f'a script gets on a belt by an order, not by {shown(request.text)}')
         belts = () if tracking is None else tracking.belts
         if tracking is None or not 0 <= order.belt < len(belts) or belts[order.belt].window is None:
@@ -195,10 +196,14 @@ class ScriptService:
             return cycle
         if tracking is None or tracking.free:
             return Reason(Code.STATE, 'the robot is on no belt')
+        if self._state.motion is not MotionState.STOPPED:
+            return Reason(
+                Code.STATE, f'the robot is {self._state.motion}: who stands beside a belt gets on again'
+            )
         if cycle < self._cycles.next_cycle:
             return Reason(Code.LATE, f'bus cycle {cycle} is over, the next one is {self._cycles.next_cycle}')
-        tracking.again(cycle)
-        return f'from bus cycle {cycle} on'
+        tracking.again_cycle = cycle
+        return f'from bus cycle {cycle} on, if the robot goes on then'
 
     def _abandon(self, request: Request) -> Reason | None:
         self._comes_to_rest = True
@@ -245,6 +250,9 @@ class ScriptService:
         elif self._gate.state is GateState.FREE:
             self.reply(request, LOST, '', True)
         elif request.action == ABANDON and self._comes_to_rest:
+            if self._gate.hold_cycle < NEVER:  # it has lost its belt before, and stands
+                self._gate.forget()
+                self._gate.stands = self._state.abandon()
             self._come_to_rest(request)
         elif self._gate.lost is not None:
             self.reply(request, self._gate.lost, '', True)
@@ -259,18 +267,20 @@ class ScriptService:
 
     def hold(self) -> Reason | str:
         """Stop the robot on its path for an operator, and let the script know; returns why not, or what happens."""
-        outcome = self._state.hold()
+        outcome = self._state.stand()
         if isinstance(outcome, str):
-            self._held()
+            self._held(STOPPED_BESIDE if self._state.motion is MotionState.IDLE else HELD)
         return outcome
 
-    def _held(self) -> None:
+    def _held(self, reason: Reason) -> None:
         request, self._waiting = self._waiting, None
+        self._comes_to_rest = False
+        self._gate.forget()
         if request is None:
-            self._held_outside = True
+            self._held_outside = reason
         else:
             self._gate.interrupt(self._cycles.answered)
-            self.reply(request, HELD, '', True)
+            self.reply(request, reason, '', True)
 
     def abort(self) -> Reason | str:
         """Give up for an operator what is driven, and a script with it: it must not go on with what comes next.
@@ -303,8 +313,8 @@ class ScriptService:
     def _lose(self) -> None:
         holds = self._gate.happen(GateEvent.LOSE)
         self._orders.script = ''
-        if holds and self._state.motion in (MotionState.MOVING, MotionState.IDLE):
-            self._state.hold()
+        if holds:
+            self._state.stand()
 
     def _told(self, **more: Any) -> str:
         """Return what a script sees of the bus cycle that it decides on, and more."""

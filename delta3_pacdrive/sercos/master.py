@@ -278,14 +278,22 @@ class BusMaster:
         return self._take(Event.FALL, next_cycle, fault) if self.cyclic else [Note(fault)]
 
     def missed(
-        self, silent: Sequence[int], silence_s: float, ahead: int, next_cycle: int, answered: int
+        self,
+        silent: Sequence[int],
+        silence_s: float,
+        ahead: int,
+        next_cycle: int,
+        answered: int,
+        of_plant: str = 'the inputs',
     ) -> list[Action]:
         """Look after drives that do not answer.
 
         Parameters
         ----------
         silent
-            Drives whose answers of the cycle ``answered`` are awaited; none: it is the inputs.
+            Drives whose answers of the cycle ``answered`` are awaited; none: it is the plant.
+        of_plant
+            What is awaited of the plant then.
         silence_s
             How long no cycle has been complete [s].
         ahead
@@ -294,7 +302,7 @@ class BusMaster:
             First bus cycles that are not started, and not complete.
 
         """
-        names = ', '.join(DRIVES[index] for index in silent) or 'the inputs'
+        names = ', '.join(DRIVES[index] for index in silent) or of_plant
         sentence = f'no AT of {names} for {silence_s:.1f} s in bus cycle {answered} ({NO_ANSWER})'
         fault = RobotFault(FaultCode.ANSWER_LOST, sentence, names, NO_ANSWER, answered)
         if silence_s > ANSWER_SILENT_S and ahead > AHEAD and silent:

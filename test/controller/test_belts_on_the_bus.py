@@ -1,7 +1,6 @@
 """Facts about belts on a robot that is up: a script has the bits of its simulation, and is told the same."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -13,10 +12,7 @@ from delta3_pacdrive.cell.connected import ConnectedLink
 from delta3_pacdrive.controller.belt_axes import belts_text, read_belts
 from delta3_pacdrive.controller.belt_knowledge import TrackOrder
 from delta3_pacdrive.controller.belt_tracking import BeltReading
-from delta3_pacdrive.controller.control import Operator
-from delta3_pacdrive.controller.motion_state import MotionState
-from delta3_pacdrive.controller.script_gate import GateEvent
-from delta3_pacdrive.controller.script_service import GET_ON, GET_ON_AGAIN
+from delta3_pacdrive.controller.script_service import GET_ON
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.motion.belt_synchronization import TrackLimits, TrackWindow
 from delta3_pacdrive.simulation.belts import axes_of
@@ -163,107 +159,6 @@ def called(node, robot):
     return BeltRobot(ConnectedLink(node, robot), 'script')
 
 
-def gets_on(called, *then):
-    """Get on the belt above a part, do something there, and be left in the middle of it."""
-    block = called.track('line', timeout_s=5.0, **QUICK)
-    block.__enter__()
-    called.move_l(to_mm=[0, 0, 60], **QUICK)
-    called.wait()
-    return block
-
-
-def stands(node, cycles=8):
-    """Whether the robot is commanded to stand."""
-    return np.ptp(np.array(node.bus.commands[-cycles:]), axis=0).max() == 0.0
-
-
-def goes_on(node, cycles=400):
-    """Let bus cycles go by for which no script decides."""
-    for _ in range(cycles):
-        node.bus.exchange()
-
-
-def test_an_operator_stops_a_robot_that_works_on_a_belt_and_the_script_goes_on(node, called):
-    gets_on(called)
-    called.dwell(0.8)
-    called.wait_time(0.1)
-    assert isinstance(node.controller.scripts.hold(), str)
-    with pytest.raises(cell.ScriptError, match='somebody has stopped the robot on its path'):
-        called.wait()
-    called.wait_time(0.3)
-    assert node.controller.state.motion is MotionState.STOPPED
-    assert stands(node)
-    there = called.position()
-    called.resume()
-    called.wait_time(0.2)
-    assert called.position()[0] - there[0] > 0.1  # the belt has gone on meanwhile
-    assert not stands(node)
-
-
-@pytest.mark.parametrize('ask', ['hold', 'abort'])
-def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called, ask):
-    gets_on(called)
-    called.wait_time(0.1)
-    assert node.controller.state.motion is MotionState.IDLE
-    assert not stands(node)
-    located = node.controller.state.located
-    answer = getattr(node.controller.scripts, ask)()
-    assert answer.startswith('goes with its belt no longer, in bus cycle ')
-    node.controller.gate.happen(GateEvent.LEAVE)
-    goes_on(node)
-    assert stands(node)
-    assert node.controller.task.tracking.free
-    assert node.controller.state.located == located + 1  # whoever plans knows from where
-
-
-def test_a_script_that_is_lost_on_a_belt_leaves_the_robot_beside_it(robot, node, called):
-    gets_on(called)
-    called.wait_time(0.1)
-    node.controller.control.release(node.identity)
-    node.controller.look(1.0)
-    goes_on(node)
-    assert stands(node)
-    node.controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
-    another = BeltRobot(ConnectedLink(node, robot), 'another')
-    pick(another)
-    another.wait()
-    assert another.position() == pytest.approx((0.0, -0.2, -0.85), abs=1e-4)
-
-
-def test_a_script_does_not_begin_on_a_robot_that_still_leaves_a_belt(node, called):
-    pick(called)
-    called.wait_until(0.0)
-    while node.controller.state.motion is not MotionState.IDLE:
-        called.wait_time(0.01)
-    gets_on(called).__exit__(None, None, None)
-    while node.controller.state.motion is not MotionState.IDLE or node.controller.task.tracking.free:
-        called.wait_time(0.001)
-    node.ask('leave')
-    node.controller.gate.happen(GateEvent.LEAVE)
-    reason, _ = node.ask('attach')
-    assert (reason.code, str(reason)) == (
-        Code.LATE, 'the robot still goes with a belt: ask again once it has left that'
-    )  # fmt: skip
-
-
-def test_an_emergency_stop_on_a_belt_ends_with_a_robot_that_takes_moves_again(robot, node, called):
-    gets_on(called)
-    controller = node.controller
-    controller.state.emergency_stop()
-    controller.look(1.0)
-    goes_on(node)
-    assert stands(node)
-    controller.state.recover(controller.task.locate(node.bus.answers[-1]))
-    assert controller.task.tracking.free
-    controller.task.enable(controller.next_cycle + 2)
-    goes_on(node)
-    controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
-    another = BeltRobot(ConnectedLink(node, robot), 'another')
-    pick(another)
-    another.wait()
-    assert another.position() == pytest.approx((0.0, -0.2, -0.85), abs=1e-4)
-
-
 def test_an_answer_of_a_drive_that_is_lost_keeps_no_robot_with_belts_waiting(node, called):
     node.bus.lose_answer = 1200
     pick(called)
@@ -283,37 +178,8 @@ def test_belts_that_are_told_again_count_once(robot, node, called):
 ORDER = TrackOrder(0, -0.1, 0.7, TrackWindow(0.4, 1.1), TrackLimits(4.0, 40.0, 4000.0), 0.3)
 
 
-def changed(**values):
-    return json.dumps(ORDER.to_document() | values)
-
-
-@pytest.mark.parametrize(
-    ('text', 'sentence'),
-    [
-        ('null', 'gets on a belt by an order'),
-        ('{}', 'gets on a belt by an order'),
-        (changed(part_m='far'), 'gets on a belt by an order'),
-        (changed(part_m=math.nan), 'gets on a belt by an order'),
-        (changed(window_m=[0.1]), 'gets on a belt by an order'),
-        (changed(limits=[4.0, -40.0, 4000.0, 2.0]), 'gets on a belt by an order'),
-        (changed(more=1), 'gets on a belt by an order'),
-        (changed(belt=1), 'nobody may work on belt number 1, of 1'),
-        (changed(belt=-1), 'nobody may work on belt number -1, of 1'),
-    ],
-)
-def test_an_order_that_is_none_is_refused(node, called, text, sentence):
-    reason, _ = node.ask(GET_ON, text)
-    assert reason.code is Code.CONTENT
-    assert sentence in str(reason)
-
-
 def test_an_order_comes_over_the_wire_to_the_bit():
     assert TrackOrder.from_document(json.loads(json.dumps(ORDER.to_document()))) == ORDER
-
-
-def test_who_is_on_no_belt_gets_on_none_again(node, called):
-    reason, _ = node.ask(GET_ON_AGAIN, '5000')
-    assert (reason.code, str(reason)) == (Code.STATE, 'the robot is on no belt')
 
 
 def test_a_robot_without_belts_names_none(robot):
@@ -321,7 +187,7 @@ def test_a_robot_without_belts_names_none(robot):
     called = BeltRobot(ConnectedLink(node, robot), 'script')
     with pytest.raises(cell.ScriptError, match=r"unknown belt 'line', the belts are: none"):
         called.part('line')
-    reason, _ = node.ask(GET_ON, changed())
+    reason, _ = node.ask(GET_ON, json.dumps(ORDER.to_document()))
     assert str(reason) == 'nobody may work on belt number 0, of 0'
 
 
@@ -342,6 +208,11 @@ def test_belts_are_announced_to_the_bit():
             ('-0.7', '1e300'),
             ('"increments_per_m": ', '"increments_per_m": -'),
             ('"types"', '"kinds"'),
+            ('-0.7', '1' + 400 * '0'),
+            ('-0.7', 'Infinity'),
+            ('"line"', '"\\ud800"'),
+            ('"line"', '"' + 1000 * 'x' + '"'),
+            ('"types": []', '"types": ["\\n"]'),
         )
     ],
 )

@@ -48,6 +48,15 @@ def pick(robot, grip_s=0.06):
     robot.dwell(0.03)
 
 
+def gets_on(robot):
+    """Get on the belt above a part, and be left in the middle of it; return its block."""
+    block = robot.track('line', timeout_s=5.0, **QUICK)
+    block.__enter__()
+    robot.move_l(to_mm=[0, 0, 60], **QUICK)
+    robot.wait()
+    return block
+
+
 def apart_m(trace):
     """Return how far the true TCP is from the top of the first part while it stands on it [m], and the bus cycles."""
     tcp, way = trace.signals['tcp_true'], trace.signals['cell_belts'][:, 0]

@@ -247,6 +247,15 @@ class ServedNode:
         self.replies: list[Any] = []
         self._numbers = self._orders = self._driven = 0
 
+    def stands(self, cycles: int = 8) -> bool:
+        """Return whether the robot was commanded to stand for some bus cycles."""
+        return bool(np.ptp(np.array(self.bus.commands[-cycles:]), axis=0).max() == 0.0)
+
+    def goes_on(self, cycles: int = 400) -> None:
+        """Let bus cycles go by for which no script decides."""
+        for _ in range(cycles):
+            self.bus.exchange()
+
     def ask(self, action: str, text: str = '', operator: str = identity) -> Any:
         """Ask, and let bus cycles go by until that is answered; return reason and text."""
         self.post(action, text, operator)
