@@ -165,11 +165,7 @@ class BeltTracking(BeltKnowledge):
         return [(told.popleft(), parts.popleft())[1] for _ in range(bisect_right(told, until))]
 
     def begin(self, cycle: int) -> None:
-        """Forget what concerns nobody any more, for a script that begins with the answers of a bus cycle.
-
-        That are orders of the last one, and parts that nobody can work on.
-        """
-        self._coming = None
+        """Forget parts that nobody can work on, for a script that begins with the answers of a bus cycle."""
         estimates = self._history[cycle % HISTORY].estimates
         for n, belt in enumerate(self.belts):
             last = -math.inf if belt.window is None else belt.window.end_m - estimates[n].way_m

@@ -283,11 +283,15 @@ def test_a_script_that_holds_when_its_moves_are_over_goes_on_with_the_belt(robot
 def test_no_order_that_was_on_its_way_undoes_the_stop_of_an_operator(node, called):
     block = gets_on(called)
     called.wait_time(0.1)
-    start = node.start
+    start, refused = node.start, []
 
     def stopped_meanwhile(*order, **how):
         assert isinstance(node.controller.scripts.hold(), str)
-        return start(*order, **how)
+        try:
+            return start(*order, **how)
+        except RefusedError as error:
+            refused.append(error.reason.code)
+            raise
 
     node.start = stopped_meanwhile
     called.move_l(to_mm=[0, 100, 60], **QUICK)
@@ -296,6 +300,7 @@ def test_no_order_that_was_on_its_way_undoes_the_stop_of_an_operator(node, calle
         cell.ScriptError, match='somebody has stopped the robot, which goes with its belt no longer'
     ) as stopped:
         called.wait()
+    assert refused == [Code.BELT]
     assert block.__exit__(type(stopped.value), stopped.value, None) is False
     node.ask('leave')
     node.goes_on()
