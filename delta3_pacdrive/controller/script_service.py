@@ -14,12 +14,12 @@ from delta3_pacdrive.controller.belt_knowledge import TrackOrder
 from delta3_pacdrive.controller.control import Control
 from delta3_pacdrive.controller.cyclic_operation import CyclicOperation
 from delta3_pacdrive.controller.messages import Request
-from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.robot_state import STOPPED_BESIDE, RobotState
 from delta3_pacdrive.controller.script_gate import GateEvent, GateState, ScriptGate
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.controller.wait_condition import WaitCondition
+from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
 from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.sercos.bus_time import NEVER
 
@@ -322,7 +322,7 @@ class ScriptService:
         commanded = gate.command_of(gate.cycle)
         seen = {
             'cycle': gate.cycle,
-            'motion': str(self._state.motion),
+            'motion': str(self._motion_of(commanded)),
             'command_m': answer['tcp_command'].tolist(),
             'position_m': answer['tcp_actual'].tolist(),
             'outputs': commanded.outputs,
@@ -334,6 +334,15 @@ class ScriptService:
             seen['planned_m'] = commanded.planned_m
             more['belts'] = tracking.told(gate.cycle, tracked)
         return json.dumps({'seen': seen, 'held': self._held_profile(), **more})
+
+    def _motion_of(self, commanded: Commanded) -> MotionState:
+        """Return what is done with the TCP by a command: a later one may have done more already."""
+        motion = self._state.motion
+        if motion not in UNDER_WAY:
+            return motion
+        if not commanded.held:
+            return MotionState.MOVING
+        return MotionState.STOPPED if self._gate.cycle >= commanded.end_cycle else MotionState.STOPPING
 
     def _held_profile(self) -> list[float] | None:
         """Return the motion profile of a robot that stops or stands on its path, as a row of numbers."""

@@ -397,6 +397,7 @@ def test_what_was_before_a_script_does_not_concern_it(node, called, robot):
 
 
 def test_belts_that_fall_silent_are_named(node, called):
+    gets_on(called)
     node.ask('leave')
     cycles = node.controller.cycles
     cycles.take_belts = lambda *_: None
@@ -404,6 +405,8 @@ def test_belts_that_fall_silent_are_named(node, called):
     for n in range(50):
         node.controller.look(0.2 * n)
     assert str(node.controller.state.fault).startswith('no AT of the belts for')
+    assert not node.controller.bus.cyclic
+    assert node.controller.task.tracking.free
 
 
 def changed(**values):

@@ -104,6 +104,26 @@ def gives_up(called):
         called.move_l(to_mm=[50, 0, -800])
 
 
+def polls(called):
+    """Look at robot and belt in every bus cycle, while it works and while the part is lost."""
+    seen = []
+    try:
+        with called.track('line', timeout_s=5.0, **QUICK):
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+            called.wait()
+            called.dwell(0.9)
+            called.wait_time(0.6)
+            called.dwell(0.9)
+            for _ in range(1400):
+                called.wait_time(0.001)
+                seen.append((called.state(), called.belt('line')))
+    except cell.ScriptError as error:
+        seen.append(str(error))
+    assert 'the window ends at' in seen[-1]
+    called.move_l(to_mm=[50, 0, -800])
+    return seen
+
+
 def puts(called):
     """Put something down on free places."""
     for _ in range(2):
@@ -123,6 +143,7 @@ SCRIPTS = {
     'stays on a belt that runs back': (stays, [speed_of(0.3), speed_of(-0.3, after_s=2.6)], {}),
     'gives up': (gives_up, SLOW, {}),
     'puts': (puts, SLOW, {}),
+    'polls': (polls, SLOW, {}),
 }
 
 
@@ -132,12 +153,12 @@ def test_a_script_has_the_bits_of_its_simulation(robot, name, order):
     script, speed, of_belt = SCRIPTS[name]
     there = around(speed, 3, **of_belt)
     with cell.simulate(robot, around=there) as simulated:
-        script(simulated)
+        seen = script(simulated)
         known = simulated.belt('line')
     trace = simulated.trace
     node = ServedNode(robot, there, order)
     called = BeltRobot(ConnectedLink(node, robot), 'script')
-    script(called)
+    assert script(called) == seen
     assert called.belt('line') == known
     called.finish()
     bus = node.bus
