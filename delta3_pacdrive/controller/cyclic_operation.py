@@ -163,6 +163,7 @@ class CyclicOperation:
                     gate.stands = state.abandon()
                 else:
                     state.hold()
+                gate.note(cycle)
             if state.actions:
                 self._port.change()
 

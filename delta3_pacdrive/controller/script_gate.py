@@ -163,11 +163,15 @@ class ScriptGate:
         """Note what the command of a bus cycle has left; return whether the robot stops from the next one on."""
         if self.state is GateState.FREE:
             return False
-        self._commanded[cycle % HISTORY] = Commanded.of(self._task)
+        self.note(cycle)
         if cycle + 1 < self.hold_cycle:
             return False
         self.hold_cycle = NEVER
         return True
+
+    def note(self, cycle: int) -> None:
+        """Note what the command of a bus cycle has left, or what has been asked for at once behind it."""
+        self._commanded[cycle % HISTORY] = Commanded.of(self._task)
 
     def answered(self, cycle: int, inputs: int = 0) -> None:
         """Look whether the answers of a bus cycle meet what the script waits for."""
