@@ -18,7 +18,7 @@ from delta3_pacdrive.ros.robot_client import OperatorNode
 from robots import Graph
 
 ON_REQUEST = {'motion__start_cycle': -1}
-LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.4}}]'
+LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.1}}]'  # slow: it is held on its way, however late that comes
 BACK = 'moves: [{move_l: {to_m: [0.0, 0.0, -0.75], speed_m_s: 0.4}}]'
 AWAY = 'moves: [{move_l: {to_m: [0.0, 0.2, -0.75], speed_m_s: 0.002}}]'
 # what "ros2 bag record -a" records beside what our recorder does
