@@ -1,5 +1,6 @@
 """Bags that are played back into a live robot: nothing moves, no node ends, and one sentence says what was refused."""
 
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header, String
 
 from delta3_pacdrive.parameters import load
+from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.ros.interfaces import MOTION_CHANGE, RECORDED
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
@@ -18,9 +20,21 @@ from delta3_pacdrive.ros.robot_client import OperatorNode
 from robots import Graph
 
 ON_REQUEST = {'motion__start_cycle': -1}
-LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.1}}]'  # slow: it is held on its way, however late that comes
+LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.1}}]'  # slow, to be held on its way
 BACK = 'moves: [{move_l: {to_m: [0.0, 0.0, -0.75], speed_m_s: 0.4}}]'
 AWAY = 'moves: [{move_l: {to_m: [0.0, 0.2, -0.75], speed_m_s: 0.002}}]'
+# around the robot, beside what the packaged cell has
+BELT = """
+belts:
+  line:
+    origin_mm: [-700, 100, -870]
+    length_mm: 1500
+    encoder: {bits: 14, circumference_mm: 200}
+    speed: [{after_s: 0, speed_m_s: 0.4}]
+    stream: {part: carton, count: 1000, spacing_mm: 150}
+    camera: {at_mm: 300, length_mm: 300, every_mm: 20, latency_s: 0.01}
+    window_mm: [600, 1000]
+"""
 # what "ros2 bag record -a" records beside what our recorder does
 MORE = {
     'motion/change': (MOTION_CHANGE.type, MOTION_CHANGE.delivery.publisher),
@@ -56,7 +70,10 @@ class Cell:
 
     def __init__(self, graph: Any) -> None:
         self.graph = graph
-        graph.add(PlantNode, cell='cell', **ON_REQUEST)
+        with tempfile.NamedTemporaryFile('w', suffix='.yaml') as cell:
+            cell.write(cell_file.find('cell').read_text(encoding='utf-8') + BELT)
+            cell.flush()
+            graph.add(PlantNode, cell=cell.name, **ON_REQUEST)
         graph.robot(('1', '2', '3'), **ON_REQUEST)
         # every output, also those that a task tells if it is asked for
         self.task = graph.add(TransformationTaskNode, real_time_factor=0.0, joint_motion=True, **ON_REQUEST)
