@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
+NEWS = 2  # times it has to tell how it is after it has answered: the first may have been on its way
 FRESH_S = 0.5  # for the next progress of a robot that comes up
 STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
 
@@ -19,7 +20,7 @@ class Driven(Protocol):
         """Whether a request to disable the drives would reach it."""
 
     def disable(self) -> Callable[[], bool]:
-        """Ask it to disable its drives; return what says whether it has answered, once they are without torque."""
+        """Ask it to disable its drives; return what says whether it has answered that it will."""
 
 
 def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> None:
@@ -49,8 +50,16 @@ def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> No
     spin_until(robot.can_disable, FRESH_S)
     if not robot.can_disable():
         return
-    answered = robot.disable()
-    spin_until(lambda: answered() and not robot.progress.get('in_torque'), STOP_TIMEOUT_S)
+    answered, seen = robot.disable(), [robot.progress]
+
+    def is_without_torque() -> bool:
+        if not answered():
+            seen[:] = [robot.progress]
+        elif robot.progress is not seen[-1]:
+            seen.append(robot.progress)
+        return len(seen) > NEWS and not robot.progress.get('in_torque')
+
+    spin_until(is_without_torque, STOP_TIMEOUT_S)
 
 
 def _is_up(progress: dict[str, Any]) -> bool:

@@ -42,9 +42,10 @@ class Robot:
     [
         (Robot([ENABLED, ENABLED, UP]), 0, 2),
         (Robot([COMING, ENABLED, ENABLED, UP]), 1, 3),  # it has come up meanwhile, and is enabled
-        (Robot([UP, UP, UP], answers_after=4), 0, 4),  # it may have been enabled since it told that
+        (Robot([UP] * 7, answers_after=4), 0, 5),  # it may have been enabled since it told that
+        (Robot([UP, UP, ENABLED, ENABLED, UP]), 0, 4),  # it has been, and that is on its way
         (Robot([UP, ENABLED, ENABLED, UP], answers_after=1), 0, 3),
-        (Robot([ENABLED, ENABLED, ENABLED, UP], reachable_after=2), 2, 3),
+        (Robot([ENABLED, ENABLED, ENABLED, UP, UP], reachable_after=2), 2, 4),
     ],
 )
 def test_a_robot_is_asked_and_waited_for_until_it_says_that_it_is_without_torque(robot, asked_at, looks):
