@@ -34,6 +34,8 @@ from delta3_pacdrive.view.values import Wish
 
 SETS_OFF = ('start', 'resume')
 CLEARED_S = 1.0  # until a queue that was cleared is told to be empty
+STANDS_S = 3.0  # for a robot that has accepted a stop to come to rest
+NEWS = 2  # times it has to tell how it is after that: the first may have been on its way
 IN_MOTION = ('moving', 'stopping')
 NAME = 'delta3 view'
 
@@ -103,19 +105,35 @@ class PageWishes:
             self._stops.remove(action)
 
     def stop_jog(self) -> None:
-        """Stop what was set off by a button; without an answer it is asked for again while the robot may move."""
+        """Stop what was set off by a button, and wait until the robot stands: who holds the button moves it again.
+
+        Without an answer it is asked for again while the robot may move.
+        """
         if 'abort' in self._stops:  # of somebody else, and nobody knows whether it is answered
             self._jog.unheard()
             return
         try:
             with suppress(ProgramError):  # it stands already
                 self._ask_for_stop('abort')
+                self._wait_until_it_stands()
         except RunError as error:
             self._page.tell(str(error), refused=True)
             if self._robot.here and self._operator.progress['state'] in IN_MOTION:
                 self._jog.unheard()
                 return
         self._jog.stopped(time.monotonic())
+
+    def _wait_until_it_stands(self) -> None:
+        """Wait for a robot that has accepted a stop; whose motion goes on is somebody else's, or nobody tells."""
+        seen = [self._operator.progress]
+
+        def stands() -> bool:
+            if self._operator.progress is not seen[-1]:
+                seen.append(self._operator.progress)
+            return len(seen) > NEWS and self._operator.progress['state'] not in IN_MOTION
+
+        with suppress(RunError):
+            self._operator.wait_until(stands, 'word of a robot that stands', STANDS_S)
 
     def _uninterrupted(self, action: str) -> str:
         """Ask for something whose outcome has to be known, even if a signal asks for the end meanwhile."""

@@ -16,6 +16,7 @@ from delta3_pacdrive.view.values import Facts, Wish
 
 OVER_S = 600.0  # long after every fact here
 STEP_S = 0.01  # of the clock
+TOLD_STEPS, ON_ITS_WAY_STEPS = 10, 10  # how often the robot tells how it is, and how long that takes
 PATIENCE_S = 10.0  # of an operator who waits for an answer
 RELEASED_S = 0.4  # after which a button that was let go has stopped the robot, answers in time
 
@@ -29,6 +30,8 @@ class Cell:
         What the robot was asked for, and when.
     takes_s
         How long the robot takes to answer; ``inf``: nobody answers.
+    brakes_s
+        How long it takes to come to rest.
     refuses
         What it refuses.
 
@@ -39,6 +42,7 @@ class Cell:
         self.asked: list[tuple[str, float]] = []
         self.takes_s: dict[str, list[float]] = {}
         self.refuses: set[str] = set()
+        self.brakes_s = 0.0
         self.late: set[str] = set()  # what happens only when it is about to be answered
         self.told: list[tuple[str, bool]] = []
         self.slider = 0  # how often it was put back
@@ -49,6 +53,8 @@ class Cell:
         self.operator, self.parameters, self.here = self, parameters, True
         self.planned = SimpleNamespace(points_m=np.empty((0, 3)), changes=0)
         self.state, self.in_control, self.queue = 'idle', False, SimpleNamespace(moves=0)
+        self.states = deque([self.state], ON_ITS_WAY_STEPS)
+        self._tell_progress()
         self.view = LiveView(self, self, self)
 
     def _put_back(self) -> None:
@@ -77,6 +83,9 @@ class Cell:
     def spin_for(self, seconds: float) -> None:
         for _ in range(max(1, round(seconds / STEP_S))):
             self.now += STEP_S
+            self.states.append(self.state)
+            if round(self.now / STEP_S) % TOLD_STEPS == 0:
+                self._tell_progress()
             assert self.now < OVER_S, 'the view does not end'
             for planned in [item for item in self.due if item[0] <= self.now]:
                 self.due.remove(planned)
@@ -101,9 +110,8 @@ class Cell:
 
     # what is known of the robot
 
-    @property
-    def progress(self) -> dict[str, Any]:
-        return {'session': 'a', 'tcp_m': [0.0, 0.0, -0.75], 'state': self.state}
+    def _tell_progress(self) -> None:
+        self.progress = {'session': 'a', 'tcp_m': [0.0, 0.0, -0.75], 'state': self.states[0]}
 
     def learn(self) -> bool:
         return False
@@ -163,7 +171,8 @@ class Cell:
             if self.state == 'idle':
                 return 'the robot is idle'
             if action == 'abort' and not self.takes_s.get('deaf'):
-                self.state = 'idle'
+                self.state = 'stopping'
+                self.at(self.now + self.brakes_s, lambda: setattr(self, 'state', 'idle'))
             elif action == 'hold':
                 self.state = 'stopped'
         elif action == 'program':
@@ -196,6 +205,30 @@ def test_a_jog_moves_while_its_button_is_held_and_stops_when_it_is_let_go(cell: 
     assert cell.state == 'idle'
     (stopped,) = cell.times('abort')
     assert 2.0 < stopped < 2.0 + RELEASED_S
+
+
+def test_a_button_that_fell_silent_for_a_moment_moves_the_robot_again_once_it_stands(cell: Cell) -> None:
+    cell.brakes_s = 0.7
+    cell.hold(0.5, 1.5)
+    cell.hold(1.8, 6.0)  # the page was too busy to say that the button is held
+    cell.run(8.0)
+    first, second = cell.times('start')
+    assert 1.5 + cell.brakes_s < second < 6.0
+    assert first < 1.5
+    assert not [sentence for sentence, refused in cell.told if refused]
+    assert len(cell.times('abort')) == 2
+    assert cell.state == 'idle'
+
+
+def test_what_a_robot_told_before_its_stop_does_not_let_a_button_move_it_again(cell: Cell) -> None:
+    cell.brakes_s = 0.7
+    cell.takes_s['start'] = [1.0]
+    cell.late.add('start')  # it moves for an instant, and nobody hears of that
+    cell.hold(0.5, 0.8)
+    cell.hold(1.3, 4.0)
+    cell.run(6.0)
+    assert len(cell.times('start')) == 2
+    assert not [sentence for sentence, refused in cell.told if refused and 'stopping' in sentence]
 
 
 @pytest.mark.parametrize(
