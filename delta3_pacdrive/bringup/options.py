@@ -13,6 +13,7 @@ from delta3_pacdrive.controller.script_gate import first_decision
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import learned, program_planner
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.plant.decoupled import require_stable
@@ -34,6 +35,7 @@ class Options:
     joint_motion: bool = False  # whether the task tells joint motion through the Jacobian
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere
     learned: Path | None = None  # file of torques for the program, or for one that is moved
+    first: int = 0  # statement with which the program begins
     script: bool = False  # whether a script moves the robot, from a bus cycle on that is known
     cell: Path | None = None  # file of what stands around the robot
     view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
@@ -66,7 +68,7 @@ def check_options(
         first_decision(robot)
     if options.program is None:
         return robot, None, None
-    program = programs.load(options.program, robot.motion)
+    program = rest_of(programs.load(options.program, robot.motion), options.first, robot)
     robot = simulation.placed(robot, program)
     if torques is not None:
         torques.require(simulation.plan_of(program, robot).plan, robot, str(options.learned))

@@ -94,7 +94,8 @@ class RobotProcesses:
                 | ({'learned': str(options.learned)} if options.learned else {}),
             ),
         }
-        planner = UnitRobotNode, {'program': str(program)} if program else {}
+        planned = {'program': str(program), 'first_statement': options.first} if program else {}
+        planner = UnitRobotNode, planned
         shown: Nodes = {VISUALIZATION: (RobotVisualizationNode, {})}
         if options.view is not None:
             self.running.append(options.view)

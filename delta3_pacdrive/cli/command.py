@@ -9,7 +9,7 @@ import sys
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from delta3_pacdrive.cli.option_types import FREQUENCY, filled
+from delta3_pacdrive.cli.option_types import FREQUENCY, STATEMENT, filled
 from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.configuration.packaged import program_names
 
@@ -122,6 +122,22 @@ class RobotOptions(JsonOptions):
     )
 
 
+def first_statement(only: Sequence[str] = ()) -> Any:
+    """Declare ``--from``, the statement with which a program begins."""
+    return option(
+        'begin with this statement of the program, counted from 0 as in the sentences about it: where the one before '
+        'ends, with the payload that the robot has there',
+        'N',
+        default=0,
+        names=('--from',),
+        only=only,
+        type=STATEMENT,
+    )
+
+
+NO_PROGRAM = '--from is for a program, not for a'  # script, or a reference
+
+
 @dataclass
 class ProgramOptions(RobotOptions):
     """Options that name a program and a robot."""
@@ -129,6 +145,7 @@ class ProgramOptions(RobotOptions):
     program: str = argument(
         f'program file, or a packaged program: {", ".join(program_names())}', default='experiment1'
     )
+    first: int = first_statement()
 
 
 @dataclass
@@ -157,6 +174,8 @@ class ReferenceOptions(ProgramOptions):
             return '--columns is for --reference: a program has no columns'
         if self.smooth and not self.reference:
             return '--smooth is for --reference: a program has no noise'
+        if self.first and (self.reference or self.program.endswith('.py')):
+            return f'{NO_PROGRAM} {"reference" if self.reference else "script"}'
         if self.reference and 'program' in self.given():
             return f'--reference is played instead of a program, so {self.program} cannot be run as well'
         return super().check()

@@ -7,14 +7,25 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument, flag, option
+from delta3_pacdrive.cli.command import (
+    Command,
+    JsonOptions,
+    NodeOptions,
+    argument,
+    first_statement,
+    flag,
+    option,
+)
 from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.controller.messages import STOPS
 from delta3_pacdrive.controller.motion_state import UNDER_WAY
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
 from delta3_pacdrive.numerics.units import millimetres
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.motion.adaptation import Adaptation
 
 ACTIONS = {
     'l': 'straight line to X Y Z [m]',
@@ -66,6 +77,11 @@ class Options(NodeOptions, JsonOptions):
         'blend radius towards the move that follows [m]', 'R', type=finite_number, only=POINTS
     )
     strict: bool = flag('refuse the move instead of slowing it down', only=POINTS)
+    first: int = first_statement(only=('program',))
+    approach: bool = flag(
+        'first go straight to the start of the program, at 0.25 m/s at most: to its start_m, or to where --from begins',
+        only=('program',),
+    )
     relative: bool = flag('points are steps from where the robot stands', only=POINTS)
 
 
@@ -135,11 +151,14 @@ def _program_text(values: list[str]) -> str:
         ) from None
 
 
-def _caps(options: Options) -> tuple[float, float, float]:
-    """Return largest speed, acceleration and jerk of a program, 0 without a cap; moves have them in their text."""
+def _adaptation(options: Options) -> 'Adaptation':
+    """Return what is asked for otherwise than a program says; moves have that in their text."""
+    from delta3_pacdrive.motion.adaptation import APPROACH_M_S, AS_IT_IS, Adaptation
+
     if options.action != 'program':
-        return 0.0, 0.0, 0.0
-    return options.speed or 0.0, options.acceleration or 0.0, options.jerk or 0.0
+        return AS_IT_IS
+    caps = options.speed or 0.0, options.acceleration or 0.0, options.jerk or 0.0
+    return Adaptation(caps, options.first, APPROACH_M_S if options.approach else 0.0)
 
 
 def run(options: Options) -> int:
@@ -180,10 +199,10 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
         try:
             operator.wait_until(lambda: operator.state, 'motion/state')
             if document and operator.state in UNDER_WAY:  # moves are appended to what is driven
-                _set_off(lambda: operator.move(document, _caps(options)), options, operator, tell)
+                _set_off(lambda: operator.move(document, _adaptation(options)), options, operator, tell)
                 return sentences
             if document:
-                tell(operator.send_program(document, _caps(options)))
+                tell(operator.send_program(document, _adaptation(options)))
             if (document and not options.queue) or options.action in ('start', 'resume'):
                 service = 'start' if document else options.action
                 _set_off(lambda: operator.call(service), options, operator, tell)

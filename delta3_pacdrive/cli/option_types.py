@@ -93,6 +93,7 @@ def program_file(text: str) -> str:
     return text
 
 
+STATEMENT = integer_within(0, 19_999)
 SEED = integer_within(0, 2**31 - 1)
 TIME = number_within(-1e9, 1e9, 's')
 FREQUENCY = number_within(1e-3, 1e5, 'Hz')

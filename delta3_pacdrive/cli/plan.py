@@ -3,7 +3,15 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.command import (
+    NO_PROGRAM,
+    Command,
+    JsonOptions,
+    argument,
+    first_statement,
+    flag,
+    option,
+)
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.configuration.packaged import program_names
 
@@ -22,6 +30,7 @@ class Options(JsonOptions):
     parameters: str | None = option(
         'plan for the robot of this parameter file, or rich: the built robot', 'FILE'
     )
+    first: int = first_statement()
     output: str | None = option(
         'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'
     )
@@ -36,6 +45,8 @@ class Options(JsonOptions):
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         script = self.program.endswith('.py')
+        if script and self.first:
+            return f'{NO_PROGRAM} script'
         if self.cell is not None and not script:
             return '--cell is for a script: a program waits for no input'
         if self.output is not None and script:
@@ -51,11 +62,12 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.report_folder import require_writable_folder
     from delta3_pacdrive.cli.progress import Progress
     from delta3_pacdrive.motion import program_file
+    from delta3_pacdrive.motion.adapted_program import rest_of
 
     robot = core.load(options.parameters)
     if options.program.endswith('.py'):
         return _run_script(options, robot)
-    program = program_file.load(options.program, robot.motion)
+    program = rest_of(program_file.load(options.program, robot.motion), options.first, robot)
     inputs = noted([options.program])
     require_writable_folder(options.output)
     with Progress(quiet=options.json) as progress:

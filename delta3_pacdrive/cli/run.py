@@ -132,6 +132,7 @@ def bring_up(
             logs=logs,
             learned=Path(options.learned).absolute() if options.learned else None,
             script=script,
+            first=getattr(options, 'first', 0),
             cell=cell_file.find(options.cell).absolute() if options.cell else None,
             view=page,
         )

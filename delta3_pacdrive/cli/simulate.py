@@ -194,6 +194,7 @@ def _read(options: Options) -> 'tuple[Chosen, Parameters, Program | Script]':
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cell import script
     from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.motion.adapted_program import rest_of
 
     announce_compilation(options.parameters)
     with program_of(options) as chosen:
@@ -202,7 +203,7 @@ def _read(options: Options) -> 'tuple[Chosen, Parameters, Program | Script]':
             robot = robot.replace(bus__exchange_period_s=options.exchange_period)
         if script.is_script(chosen.program):
             return chosen, robot, script.load(chosen.program)
-        return chosen, robot, programs.load(chosen.program, robot.motion)
+        return chosen, robot, rest_of(programs.load(chosen.program, robot.motion), options.first, robot)
 
 
 def _learned(path: str, program: 'Program', robot: 'Parameters') -> 'Learned':
@@ -324,6 +325,7 @@ def _run_one_motor(options: Options) -> int:
     from delta3_pacdrive.analysis.one_motor import report, run, study
     from delta3_pacdrive.cli.studies import conduct
     from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.motion.adapted_program import rest_of
     from delta3_pacdrive.recording import trace_file
 
     if options.exchange_period is not None:
@@ -342,7 +344,8 @@ def _run_one_motor(options: Options) -> int:
     )
     folder = Path(options.output or 'one_motor').absolute()
     with program_of(options) as chosen:
-        program = programs.load(chosen.program, core.load(options.parameters).motion)
+        robot = core.load(options.parameters)
+        program = rest_of(programs.load(chosen.program, robot.motion), options.first, robot)
     return conduct(
         options,
         lambda show: run.Study(settings, folder, options.command_line, show, program, chosen.digests()).run(),

@@ -63,7 +63,7 @@ class FollowUp:
         waiting = self._requests.tracker.following
         behind = self._following.behind(waiting, rounded, self._newest_cycle())
         here = np.array(behind.seam.start_m)
-        self._planning.begin(here, self._following.take, request.text, request.caps, True, behind)
+        self._planning.begin(here, self._following.take, request.text, request.adaptation, True, behind)
 
     def lose_control(self) -> None:
         """Note that their operator has lost control."""

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Self, TypeVar, get_args, get_type_hints
 
 from delta3_pacdrive.errors import Code, Reason, RobotFault, TelegramError, shown
+from delta3_pacdrive.motion.adaptation import Adaptation
 
 TEXT_MAX = 100  # characters of a name
 SENDERS_MAX = 64  # who are remembered
@@ -168,6 +169,10 @@ class Request(_Message):
         What belongs to it: a program, a percentage, a name; may be empty.
     caps
         Largest speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of a program, whatever it says itself; 0: no cap.
+    first
+        Statement with which a program begins; those before are left out.
+    approach_m_s
+        How fast the robot goes to the start of a program before it; 0: it has to stand there.
 
     """
 
@@ -178,6 +183,13 @@ class Request(_Message):
     action: str
     text: str = ''
     caps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    first: int = 0
+    approach_m_s: float = 0.0
+
+    @property
+    def adaptation(self) -> Adaptation:
+        """What is asked for otherwise than a program says."""
+        return Adaptation(self.caps, self.first, self.approach_m_s)
 
     @property
     def identity(self) -> str:

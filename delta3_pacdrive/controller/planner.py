@@ -390,7 +390,7 @@ class Planner:
         """Let the moves of a request be planned behind those in the queue."""
         wrapped = request.action == 'move'
         then = self._take_moves if wrapped else self._take_planned
-        self._planning.begin(self._readiness.require_rest(), then, request.text, request.caps, wrapped)
+        self._planning.begin(self._readiness.require_rest(), then, request.text, request.adaptation, wrapped)
 
     def take_result(self, result: Result, now_s: float) -> None:
         """Take what the planning thread has found; of a job that was given up it counts for nothing."""

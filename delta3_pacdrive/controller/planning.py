@@ -3,12 +3,11 @@
 from collections.abc import Callable
 
 from delta3_pacdrive.controller.planner_actions import Action, Cancelled, Working
-from delta3_pacdrive.controller.planning_job import Behind, Caps, Job, Result
+from delta3_pacdrive.controller.planning_job import Behind, Job, Result
 from delta3_pacdrive.controller.program_queue import ProgramQueue
+from delta3_pacdrive.motion.adaptation import AS_IT_IS, Adaptation
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
-
-NO_CAPS = (0.0, 0.0, 0.0)
 
 
 class Planning:
@@ -38,7 +37,7 @@ class Planning:
         here: Floats,
         then: Callable[[Result], None],
         text: str = '',
-        caps: Caps = NO_CAPS,
+        adaptation: Adaptation = AS_IT_IS,
         wrapped: bool = False,
         behind: Behind | None = None,
         program: Program | None = None,
@@ -46,7 +45,7 @@ class Planning:
         """Let the queue, or another program, and a text behind it be planned from a place [m], shape (3,)."""
         self._jobs += 1
         x, y, z = here.tolist()
-        job = Job(self._jobs, program or self._queue.program, text, caps, (x, y, z), wrapped, behind)
+        job = Job(self._jobs, program or self._queue.program, text, adaptation, (x, y, z), wrapped, behind)
         self._job = job, then
         self._act(Working(job))
 

@@ -8,13 +8,14 @@ from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, shown
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.adaptation import Adaptation
+from delta3_pacdrive.motion.adapted_program import adapted
 from delta3_pacdrive.motion.extension import Seam
 from delta3_pacdrive.motion.program import Cubic, Dwell, Joints, Output, Program, Statement
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.parameters import Parameters
 
-Caps = tuple[float, float, float]
 Point = tuple[float, float, float]
 
 
@@ -30,8 +31,8 @@ class Job:
         What is in the queue already, or what is to be planned if there is no text.
     text
         Statements that follow: YAML, or the name of a packaged program; empty: none.
-    caps
-        Largest speed, acceleration and jerk of the text's moves; 0: no cap.
+    adaptation
+        What is asked for otherwise than the text says.
     here_m
         Where the robot stands.
     wrapped
@@ -44,7 +45,7 @@ class Job:
     number: int
     queue: Program | None
     text: str
-    caps: Caps
+    adaptation: Adaptation
     here_m: Point
     wrapped: bool = False
     behind: 'Behind | None' = None
@@ -184,7 +185,7 @@ def _read(job: Job, robot: Parameters) -> tuple[Program, bool]:
         if job.wrapped:
             document, starts = _unwrapped(document)
     program = programs.parse(document, robot.motion)
-    return program_planner.capped(program, job.caps) if any(job.caps) else program, starts
+    return adapted(program, job.adaptation, robot), starts
 
 
 def _unwrapped(document: Any) -> tuple[Any, bool]:

@@ -134,7 +134,8 @@ class PlannerServices:
         return lambda message: self._ask('program', json.dumps({'moves': [statement(message)]}))
 
     def _on_request(self, request: Request) -> None:
-        if not request.operator or not all(math.isfinite(cap) and cap >= 0.0 for cap in request.caps):
+        speeds = (*request.caps, request.approach_m_s)
+        if not request.operator or not all(math.isfinite(speed) and speed >= 0.0 for speed in speeds):
             raise TelegramError(
                 'a request needs the identity of its operator, and caps that are numbers from 0 on'
             )

@@ -8,7 +8,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import rclpy
@@ -30,6 +30,7 @@ from delta3_pacdrive.errors import (
     RunInterruptedError,
     TelegramError,
 )
+from delta3_pacdrive.motion.adaptation import AS_IT_IS, Adaptation
 from delta3_pacdrive.ros import discovery, interfaces, node_process
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import read_progress
@@ -163,9 +164,7 @@ class OperatorNode(PollingNode):
 
     # requests ---------------------------------------------------------------------------------------------------------
 
-    def ask(
-        self, whom: str, action: str, text: str = '', caps: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> str:
+    def ask(self, whom: str, action: str, text: str = '', adaptation: Adaptation = AS_IT_IS) -> str:
         """Ask ``unit_robot`` or ``control`` for something; return the sentence that it is answered with.
 
         Whoever works on it for longer says so; who gives up waiting, or is interrupted, takes the request back.
@@ -179,11 +178,11 @@ class OperatorNode(PollingNode):
 
         """
         try:
-            return self._ask_once(whom, action, text, caps)
+            return self._ask_once(whom, action, text, adaptation)
         except RefusedError as error:
             if error.reason.code != Code.FOREIGN:
                 raise
-        return self._ask_once(whom, action, text, caps)
+        return self._ask_once(whom, action, text, adaptation)
 
     def _receiver(self, whom: str) -> str:
         """Return whom a request is meant for, empty as long as he has not said who he is."""
@@ -200,7 +199,7 @@ class OperatorNode(PollingNode):
         else:
             self.queue = None
 
-    def _ask_once(self, whom: str, action: str, text: str, caps: tuple[float, float, float]) -> str:
+    def _ask_once(self, whom: str, action: str, text: str, adaptation: Adaptation) -> str:
         publisher = self._requests[whom]
         self.wait_until(
             lambda: (
@@ -212,7 +211,9 @@ class OperatorNode(PollingNode):
         )
         self._numbers += 1
         receiver = self._receiver(whom)
-        request = Request(receiver, self.identity, self._numbers, self._control, action, text, caps)
+        request = Request(
+            receiver, self.identity, self._numbers, self._control, action, text, *astuple(adaptation)
+        )
         message = String(data=request.to_json())
         asked = time.monotonic()
         # before it is published: another thread may hear the reply
@@ -270,13 +271,13 @@ class OperatorNode(PollingNode):
             self.in_control = False
             self.ask('control', messages.RELEASE)
 
-    def send_program(self, text: str, caps: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+    def send_program(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
         """Append a program in YAML, or a packaged one by its name, to the queue."""
-        return self.ask('unit_robot', 'program', text, caps)
+        return self.ask('unit_robot', 'program', text, adaptation)
 
-    def move(self, text: str, caps: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+    def move(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
         """Drive moves in YAML, or a packaged program; behind those that are driven, if the robot moves or is held."""
-        return self.ask('unit_robot', 'move', text, caps)
+        return self.ask('unit_robot', 'move', text, adaptation)
 
     def override(self, percent: float) -> str:
         """Set the override."""

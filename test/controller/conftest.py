@@ -288,14 +288,14 @@ def memory(robot: Parameters) -> Callable[[Job], Result]:
     """Plan what was planned before from memory: random sequences plan the same few programs again and again."""
 
     @lru_cache(maxsize=4096)
-    def remembered(queue: Any, text: str, caps: Any, here: Any, wrapped: bool) -> Result:
-        return work(Job(0, queue, text, caps, here, wrapped), robot, lambda *_: None)
+    def remembered(queue: Any, text: str, adaptation: Any, here: Any, wrapped: bool) -> Result:
+        return work(Job(0, queue, text, adaptation, here, wrapped), robot, lambda *_: None)
 
     def plan(job: Job) -> Result:
         if job.behind is not None:
             return work(job, robot, lambda *_: None)
         x, y, z = (round(value, 9) for value in job.here_m)
-        known = remembered(job.queue, job.text, job.caps, (x, y, z), job.wrapped)
+        known = remembered(job.queue, job.text, job.adaptation, (x, y, z), job.wrapped)
         return replace(known, number=job.number)
 
     return plan

@@ -19,6 +19,7 @@ from delta3_pacdrive.controller.planning_job import CancelledError, Job, work
 from delta3_pacdrive.controller.request_queue import NEWS_S, WAITING_MAX
 from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
 from delta3_pacdrive.errors import Code
+from delta3_pacdrive.motion.adaptation import AS_IT_IS, Adaptation
 from planner_client import HOME, LINE, ME, Client
 
 
@@ -227,7 +228,7 @@ def test_a_number_that_somebody_else_has_used_up_is_leapt_over(client: Client) -
 
 
 def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> None:
-    job = Job(1, None, LINE.replace('0.2}', '1.0}'), (0.1, 2.0, 0.0), HOME)
+    job = Job(1, None, LINE.replace('0.2}', '1.0}'), Adaptation((0.1, 2.0, 0.0)), HOME)
     capped = work(job, robot, lambda *_: None)
     assert capped.planned is not None
     master = capped.planned.plan.moves[0].master
@@ -243,7 +244,7 @@ def test_a_job_that_is_given_up_says_so(robot) -> None:
     def stop(done: int, total: int) -> None:
         raise CancelledError(f'given up at {done} of {total}')
 
-    result = work(Job(1, None, LINE, (0.0, 0.0, 0.0), HOME), robot, stop)
+    result = work(Job(1, None, LINE, AS_IT_IS, HOME), robot, stop)
     assert result.reason is not None
     assert (result.reason.code, result.reason.sentence) == (Code.WITHDRAWN, 'given up at 0 of 1')
 

@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.controller.messages import DISABLE, HOLD, QueueReport, Reply, Request, refuse_recording
 from delta3_pacdrive.errors import Code, RefusedError
+from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
@@ -22,6 +23,10 @@ from delta3_pacdrive.ros.robot_client import OperatorNode
 ON_REQUEST = {'motion__start_cycle': -1}
 POSSIBLE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75]}}]'
 IMPOSSIBLE = 'moves: [{move_l: {to_m: [0.0, 0.0, -0.2]}}]'
+SQUARE = (
+    'moves: [{move_l: {to_m: [0.1, 0.0, -0.8]}}, {move_l: {to_m: [0.1, 0.1, -0.8]}}, '
+    '{move_l: {to_m: [0.0, 0.0, -0.8]}}]'
+)
 SLOW = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]'
 
 
@@ -385,3 +390,19 @@ def test_an_override_counts_from_when_it_was_answered(cell: Cell, graph: Any) ->
         override.publish(Float64(data=percent))
     graph.spin_until(lambda: queue and json.loads(queue[-1].data)['override'] == 0.8, 'all of them')
     graph.spin_until(lambda: cell.task.progress()['rate'] == 0.8, 'the rate')
+
+
+def test_a_program_is_begun_in_the_middle_after_the_robot_has_gone_there(cell: Cell, graph: Any) -> None:
+    operator, task = cell.anna, cell.task
+    operator.take_control('Anna')
+    with pytest.raises(
+        RefusedError, match=r'starts at \(0.1, 0, -0.8\) m, but the robot stands at .* mm away'
+    ):
+        operator.send_program(SQUARE, Adaptation(first=1))
+    assert ': 3 moves, ' in operator.send_program(SQUARE, Adaptation(first=1, approach_m_s=0.25))
+    operator.call('start')
+    graph.spin_until(lambda: operator.state == 'moving' and task.progress()['move'] == 1, 'the program')
+    graph.spin_until(lambda: operator.state == 'idle', 'the end')
+    assert task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.0, 0.0, -0.8], abs=2e-5)
+    with pytest.raises(RefusedError, match=r'there is no moves\[9\] to begin with'):
+        operator.send_program(SQUARE, Adaptation(first=9))

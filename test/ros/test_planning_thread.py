@@ -7,6 +7,7 @@ import pytest
 
 from delta3_pacdrive.controller.planning_job import Job, Result
 from delta3_pacdrive.errors import Code
+from delta3_pacdrive.motion.adaptation import AS_IT_IS
 from delta3_pacdrive.parameters import load
 from delta3_pacdrive.ros.planning_thread import PlanningThread
 
@@ -21,7 +22,7 @@ def many(count: int) -> str:
 
 
 def job(number: int, text: str) -> Job:
-    return Job(number, None, text, (0.0, 0.0, 0.0), HOME)
+    return Job(number, None, text, AS_IT_IS, HOME)
 
 
 @pytest.fixture

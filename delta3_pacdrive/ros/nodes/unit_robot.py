@@ -16,6 +16,8 @@ from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.adapted_program import rest_of
+from delta3_pacdrive.motion.plan import MOVES_MAX
 from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
@@ -47,9 +49,13 @@ class UnitRobotNode(PollingNode):
         super().__init__('unit_robot', **node_options)
         text = descriptor('program file, or the name of a packaged program; empty: none', 0, 0, str)
         path = declare(self, 'program', '', text)
+        begins = descriptor('statement of the program with which it begins', 0, MOVES_MAX, int)
+        first = declare(self, 'first_statement', 0, begins)
         tolerances = declare_tolerances(self)
         robot = declare_robot(self, 'unit_robot')
-        program = programs.load(path, robot.motion) if path else None
+        program = None
+        if path:
+            program = rest_of(programs.load(path, robot.motion), first, robot)
         self._participant = Participant(self, UNIT_ROBOT, robot)
         self._identity = identity = self._participant.instance
         cycles = Clock(robot.bus.cycle_time_s)

@@ -12,7 +12,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
+from delta3_pacdrive import load_program
 from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.parameters import flatten, load
 from delta3_pacdrive.ros.drive_parameters import WRITABLE
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -163,6 +165,17 @@ def test_program_on_request_and_enable_by_service(graph: Any) -> None:
     graph.spin_until(lambda: len(located) == 2, 'the place where the next program may start')
     assert graph.call(SetBool, 'enable', SetBool.Request(data=False)).success
     graph.spin_until(lambda: not task.progress()['in_torque'], 'brakes')
+
+
+def test_a_program_begins_with_one_of_its_statements(graph: Any) -> None:
+    robot = load()
+    rest = rest_of(load_program('experiment1', robot), 4, robot)
+    there = {'motion__home_m': list(rest.start_m or ()), 'motion__start_cycle': -1}
+    answers = graph.listen(String, 'unit_robot/answer', LATCHED)
+    task = graph.robot(**there)
+    graph.add(UnitRobotNode, program='experiment1', first_statement=4, **there)
+    graph.spin_until(lambda: task.progress()['in_torque'] and answers, 'torque and the plan')
+    assert answers[-1].data.startswith(f'accepted: planned "{rest.name}": 3 moves, ')
 
 
 def test_a_program_without_enabled_drives_is_refused_and_can_be_started_later(graph: Any) -> None:
