@@ -5,15 +5,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.peripherals.parts import Outcome
+from delta3_pacdrive.peripherals.parts import Miss, Outcome, PartRecord
 
 ABOUT = ('cell', 'inputs', 'belts')
+PLACE, NUMBER_MAX = 3, 2**53  # numbers of a place, and the largest that is told
 KEPT_MAX = 10_000  # parts, and misses, that a log keeps one by one
 NOT_OVER = (Outcome.WAITING, Outcome.IN_HAND)
 
@@ -131,10 +132,14 @@ class PartsLog:
         """Take a message; raises TelegramError for one that is none."""
         try:
             told = json.loads(text)
-            parts = {int(one['number']): one for one in told['parts']}
-            misses = {int(one['opened_cycle']): one for one in told['misses']}
+            parts = {one['number']: _read(PartRecord, one) for one in told['parts']}
+            misses = {one['opened_cycle']: _read(Miss, one) for one in told['misses']}
             about = {name: told[name] for name in ABOUT}
-        except (ValueError, KeyError, TypeError, RecursionError):
+            if not isinstance(about['cell'], str) or not all(
+                map(_are_names, (about['inputs'], about['belts']))
+            ):
+                raise ValueError('a cell, or what it has, has no name')
+        except (ValueError, KeyError, TypeError, RecursionError, AttributeError):
             raise TelegramError(f'{shown(text)} is no log of parts') from None
         self._about = about
         for number, one in parts.items():
@@ -160,3 +165,33 @@ class PartsLog:
         parts = [self._parts[number] for number in sorted(self._parts)]
         misses = [self._misses[cycle] for cycle in sorted(self._misses)]
         return report_of(self._about, parts, misses, self._before)
+
+
+def _read(kind: type[PartRecord | Miss], told: dict[str, Any]) -> dict[str, Any]:
+    """Return the document of a part, or of a miss; raises ValueError or TypeError for what is none."""
+    hints = get_type_hints(kind)
+    if told.keys() != hints.keys():
+        raise ValueError(f'{shown(told)} has other fields')
+    for name, value in told.items():
+        if hints[name] is Outcome:
+            Outcome(value)
+        elif hints[name] is str:
+            if not isinstance(value, str):
+                raise TypeError(f'{name} is {shown(value)}')
+        else:
+            whole, is_place = hints[name] is int, hints[name] not in (int, float)
+            numbers = value if is_place else [value]
+            if len(numbers) != (PLACE if is_place else 1):
+                raise ValueError(f'{name} is {shown(value)}')
+            if not all(_is_number(number, whole) for number in numbers):
+                raise TypeError(f'{name} is {shown(value)}')
+    return told
+
+
+def _is_number(value: object, whole: bool) -> bool:
+    kinds = int if whole else (int, float)
+    return isinstance(value, kinds) and not isinstance(value, bool) and abs(value) < NUMBER_MAX
+
+
+def _are_names(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)

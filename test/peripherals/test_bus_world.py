@@ -216,6 +216,35 @@ def test_a_foreign_log_of_parts_is_refused_and_changes_nothing(text):
     assert log.report() is None
 
 
+STRANGE = {
+    'outcome': ['eaten', None, 3],
+    'number': [1e999, '1', True, 10**400, None],
+    'hold_use': [float('nan'), 'much', 10**400],
+    'place_error_m': [[1e-3], 'far', None, [0.0, 0.0, float('inf')]],
+    'where': [5, None],
+}
+
+
+@pytest.mark.parametrize(('name', 'value'), [(name, value) for name in STRANGE for value in STRANGE[name]])
+def test_a_part_that_is_none_is_refused_and_changes_nothing(name, value):
+    log = PartsLog(kept_max=0)
+    told = {'cell': 'bench', 'inputs': [], 'belts': [], 'misses': []}
+    log.add(json.dumps(told | {'parts': [part(1)]}))
+    before = log.report()
+    with pytest.raises(TelegramError, match='no log of parts'):
+        log.add(json.dumps(told | {'parts': [part(2) | {name: value}]}))
+    with pytest.raises(TelegramError, match='no log of parts'):
+        log.add(json.dumps(told | {'parts': [{key: one for key, one in part(2).items() if key != name}]}))
+    assert log.report() == before
+
+
+@pytest.mark.parametrize('about', [{'cell': 3}, {'inputs': 'all'}, {'belts': [1]}])
+def test_a_log_of_a_nameless_cell_is_refused(about):
+    told = {'cell': 'bench', 'inputs': [], 'belts': [], 'misses': [], 'parts': []}
+    with pytest.raises(TelegramError, match='no log of parts'):
+        PartsLog().add(json.dumps(told | about))
+
+
 def test_an_input_that_is_set_from_outside_counts_until_it_is_let_go(bench):
     bench.run(1)
     assert bench.around.force('start', True) == 'start is on from bus cycle 1 on'
