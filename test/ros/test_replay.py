@@ -170,8 +170,8 @@ class Cell:
 
 
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
-    """Of every topic the last hundred messages: what a topic of every bus cycle told before is over for longer."""
-    newest = {id(m) for topic in TOPICS for m in [m for m in messages if m[0] == topic][-100:]}
+    """Of every topic the last fifty messages: what a topic of every bus cycle told before is over for longer."""
+    newest = {id(m) for topic in TOPICS for m in [m for m in messages if m[0] == topic][-50:]}
     return [m for m in messages if id(m) in newest]
 
 
